@@ -1,0 +1,1 @@
+"""HTTP: routes, the shapes of what travels, and errors as problem details."""

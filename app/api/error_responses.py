@@ -1,0 +1,148 @@
+"""Errors as problem details (RFC 9457): one table from kind of error to status."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import orjson
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+from sqlalchemy.exc import IntegrityError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from app.errors import (
+    Conflict,
+    FieldError,
+    InvalidContent,
+    StorageUnavailable,
+    ThermapError,
+    UnknownThing,
+)
+from app.units import unit_of_field
+
+log = logging.getLogger("thermap")
+
+STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
+    UnknownThing: (404, "Unknown thing"),
+    Conflict: (409, "Conflict"),
+    InvalidContent: (422, "Invalid content"),
+    StorageUnavailable: (503, "The database is away"),
+}
+"""A kind of error, or the nearest above it, to its status and title."""
+
+_TITLES = {
+    400: "Bad request",
+    404: "Unknown thing",
+    405: "Method not allowed",
+    413: "Too large",
+    415: "Wrong type of content",
+}
+
+_SHOWN = 20
+"""Errors listed in one answer: a list of 10,000 readings can have 10,000."""
+
+
+def problem(
+    status: int,
+    title: str,
+    detail: str,
+    errors: Iterable[FieldError] = (),
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Write a problem as application/problem+json."""
+    content = {
+        "type": "about:blank",
+        "title": title,
+        "status": status,
+        "detail": detail,
+        "errors": [{"field": e.field, "message": e.message} for e in errors],
+    }
+    return Response(
+        orjson.dumps(content),
+        status_code=status,
+        media_type="application/problem+json",
+        headers=dict(headers or {}),
+    )
+
+
+def install_error_responses(app: FastAPI) -> None:
+    """Let an application answer every error as a problem."""
+    app.add_exception_handler(ThermapError, _thermap_error)
+    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(ValidationError, _invalid_request)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(IntegrityError, _overtaken)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+async def _thermap_error(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, ThermapError)
+    status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+    headers = {"Retry-After": "5"} if status == 503 else None
+    return problem(status, title, error.detail, error.errors, headers)
+
+
+async def _invalid_request(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError | ValidationError)
+    found = [_field_error(e) for e in error.errors()]
+    more = f" (and {len(found) - 3} more)" if len(found) > 3 else ""
+    detail = "; ".join(f"{e.field}: {e.message}" for e in found[:3]) + more
+    return problem(422, "Invalid content", detail, found[:_SHOWN])
+
+
+async def _http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    title = _TITLES.get(error.status_code, "Error")
+    detail = str(error.detail)
+    if error.status_code == 404:
+        detail = f"there is nothing at {request.url.path}; /docs lists what there is"
+    if error.status_code == 413:
+        limit = request.app.max_body_size
+        detail = f"expected a body of at most {limit} bytes; send it in parts"
+    return problem(error.status_code, title, detail, headers=error.headers)
+
+
+async def _overtaken(_request: Request, _error: Exception) -> Response:
+    return problem(
+        409, "Conflict", "another request changed the same thing at the same moment; try again"
+    )
+
+
+async def _unexpected(request: Request, error: Exception) -> Response:
+    log.error("unexpected error at %s", request.url.path, exc_info=error)
+    return problem(
+        500, "Unexpected error", f"{type(error).__name__}; the service's log has the details"
+    )
+
+
+def _field_error(error: Mapping[str, Any]) -> FieldError:
+    """Say of one of pydantic's errors what was expected, what came, and the unit."""
+    path = [str(part) for part in error["loc"] if part not in ("body", "query", "path")]
+    if error["type"] == "json_invalid":
+        return FieldError("body", f"expected JSON, came text that is none: {_reason(error)}")
+    if error["type"] == "extra_forbidden":
+        return FieldError(".".join(path), "unknown field; expected only the documented ones")
+    field = ".".join(path) or "body"
+    if isinstance(error.get("input"), bytes):
+        return FieldError(field, "expected JSON with the header Content-Type: application/json")
+    unit = next((u for u in map(unit_of_field, reversed(path)) if u), None)
+    in_unit = f" in {unit}" if unit else ""
+    if error["type"] == "missing":
+        return FieldError(field, f"expected a value{in_unit}, came nothing")
+    expected = error["msg"]
+    for words in ("Value error, ", "Input should be ", "Input should ", "valid "):
+        expected = expected.removeprefix(words).replace(f"a {words}", "a ")
+    return FieldError(field, f"expected {expected}{in_unit}, came {_shorten(error.get('input'))}")
+
+
+def _reason(error: Mapping[str, Any]) -> str:
+    return str(error.get("ctx", {}).get("error", error["msg"]))
+
+
+def _shorten(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}…"

@@ -1,0 +1,46 @@
+"""Machines."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from app.api.dependencies import ContextDep, MachinePath
+from app.api.schemas.machines import MachineAnswer, MachinePatch, MachineSettings
+from app.services.change_machine import change_machine
+from app.services.create_machine import create_machine
+from app.services.delete_machine import delete_machine
+from app.services.show_machines import show_machine, show_machines
+
+router = APIRouter(prefix="/v1/machines", tags=["machines"])
+
+
+@router.post("", status_code=201, summary="Create a machine")
+def post_machine(context: ContextDep, body: MachineSettings, response: Response) -> MachineAnswer:
+    """Create a machine with its axes and sensors."""
+    stored = create_machine(context, body.to_machine())
+    response.headers["Location"] = f"/v1/machines/{stored.machine.id}"
+    return MachineAnswer.of(stored)
+
+
+@router.get("", summary="List machines")
+def get_machines(context: ContextDep) -> list[MachineAnswer]:
+    """List all machines by id."""
+    return [MachineAnswer.of(stored) for stored in show_machines(context)]
+
+
+@router.get("/{machine}", summary="Show a machine")
+def get_machine(context: ContextDep, machine: MachinePath) -> MachineAnswer:
+    """Show one machine."""
+    return MachineAnswer.of(show_machine(context, machine))
+
+
+@router.patch("/{machine}", summary="Change a machine")
+def patch_machine(context: ContextDep, machine: MachinePath, body: MachinePatch) -> MachineAnswer:
+    """Change the stated settings; the live table follows at once."""
+    return MachineAnswer.of(change_machine(context, machine, body.apply))
+
+
+@router.delete("/{machine}", status_code=204, summary="Delete a machine")
+def delete_machine_route(context: ContextDep, machine: MachinePath) -> None:
+    """Delete a machine with all its maps, models and readings."""
+    delete_machine(context, machine)

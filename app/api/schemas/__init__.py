@@ -1,0 +1,1 @@
+"""The shapes of what travels over HTTP, with units and examples."""

@@ -1,0 +1,186 @@
+"""The compensation table over HTTP.
+
+`table_document` writes what `CompensationAnswer` documents, without going through
+it: the live table's route has no time for that. A test holds both together.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
+from app.compensation.table import CompensationTable, ComponentCompensation
+from app.services.live_table import CurrentTable, is_stale
+
+
+class CompensationRequest(Schema):
+    """The live temperatures for which the table is asked."""
+
+    temperatures_c: Temperatures = Field(description="Live temperatures by sensor [°C]")
+    state: MachineState
+
+
+class ComponentCompensationAnswer(Schema):
+    """One component's error and compensation at the live temperatures.
+
+    Tables have `positions_mm` and lists; squareness and rotary-axis locations have
+    single numbers. The compensation is minus the error: what is to be added to the
+    command.
+    """
+
+    component: str = Field(description="ISO 230-1 code", examples=["EXX"])
+    chapter: str = Field(description="The chapter's notation", examples=["D_x(x)"])
+    axis: str | None = Field(description="Axis of the positions, null for a single value")
+    positions_mm: list[Number] | None = Field(None, description="Positions on the axis [mm]")
+    errors_um: list[Number] | None = Field(None, description="Errors [µm]")
+    errors_urad: list[Number] | None = Field(None, description="Angular errors [µrad]")
+    slopes_um_per_m: list[Number] | None = Field(None, description="Nonrigid slopes [µm/m]")
+    slopes_urad_per_m: list[Number] | None = Field(None, description="Nonrigid slopes [µrad/m]")
+    error_um_per_m: Number | None = Field(None, description="Squareness [µm/m]")
+    error_um: Number | None = Field(None, description="Rotary-axis position error [µm]")
+    error_urad: Number | None = Field(None, description="Rotary-axis direction error [µrad]")
+    compensation_um: list[Number] | Number | None = Field(
+        None, description="Minus the error [µm]"
+    )
+    compensation_urad: list[Number] | Number | None = Field(
+        None, description="Minus the error [µrad]"
+    )
+    compensation_um_per_m: list[Number] | Number | None = Field(
+        None, description="Minus the slope or squareness [µm/m]"
+    )
+    compensation_urad_per_m: list[Number] | None = Field(
+        None, description="Minus the slope [µrad/m]"
+    )
+    backward_errors_um: list[Number] | None = Field(
+        None, description="Errors when approached in the negative direction [µm]"
+    )
+    backward_errors_urad: list[Number] | None = Field(None, description="The same [µrad]")
+    backward_slopes_um_per_m: list[Number] | None = Field(None, description="The same [µm/m]")
+    backward_slopes_urad_per_m: list[Number] | None = Field(None, description="The same [µrad/m]")
+    backward_compensation_um: list[Number] | None = Field(
+        None, description="Minus the backward error [µm]"
+    )
+    backward_compensation_urad: list[Number] | None = Field(None, description="The same [µrad]")
+    backward_compensation_um_per_m: list[Number] | None = Field(
+        None, description="The same [µm/m]"
+    )
+    backward_compensation_urad_per_m: list[Number] | None = Field(
+        None, description="The same [µrad/m]"
+    )
+    iso: str | None = Field(None, description="ISO 230-1 name of a squareness", examples=["C0Y"])
+    iso_error_urad: Number | None = Field(None, description="Its error in ISO's sign [µrad]")
+    sensor: str = Field(description="Sensor that was used", examples=["x-middle"])
+    stand_in_for: str | None = Field(
+        None, description="Assigned sensor, where another one stands in for it"
+    )
+    temperature_c: Number = Field(description="That sensor's temperature T_u [°C]")
+    lower_map: str = Field(description="Label of the lower map (T_n)", examples=["Run #1"])
+    upper_map: str = Field(description="Label of the upper map (T_m)", examples=["Run #3"])
+    weight: Number = Field(
+        description="The upper map's share, (T_u − T_n)/(T_m − T_n)", examples=[0.42]
+    )
+    status: str = Field(
+        description="`interpolated`, `at-map`, `clamped`, `extrapolated` or `stand-in`",
+        examples=["interpolated"],
+    )
+    effects: list[Any] = Field(description="Adopted effects that are in these numbers")
+
+
+class CompensationAnswer(Schema):
+    """The compensation table at stated temperatures."""
+
+    machine: str = Field(description="The machine's id", examples=["mcfv5050"])
+    model_version: int = Field(description="Version of the model", examples=[3])
+    computed_at: UtcTime = Field(description="When it was computed, UTC")
+    complete: bool = Field(description="Whether everything that the maps know is in the table")
+    warnings: list[str] = Field(description="All that is not as it should be, in sentences")
+    components: list[ComponentCompensationAnswer] = Field(description="One for each component")
+
+
+class SensorStateAnswer(Schema):
+    """One sensor now."""
+
+    sensor: str = Field(description="Sensor", examples=["x-middle"])
+    health: str = Field(
+        description="`ok`, `missing`, `stale`, `out-of-range`, `stuck` or `jump`", examples=["ok"]
+    )
+    temperature_c: Number | None = Field(description="Its last value [°C]")
+    age_s: Number | None = Field(description="Age of that value [s]")
+    detail: str = Field(description="What is the matter, empty when all is well")
+
+
+class CurrentCompensationAnswer(CompensationAnswer):
+    """The compensation table at the latest reading."""
+
+    reading_time: UtcTime = Field(description="Time of the latest reading, UTC")
+    reading_age_s: Number = Field(description="Its age [s]")
+    stale: bool = Field(description="Whether any sensor's value is older than it may be")
+    sensors: list[SensorStateAnswer] = Field(description="Every sensor's state")
+
+
+def table_document(table: CompensationTable) -> dict[str, Any]:
+    """Write a table as `CompensationAnswer` has it."""
+    return {
+        "machine": table.machine_id,
+        "model_version": table.model_version,
+        "computed_at": table.computed_at,
+        "complete": table.complete,
+        "warnings": table.warnings,
+        "components": [_component_document(entry) for entry in table.components],
+    }
+
+
+def current_document(current: CurrentTable) -> dict[str, Any]:
+    """Write the current table as `CurrentCompensationAnswer` has it."""
+    state = current.state
+    return table_document(current.table) | {
+        "reading_time": state.reading.time,
+        "reading_age_s": state.age_s,
+        "stale": is_stale(state),
+        "sensors": [
+            {
+                "sensor": s.sensor,
+                "health": s.health,
+                "temperature_c": s.temperature_c,
+                "age_s": s.age_s,
+                "detail": s.detail,
+            }
+            for s in state.sensors
+        ],
+    }
+
+
+def _component_document(entry: ComponentCompensation) -> dict[str, Any]:
+    component = entry.component
+    origin = entry.origin
+    document: dict[str, Any] = {
+        "component": component.code,
+        "chapter": component.chapter,
+        "axis": component.axis,
+    }
+    if component.is_table:
+        document["positions_mm"] = entry.positions_mm
+        document[component.error_field] = entry.errors
+        document[component.compensation_field] = entry.compensation
+        if entry.backward_errors is not None:
+            document[f"backward_{component.error_field}"] = entry.backward_errors
+            document[f"backward_{component.compensation_field}"] = entry.backward_compensation
+    else:
+        value = float(entry.errors[0])
+        document[component.error_field] = value
+        document[component.compensation_field] = 0.0 - value
+        if component.iso:
+            document["iso"] = component.iso
+            document["iso_error_urad"] = component.iso_sign * value
+    document["sensor"] = origin.sensor
+    if origin.is_stand_in:
+        document["stand_in_for"] = origin.group.sensor
+    document["temperature_c"] = origin.temperature_c
+    document["lower_map"] = origin.lower_map
+    document["upper_map"] = origin.upper_map
+    document["weight"] = origin.weight
+    document["status"] = origin.status
+    document["effects"] = []
+    return document

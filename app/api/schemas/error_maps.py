@@ -1,0 +1,196 @@
+"""Error maps over HTTP."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from pydantic import Field
+
+from app.api.schemas.base import Name, Number, Numbers, Schema, Temperatures, UtcTime
+from app.arrays import FloatArray
+from app.errors import InvalidContent, UnknownComponent
+from app.geometry.components import Component, parse_component
+from app.storage.records import StoredMap
+from app.thermal.error_map import ComponentTable, ErrorMap
+
+
+Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class ComponentSchema(Schema):
+    """One component of a map: a table over positions, or one value.
+
+    Which field carries the numbers follows from the component: linear errors
+    `errors_um`, angular errors `errors_urad`, nonrigid slopes `slopes_um_per_m` or
+    `slopes_urad_per_m`, squareness `value_um_per_m`, rotary-axis locations
+    `value_um` or `value_urad`.
+    """
+
+    component: str = Field(
+        description="ISO 230-1 code (EXX, SXY, EYY^x) or the chapter's notation (D_x(x), S_xy)",
+        examples=["EXX"],
+    )
+    positions_mm: Numbers | None = Field(
+        None,
+        description="Positions on the component's axis [mm], strictly increasing",
+        examples=[[0, 50, 100]],
+    )
+    errors_um: Numbers | None = Field(
+        None, description="Linear errors, actual minus nominal [µm]", examples=[[0, 1.2, 2.1]]
+    )
+    errors_urad: Numbers | None = Field(None, description="Angular errors [µrad]")
+    slopes_um_per_m: Numbers | None = Field(None, description="Slopes of a linear error [µm/m]")
+    slopes_urad_per_m: Numbers | None = Field(
+        None, description="Slopes of an angular error [µrad/m]"
+    )
+    backward_errors_um: Numbers | None = Field(
+        None, description="The errors when approached in the negative direction [µm]"
+    )
+    backward_errors_urad: Numbers | None = Field(None, description="The same [µrad]")
+    backward_slopes_um_per_m: Numbers | None = Field(None, description="The same [µm/m]")
+    backward_slopes_urad_per_m: Numbers | None = Field(None, description="The same [µrad/m]")
+    value_um_per_m: Number | None = Field(
+        None, description="Squareness [µm/m], E_x = SXY·y", examples=[-12.1]
+    )
+    value_um: Number | None = Field(None, description="Rotary-axis position error [µm]")
+    value_urad: Number | None = Field(None, description="Rotary-axis direction error [µrad]")
+
+    def to_table(self) -> ComponentTable:
+        """Make the table; InvalidContent where the fields do not fit the component."""
+        try:
+            component, sign = parse_component(self.component)
+        except UnknownComponent as error:
+            raise InvalidContent.of_field("component", error.detail) from None
+        self._refuse_other_fields(component)
+        stated = getattr(self, component.input_field)
+        if stated is None:
+            raise InvalidContent.of_field(
+                component.input_field,
+                f"expected the values of {component.code} in {component.unit.symbol}, came none",
+            )
+        if not component.is_table:
+            return ComponentTable.make(component, [sign * stated])
+        backward = getattr(self, f"backward_{component.input_field}")
+        return ComponentTable.make(component, stated, self.positions_mm or (), backward)
+
+    def _refuse_other_fields(self, component: Component) -> None:
+        fitting = {"component", component.input_field}
+        if component.is_table:
+            fitting |= {"positions_mm", f"backward_{component.input_field}"}
+        other = sorted(
+            f for f in self.model_fields_set - fitting if getattr(self, f) is not None
+        )
+        if other:
+            raise InvalidContent.of_field(
+                other[0],
+                f"expected {component.input_field} [{component.unit.symbol}] for "
+                f"{component.code} ({component.kind}), came {', '.join(other)}",
+            )
+
+
+class ComponentAnswer(ComponentSchema):
+    """One component of a stored map."""
+
+    chapter: str | None = Field(
+        None, description="The chapter's notation", examples=["D_x(x)"]
+    )
+    iso: str | None = Field(None, description="ISO 230-1 name of a squareness", examples=["C0Y"])
+    iso_value_urad: Number | None = Field(None, description="Its value in ISO's sign [µrad]")
+
+    @classmethod
+    def of(cls, table: ComponentTable) -> Self:
+        """Show a table."""
+        component = table.component
+        numbers: dict[str, Any] = {component.input_field: _plain(component, table.errors)}
+        if component.is_table:
+            numbers["positions_mm"] = table.positions_mm.tolist()
+        if table.backward_errors is not None:
+            numbers[table.backward_field] = table.backward_errors.tolist()
+        if component.iso:
+            numbers["iso"] = component.iso
+            numbers["iso_value_urad"] = component.iso_sign * float(table.errors[0])
+        return cls(component=component.code, chapter=component.chapter or None, **numbers)
+
+
+class ErrorMapSchema(Schema):
+    """All components measured in one thermal state."""
+
+    label: Name = Field(description="The map's name on its machine", examples=["Run #1"])
+    measured_at: UtcTime = Field(
+        description="When it was measured, with a zone", examples=["2026-03-01T06:00:00Z"]
+    )
+    temperatures_c: Temperatures = Field(
+        description="Every sensor's temperature at that time [°C]", min_length=1
+    )
+    components: list[ComponentSchema] = Field(
+        min_length=1, max_length=100, description="The measured components"
+    )
+    measuring_lines_mm: dict[str, Point] = Field(
+        default_factory=dict,
+        description=(
+            "Axis to a point (x, y, z) of the line along which its translations were measured [mm]"
+        ),
+        examples=[{"x": [0, 250, 100]}],
+    )
+    repeatability_um: Annotated[Number, Field(ge=0)] | None = Field(
+        None, description="Repeatability of the measurement, one standard deviation [µm]"
+    )
+    instrument: Name | None = Field(None, description="What measured", examples=["laser vector"])
+
+    def to_error_map(self) -> ErrorMap:
+        """Make the map; InvalidContent names the component that is wrong."""
+        tables: dict[str, ComponentTable] = {}
+        for i, stated in enumerate(self.components):
+            try:
+                table = stated.to_table()
+            except InvalidContent as error:
+                raise error.inside(f"components.{i}") from None
+            if table.component.code in tables:
+                raise InvalidContent.of_field(
+                    f"components.{i}.component",
+                    f"expected each component once, came {table.component.code} again",
+                )
+            tables[table.component.code] = table
+        return ErrorMap(
+            label=self.label,
+            measured_at=self.measured_at,
+            temperatures_c=self.temperatures_c,
+            tables=tables,
+            measuring_lines_mm={
+                axis.lower(): (p[0], p[1], p[2]) for axis, p in self.measuring_lines_mm.items()
+            },
+            repeatability_um=self.repeatability_um,
+            instrument=self.instrument,
+        )
+
+
+class ErrorMapAnswer(ErrorMapSchema):
+    """A stored error map."""
+
+    id: int = Field(description="The map's number", examples=[1])
+    stored_at: UtcTime = Field(description="When it was stored, UTC")
+    components: list[ComponentAnswer] = Field(description="The measured components")  # type: ignore[assignment]
+    in_active_model: bool = Field(description="Whether the active model version contains it")
+    warnings: list[str] = Field(default_factory=list, description="What is unusual about it")
+
+    @classmethod
+    def of(cls, stored: StoredMap, in_active_model: bool, warnings: list[str]) -> Self:
+        """Show a stored map."""
+        error_map = stored.error_map
+        return cls(
+            id=stored.id,
+            stored_at=stored.stored_at,
+            label=error_map.label,
+            measured_at=error_map.measured_at,
+            temperatures_c=dict(error_map.temperatures_c),
+            components=[ComponentAnswer.of(table) for table in error_map.tables.values()],
+            measuring_lines_mm={a: list(p) for a, p in error_map.measuring_lines_mm.items()},
+            repeatability_um=error_map.repeatability_um,
+            instrument=error_map.instrument,
+            in_active_model=in_active_model,
+            warnings=warnings,
+        )
+
+
+def _plain(component: Component, values: FloatArray) -> list[float] | float:
+    return values.tolist() if component.is_table else float(values[0])

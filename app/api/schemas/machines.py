@@ -1,0 +1,180 @@
+"""Machines over HTTP."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any, Self
+
+from pydantic import Field, StringConstraints
+
+from app.api.schemas.base import Name, Number, Schema, UtcTime
+from app.errors import InvalidContent
+from app.geometry.chain import Chain
+from app.storage.records import StoredMachine
+from app.thermal.machine import (
+    DEFAULT_STAND_INS,
+    Machine,
+    OutOfRange,
+    SameTemperature,
+    Sensor,
+    Travel,
+    sensors_by_name,
+)
+
+MachineId = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"),
+    Field(description="Short name used in URLs", examples=["mcfv5050"]),
+]
+
+_USUAL = Sensor("")
+
+
+class TravelSchema(Schema):
+    """The travel of an axis."""
+
+    min_mm: Number = Field(description="Lower end of the travel [mm]", examples=[0])
+    max_mm: Number = Field(description="Upper end of the travel [mm]", examples=[500])
+
+
+class SensorSchema(Schema):
+    """A temperature sensor and what is physically believable of it."""
+
+    name: str = Field(description="Name of the sensor", examples=["x-middle"])
+    stand_in: str | None = Field(
+        None,
+        description=(
+            "Sensor whose own temperatures serve when this one fails; "
+            "x-middle has y-front where nothing is stated"
+        ),
+        examples=["y-front"],
+    )
+    min_c: Number = Field(_USUAL.min_c, description="Lowest believable temperature [°C]")
+    max_c: Number = Field(_USUAL.max_c, description="Highest believable temperature [°C]")
+    max_age_s: Annotated[Number, Field(gt=0)] = Field(
+        _USUAL.max_age_s,
+        description="Age above which a value is stale; longest gap bridged in time [s]",
+    )
+    resolution_c: Annotated[Number, Field(gt=0)] = Field(
+        _USUAL.resolution_c, description="Temperatures closer than this are the same [°C]"
+    )
+    stuck_after_s: Annotated[Number, Field(gt=0, le=86400)] = Field(
+        _USUAL.stuck_after_s,
+        description="Without any change for this long while its neighbours move, it is stuck [s]",
+    )
+    max_rate_c_per_min: Annotated[Number, Field(gt=0)] = Field(
+        _USUAL.max_rate_c_per_min,
+        description="A change faster than this is no temperature [°C/min]",
+    )
+
+
+class MachineSettings(Schema):
+    """A machine's description as a user states it."""
+
+    id: MachineId
+    name: Name = Field(description="Name for people", examples=["MCFV5050LN"])
+    configuration: str = Field(
+        description="Kinematic chain: axes before F move the workpiece, those after it the tool",
+        examples=["XYFZ"],
+    )
+    axes: dict[str, TravelSchema] = Field(
+        default_factory=dict,
+        description="Travel of each axis [mm]",
+        examples=[{"x": {"min_mm": 0, "max_mm": 500}}],
+    )
+    sensors: list[SensorSchema] = Field(
+        default_factory=list, max_length=1000, description="The machine's temperature sensors"
+    )
+    out_of_range: OutOfRange = Field(
+        OutOfRange.CLAMP, description="What happens at temperatures outside the maps"
+    )
+    extrapolation_margin_c: Annotated[Number, Field(ge=0)] = Field(
+        5.0, description="How far `extrapolate` may go beyond the maps [°C]"
+    )
+    same_temperature: SameTemperature = Field(
+        SameTemperature.REFUSE,
+        description="What happens to maps closer in temperature than a sensor resolves",
+    )
+
+    def to_machine(self) -> Machine:
+        """Make the machine, with its default stand-ins; InvalidContent as `Machine`."""
+        names = {sensor.name for sensor in self.sensors}
+        return Machine(
+            id=self.id,
+            name=self.name,
+            chain=Chain.parse(self.configuration),
+            axes={axis.lower(): Travel(t.min_mm, t.max_mm) for axis, t in self.axes.items()},
+            sensors=sensors_by_name([_to_sensor(sensor, names) for sensor in self.sensors]),
+            out_of_range=self.out_of_range,
+            extrapolation_margin_c=self.extrapolation_margin_c,
+            same_temperature=self.same_temperature,
+        )
+
+
+class MachineAnswer(MachineSettings):
+    """A machine as it is stored."""
+
+    active_model: int | None = Field(description="Active model version, null before the first map")
+    created_at: UtcTime = Field(description="When it was created, UTC")
+
+    @classmethod
+    def of(cls, stored: StoredMachine) -> Self:
+        """Show a stored machine."""
+        return cls(
+            **settings_of(stored.machine),
+            active_model=stored.active_version,
+            created_at=stored.created_at,
+        )
+
+
+class MachinePatch(Schema):
+    """The settings to change; lists are replaced whole, axes one by one (RFC 7396)."""
+
+    name: Name | None = Field(None, description="Name for people")
+    configuration: str | None = Field(None, description="Kinematic chain", examples=["XYFZ"])
+    axes: dict[str, TravelSchema | None] | None = Field(
+        None, description="Travels to change [mm]; null removes one"
+    )
+    sensors: list[SensorSchema] | None = Field(None, description="All sensors, replacing the old")
+    out_of_range: OutOfRange | None = Field(None, description="Policy outside the maps")
+    extrapolation_margin_c: Annotated[Number, Field(ge=0)] | None = Field(
+        None, description="How far `extrapolate` may go [°C]"
+    )
+    same_temperature: SameTemperature | None = Field(
+        None, description="Policy for maps at one temperature"
+    )
+
+    def apply(self, machine: Machine) -> Machine:
+        """Merge into a machine's present settings; InvalidContent where null makes no sense."""
+        present = settings_of(machine)
+        for field in self.model_fields_set:
+            value = getattr(self, field)
+            if value is None:
+                raise InvalidContent.of_field(field, "expected a value, came null")
+            if field == "axes":
+                merged = {**present["axes"], **{a.lower(): t for a, t in value.items()}}
+                value = {axis: travel for axis, travel in merged.items() if travel is not None}
+            present[field] = value
+        return MachineSettings.model_validate(present).to_machine()
+
+
+def settings_of(machine: Machine) -> dict[str, Any]:
+    """Write a machine's settings as `MachineSettings` takes them."""
+    return {
+        "id": machine.id,
+        "name": machine.name,
+        "configuration": machine.chain.text,
+        "axes": {axis: TravelSchema(**asdict(t)) for axis, t in machine.axes.items()},
+        "sensors": [SensorSchema(**asdict(sensor)) for sensor in machine.sensors.values()],
+        "out_of_range": machine.out_of_range,
+        "extrapolation_margin_c": machine.extrapolation_margin_c,
+        "same_temperature": machine.same_temperature,
+    }
+
+
+def _to_sensor(stated: SensorSchema, names: set[str]) -> Sensor:
+    fields = stated.model_dump()
+    usual = DEFAULT_STAND_INS.get(stated.name)
+    if "stand_in" not in stated.model_fields_set and usual in names:
+        fields["stand_in"] = usual
+    return Sensor(**fields)

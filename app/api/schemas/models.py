@@ -1,0 +1,152 @@
+"""Sensor assignment and model versions over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Self
+
+from pydantic import Field, RootModel
+
+from app.api.schemas.base import Number, Schema, UtcTime
+from app.errors import FieldError, InvalidContent, UnknownComponent
+from app.geometry.components import COMPONENTS, ORDER, parse_component
+from app.storage.records import ModelVersion
+from app.thermal.sensor_assignment import Proposal, SensorCorrelation
+
+
+class AssignmentSchema(RootModel[dict[str, str]]):
+    """Component (code or the chapter's notation) to the sensor that it follows."""
+
+    model_config = {"json_schema_extra": {"examples": [{"EXX": "x-middle", "EZZ": "z-column"}]}}
+
+    def to_codes(self) -> dict[str, str]:
+        """Read the components' names; InvalidContent for unknown or repeated ones."""
+        found: dict[str, str] = {}
+        errors = []
+        for name, sensor in self.root.items():
+            try:
+                code = parse_component(name)[0].code
+            except UnknownComponent as unknown:
+                errors.append(FieldError(name, unknown.detail))
+                continue
+            if found.setdefault(code, sensor) != sensor:
+                errors.append(FieldError(name, f"{code} is assigned to two sensors"))
+        if errors:
+            raise InvalidContent("; ".join(e.message for e in errors), errors)
+        return found
+
+    @classmethod
+    def of(cls, assignment: dict[str, str]) -> Self:
+        """Show an assignment in the order of the components."""
+        return cls({code: assignment[code] for code in sorted(assignment, key=ORDER.__getitem__)})
+
+
+class SensorCorrelationAnswer(Schema):
+    """How one component's change goes with one sensor's temperature over the maps."""
+
+    sensor: str = Field(description="Sensor", examples=["x-middle"])
+    r: Number | None = Field(description="Pearson's correlation; null where there is none")
+    confidence_95: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
+        description="Its 95 % confidence interval; null for fewer than four maps"
+    )
+    maps: int = Field(description="Number of maps that it rests on")
+    ties_with_best: bool = Field(
+        description="Whether these maps cannot tell it from the best sensor"
+    )
+    reason: str = Field(description="Why there is no r, or why it cannot be proposed; else empty")
+
+
+class ProposalAnswer(Schema):
+    """What the maps say about the sensor of one component."""
+
+    component: str = Field(description="Component code", examples=["EXX"])
+    chapter: str = Field(description="The chapter's notation", examples=["D_x(x)"])
+    current: str | None = Field(description="Sensor assigned now")
+    proposed: str | None = Field(description="Sensor that the maps speak for")
+    reason: str = Field(description="Why")
+    maps: int = Field(description="Number of maps that have the component")
+    correlations: list[SensorCorrelationAnswer] = Field(description="One for each sensor")
+
+
+class CorrelationAnswer(Schema):
+    """The proposal; nothing has changed."""
+
+    proposal: dict[str, str] = Field(
+        description="The assignment that the maps speak for, ready to be PUT"
+    )
+    components: list[ProposalAnswer] = Field(description="One for each component of the maps")
+
+    @classmethod
+    def of(cls, proposals: Sequence[Proposal]) -> Self:
+        """Show proposals."""
+        return cls(
+            proposal={
+                p.code: p.proposed_sensor for p in proposals if p.proposed_sensor is not None
+            },
+            components=[
+                ProposalAnswer(
+                    component=p.code,
+                    chapter=COMPONENTS[p.code].chapter,
+                    current=p.current_sensor,
+                    proposed=p.proposed_sensor,
+                    reason=p.reason,
+                    maps=p.maps,
+                    correlations=[
+                        SensorCorrelationAnswer(
+                            sensor=c.sensor,
+                            r=c.r,
+                            confidence_95=_interval(c),
+                            maps=c.maps,
+                            ties_with_best=c.ties_with_best,
+                            reason=c.reason,
+                        )
+                        for c in p.correlations
+                    ],
+                )
+                for p in proposals
+            ],
+        )
+
+
+def _interval(c: SensorCorrelation) -> list[float] | None:
+    return None if c.r_low is None or c.r_high is None else [c.r_low, c.r_high]
+
+
+class ModelMap(Schema):
+    """One of the maps that a version is made of."""
+
+    id: int = Field(description="The map's number")
+    label: str = Field(description="The map's name", examples=["Run #1"])
+    temperatures_c: dict[str, Number] = Field(description="Its sensors' temperatures [°C]")
+
+
+class ModelAnswer(Schema):
+    """One immutable version of a machine's model."""
+
+    version: int = Field(description="Number of the version", examples=[3])
+    active: bool = Field(description="Whether tables are computed with it now")
+    created_at: UtcTime = Field(description="When it was made, UTC")
+    reason: str = Field(description="What made it", examples=["map 'Run #3' stored"])
+    maps: list[ModelMap] = Field(description="The error maps that it is made of")
+    assignment: dict[str, str] = Field(description="Component to sensor")
+    effects: list[Any] = Field(description="Adopted effects")
+
+    @classmethod
+    def of(cls, version: ModelVersion, active: int | None) -> Self:
+        """Show a version."""
+        return cls(
+            version=version.version,
+            active=version.version == active,
+            created_at=version.created_at,
+            reason=version.reason,
+            maps=[
+                ModelMap(
+                    id=m.id,
+                    label=m.error_map.label,
+                    temperatures_c=dict(m.error_map.temperatures_c),
+                )
+                for m in version.maps
+            ],
+            assignment=AssignmentSchema.of(dict(version.assignment)).root,
+            effects=list(version.effects),
+        )

@@ -1,0 +1,94 @@
+"""Predictions over HTTP."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from app.api.schemas.base import MachineState, Number, Schema, UtcTime
+from app.api.schemas.error_maps import Point
+from app.errors import InvalidContent, UnknownComponent
+from app.geometry.components import parse_component
+from app.services.predict_errors import Observation
+
+_DIRECTIONS = {"+": 1, "-": -1, None: 0}
+
+
+class ObservationSchema(Schema):
+    """Where and when: one component at a position, or a point of the work volume."""
+
+    time: UtcTime = Field(description="When, with a zone", examples=["2026-03-01T06:00:00Z"])
+    component: str | None = Field(None, description="Component", examples=["EZZ"])
+    position_mm: Number | None = Field(None, description="Position on its axis [mm]")
+    direction: Literal["+", "-"] | None = Field(
+        None, description="Direction of approach; the mean of both where it is not stated"
+    )
+    point_mm: Point | None = Field(None, description="Nominal point x, y, z [mm]")
+    tool_offset_mm: Point = Field([0.0, 0.0, 0.0], description="Tool offset X, Y, Z [mm]")
+    state: MachineState
+
+    def to_observation(self) -> Observation:
+        """Make the observation; InvalidContent unless it is one component or one point."""
+        if (self.component is None) == (self.point_mm is None):
+            raise InvalidContent.of_field(
+                "component", "expected a component or a point_mm, and not both"
+            )
+        direction = _DIRECTIONS[self.direction]
+        if self.point_mm is not None:
+            x, y, z = self.point_mm
+            tx, ty, tz = self.tool_offset_mm
+            return Observation(
+                self.time, point_mm=(x, y, z), tool_offset_mm=(tx, ty, tz), direction=direction
+            )
+        try:
+            component, sign = parse_component(str(self.component))
+        except UnknownComponent as error:
+            raise InvalidContent.of_field("component", error.detail) from None
+        if sign < 0:
+            raise InvalidContent.of_field(
+                "component", f"expected {component.code}, whose sign is the map's, came ISO's name"
+            )
+        if component.is_table and self.position_mm is None:
+            raise InvalidContent.of_field(
+                "position_mm", f"expected a position of {component.code} in mm, came none"
+            )
+        return Observation(self.time, component.code, self.position_mm, direction=direction)
+
+
+class PredictionRequest(Schema):
+    """What is to be predicted, and with which version."""
+
+    observations: Annotated[list[ObservationSchema], Field(min_length=1, max_length=100_000)] = (
+        Field(description="Where and when")
+    )
+    model_version: int | None = Field(None, description="Version; the active one if not stated")
+
+    def to_observations(self) -> list[Observation]:
+        """Make the observations; InvalidContent names the one that is wrong."""
+        found = []
+        for i, stated in enumerate(self.observations):
+            try:
+                found.append(stated.to_observation())
+            except InvalidContent as error:
+                raise error.inside(f"observations.{i}") from None
+        return found
+
+
+class PredictionAnswer(Schema):
+    """What the model says."""
+
+    model_version: int = Field(description="Version that was asked")
+    predicted_um: list[Number | list[Number] | None] = Field(
+        description=(
+            "For each observation its error [µm; angular errors µrad, squareness µm/m], three "
+            "numbers x, y, z for a point, null where its status says why there is none"
+        )
+    )
+    status: list[str] = Field(
+        description=(
+            "For each observation `interpolated`, `at-map`, `clamped`, `extrapolated`, "
+            "`stand-in`, or `no-reading`, `outside-maps`"
+        )
+    )
+    warnings: list[str] = Field(description="What is not as it should be, in sentences")

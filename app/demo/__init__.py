@@ -1,0 +1,1 @@
+"""The example machine: simulated after the chapter, and said to be."""

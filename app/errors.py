@@ -1,0 +1,105 @@
+"""What can go wrong, in the words of the field; nothing here knows HTTP.
+
+    ThermapError
+     ├─ UnknownThing          a machine, map, model, sensor … that does not exist
+     ├─ Conflict              what was asked for contradicts what is stored
+     │   └─ NoReading         a live table was asked for before the first reading
+     ├─ InvalidContent        the content says something that cannot be right
+     │   ├─ UnknownComponent      a component's name that nobody uses
+     │   ├─ NotEnoughMaps         fewer than two maps: nothing to interpolate between
+     │   ├─ SensorUnavailable     no usable temperature, and no stand-in either
+     │   └─ OutsideMaps           a temperature beyond what the machine's policy allows
+     ├─ StorageUnavailable    the database is away
+     └─ StorageTooNew         the database was written by a newer thermap
+
+Each carries one sentence for a person and, where fields are to blame, a
+`FieldError` for each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class FieldError:
+    """One field that is to blame: its path, and what was expected, what came, the unit."""
+
+    field: str
+    message: str
+
+
+class ThermapError(Exception):
+    """Anything that thermap refuses to do, with the reason in a sentence."""
+
+    def __init__(self, detail: str, errors: Iterable[FieldError] = ()) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.errors: Sequence[FieldError] = tuple(errors)
+
+
+class UnknownThing(ThermapError):
+    """Something that does not exist was named; the sentence lists what exists."""
+
+
+class Conflict(ThermapError):
+    """The request contradicts what is stored."""
+
+
+class NoReading(Conflict):
+    """A live table was asked for, but no usable reading has come."""
+
+
+class InvalidContent(ThermapError):
+    """The content cannot be right: what was expected, what came, and the unit."""
+
+    @classmethod
+    def of_field(cls, field: str, message: str) -> InvalidContent:
+        """Blame one field."""
+        return cls(f"{field}: {message}", [FieldError(field, message)])
+
+    def inside(self, prefix: str) -> InvalidContent:
+        """Return the same error with its fields named from one level further out."""
+        errors = [FieldError(f"{prefix}.{e.field}", e.message) for e in self.errors]
+        moved = type(self)(self.detail, errors or [FieldError(prefix, self.detail)])
+        return moved
+
+
+class UnknownComponent(InvalidContent):
+    """A name that is neither an ISO 230-1 code nor the chapter's notation."""
+
+
+class NotEnoughMaps(InvalidContent):
+    """Fewer than two error maps: there is nothing to interpolate between."""
+
+
+class SensorUnavailable(InvalidContent):
+    """A sensor has no usable temperature and no stand-in has one either."""
+
+
+class OutsideMaps(InvalidContent):
+    """A temperature lies outside the maps further than the machine's policy allows."""
+
+
+class StorageUnavailable(ThermapError):
+    """The database cannot be reached."""
+
+
+class StorageTooNew(ThermapError):
+    """The database has migrations that this version does not know."""
+
+
+def list_names(names: Iterable[str], limit: int = 20) -> str:
+    """Write names for a sentence: the first `limit`, then how many more there are.
+
+    >>> list_names(["x-middle", "spindle"])
+    'x-middle, spindle'
+    >>> list_names([])
+    'none'
+    """
+    shown = list(names)
+    if not shown:
+        return "none"
+    more = len(shown) - limit
+    return ", ".join(shown[:limit]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,1 @@
+"""What every machine looks like now, in memory: its compiled model and its latest readings."""

@@ -1,0 +1,19 @@
+"""Delete a machine with all its maps, models and readings."""
+
+from __future__ import annotations
+
+from app.services.context import Context
+from app.storage.machines import find_machine
+
+
+def delete_machine(context: Context, machine_id: str) -> None:
+    """Delete everything about a machine.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    with context.database.writing() as session:
+        session.delete(find_machine(session, machine_id, lock=True))
+    context.live.forget(machine_id)

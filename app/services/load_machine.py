@@ -1,0 +1,63 @@
+"""Bring a machine's active model and latest readings from the database into memory."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from sqlalchemy.orm import Session
+
+from app.live.reading_window import LIMIT, window_s
+from app.live.registry import LiveMachine, LiveModel
+from app.services.context import Context
+from app.storage.machines import find_machine, stored_machine
+from app.storage.model_versions import active_version
+from app.storage.readings import recent_readings
+from app.storage.records import ModelVersion, StoredMachine
+from app.storage.tables import MachineRow
+from app.thermal.compiled_model import CompiledModel, compile_model
+from app.thermal.machine import Machine
+
+
+def load_machine(context: Context, machine_id: str) -> LiveMachine:
+    """Load a machine into memory as the database has it, and return it.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    StorageUnavailable
+        If the database is away.
+    """
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        live = live_model(context, session, row)
+        window = timedelta(seconds=window_s(live.model.machine))
+        readings = recent_readings(session, machine_id, window, LIMIT)
+    return context.live.publish(live, readings)
+
+
+def live_model(context: Context, session: Session, row: MachineRow) -> LiveModel:
+    """Read and compile a machine's active version inside a session."""
+    stored = stored_machine(row)
+    version = active_version(session, row)
+    return as_live(context, stored, version, compile_version(stored.machine, version))
+
+
+def as_live(
+    context: Context, stored: StoredMachine, version: ModelVersion | None, model: CompiledModel
+) -> LiveModel:
+    """Set a compiled model beside the revision of the machine that it belongs to."""
+    return LiveModel(
+        model=model,
+        version=None if version is None else version.version,
+        created_at=stored.created_at,
+        revision=stored.revision,
+        loaded_at=context.now(),
+    )
+
+
+def compile_version(machine: Machine, version: ModelVersion | None) -> CompiledModel:
+    """Compile a version's maps with its assignment; InvalidContent, Conflict as `compile_model`."""
+    if version is None:
+        return compile_model(machine, [], {})
+    return compile_model(machine, [m.error_map for m in version.maps], version.assignment)

@@ -1,0 +1,81 @@
+"""Read machines, maps, models and readings as they are stored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+
+from app.services.context import Context
+from app.storage.error_maps import find_error_map, list_error_maps, stored_map
+from app.storage.machines import find_machine, list_machines, stored_machine
+from app.storage.model_versions import active_version, find_version, list_versions
+from app.storage.readings import list_readings
+from app.storage.records import ModelVersion, StoredMachine, StoredMap
+from app.thermal.reading import Reading
+
+
+def show_machines(context: Context) -> list[StoredMachine]:
+    """List all machines."""
+    with context.database.reading() as session:
+        return list_machines(session)
+
+
+def show_machine(context: Context, machine_id: str) -> StoredMachine:
+    """Read one machine; UnknownThing if there is none."""
+    with context.database.reading() as session:
+        return stored_machine(find_machine(session, machine_id))
+
+
+def show_error_maps(context: Context, machine_id: str) -> tuple[list[StoredMap], set[int]]:
+    """List a machine's maps, and the numbers of those in the active model."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version = active_version(session, row)
+        return list_error_maps(session, machine_id), {m.id for m in version.maps} if version else set()
+
+
+def show_error_map(context: Context, machine_id: str, map_id: int) -> tuple[StoredMap, bool]:
+    """Read one map, and whether the active model contains it."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        found = stored_map(find_error_map(session, machine_id, map_id))
+        version = active_version(session, row)
+        return found, bool(version and any(m.id == map_id for m in version.maps))
+
+
+def show_models(context: Context, machine_id: str) -> tuple[list[ModelVersion], int | None]:
+    """List a machine's model versions, and the number of the active one."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        return list_versions(session, machine_id), row.active_version
+
+
+def show_model(context: Context, machine_id: str, version: int) -> tuple[ModelVersion, int | None]:
+    """Read one model version, and the number of the active one."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        return find_version(session, machine_id, version), row.active_version
+
+
+def show_readings(
+    context: Context,
+    machine_id: str,
+    since: datetime | None,
+    until: datetime | None,
+    every_s: float,
+    limit: int,
+) -> list[Reading]:
+    """List readings in order of time, at most one for each `every_s` seconds."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        return _spaced(list_readings(session, machine_id, since, until), every_s, limit)
+
+
+def _spaced(readings: Iterable[Reading], every_s: float, limit: int) -> list[Reading]:
+    kept: list[Reading] = []
+    for reading in readings:
+        if not kept or (reading.time - kept[-1].time).total_seconds() >= every_s:
+            kept.append(reading)
+        if len(kept) == limit:
+            break
+    return kept

@@ -1,0 +1,111 @@
+"""The connection to SQLite or PostgreSQL, and transactions that say when they commit."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import DisconnectionError, InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
+from sqlalchemy.orm import Session
+
+from app.errors import InvalidContent, StorageUnavailable
+
+BUSY_TIMEOUT_S = 15.0
+CONNECT_TIMEOUT_S = 5
+
+
+class Database:
+    """One database, reached through transactions for reading or for writing.
+
+    A write transaction on SQLite takes the write lock at its beginning, so that two
+    writers queue instead of failing; on PostgreSQL the use cases lock the machine's
+    row. Nothing is committed but by leaving `writing()` without an exception.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.engine = _make_engine(url)
+
+    @contextmanager
+    def reading(self) -> Iterator[Session]:
+        """Open a session that changes nothing."""
+        with _saying_when_away(), Session(self.engine, expire_on_commit=False) as session:
+            yield session
+
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """Open a session that is committed at the end, or rolled back whole."""
+        writer = self.engine.execution_options(thermap_writes=True)
+        with (
+            _saying_when_away(),
+            Session(writer, expire_on_commit=False) as session,
+            session.begin(),
+        ):
+            yield session
+
+    @property
+    def name(self) -> str:
+        """The URL without its password."""
+        return self.engine.url.render_as_string(hide_password=True)
+
+    def close(self) -> None:
+        """Give up all connections."""
+        self.engine.dispose()
+
+
+def _make_engine(url: str) -> Engine:
+    parsed = make_url(url)
+    if parsed.drivername in ("postgresql", "postgres"):
+        parsed = parsed.set(drivername="postgresql+psycopg")
+    if parsed.get_backend_name() == "postgresql":
+        return create_engine(
+            parsed,
+            pool_pre_ping=True,
+            pool_size=10,
+            max_overflow=30,
+            pool_timeout=CONNECT_TIMEOUT_S,
+            connect_args={"connect_timeout": CONNECT_TIMEOUT_S},
+        )
+    if parsed.get_backend_name() != "sqlite":
+        raise InvalidContent.of_field(
+            "database_url",
+            "expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, "
+            f"came {parsed.drivername}://…",
+        )
+    if parsed.database in (None, "", ":memory:"):
+        raise InvalidContent.of_field(
+            "database_url", "expected a SQLite file, came none: what is stored has to last"
+        )
+    Path(str(parsed.database)).expanduser().parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(parsed, connect_args={"timeout": BUSY_TIMEOUT_S})
+    event.listen(engine, "connect", _prepare_sqlite)
+    event.listen(engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _prepare_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
+    """Make SQLite keep what was answered: log, foreign keys, and a sync at each commit."""
+    connection.isolation_level = None  # we say BEGIN ourselves, see _begin_sqlite
+    for pragma in ("journal_mode = WAL", "foreign_keys = ON", "synchronous = FULL"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("thermap_writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+@contextmanager
+def _saying_when_away() -> Iterator[None]:
+    """Turn the driver's many ways of being away into one."""
+    try:
+        yield
+    except (OperationalError, InterfaceError, DisconnectionError, PoolTimeout) as error:
+        reason = str(getattr(error, "orig", None) or error).strip().splitlines()
+        raise StorageUnavailable(
+            f"the database is away: {reason[0] if reason else type(error).__name__}"
+        ) from error

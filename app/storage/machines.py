@@ -1,0 +1,91 @@
+"""Machines in the database."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.errors import UnknownThing, list_names
+from app.geometry.chain import Chain
+from app.storage.records import StoredMachine
+from app.storage.tables import MachineRow
+from app.thermal.machine import Machine, OutOfRange, SameTemperature, Sensor, Travel
+
+
+def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredMachine:
+    """Add a machine; one of the same id is an IntegrityError."""
+    row = MachineRow(id=machine.id, created_at=now, revision=1, active_version=None)
+    _write(row, machine)
+    session.add(row)
+    session.flush()
+    return stored_machine(row)
+
+
+def find_machine(session: Session, machine_id: str, *, lock: bool = False) -> MachineRow:
+    """Find a machine's row; with `lock`, nobody else changes the machine meanwhile.
+
+    Raises
+    ------
+    UnknownThing
+        With the machines that exist.
+    """
+    row = session.get(MachineRow, machine_id, with_for_update=lock or None)
+    if row is None:
+        existing = session.scalars(select(MachineRow.id).order_by(MachineRow.id).limit(20)).all()
+        raise UnknownThing(
+            f"there is no machine {machine_id!r}; there are: {list_names(existing)}"
+        )
+    return row
+
+
+def list_machines(session: Session) -> list[StoredMachine]:
+    """List all machines by id."""
+    return [stored_machine(r) for r in session.scalars(select(MachineRow).order_by(MachineRow.id))]
+
+
+def update_machine(row: MachineRow, machine: Machine) -> None:
+    """Write a machine's settings; live tables follow."""
+    _write(row, machine)
+    row.revision += 1
+
+
+def count_and_revisions(session: Session) -> tuple[int, int]:
+    """Count machines and add up their revisions: changes whenever any machine does."""
+    count, total = session.execute(
+        select(func.count(MachineRow.id), func.coalesce(func.sum(MachineRow.revision), 0))
+    ).one()
+    return int(count), int(total)
+
+
+def revisions(session: Session) -> dict[str, tuple[datetime, int]]:
+    """Give every machine's birth and revision, which together identify its present shape."""
+    rows = session.execute(select(MachineRow.id, MachineRow.created_at, MachineRow.revision))
+    return {machine_id: (created_at, revision) for machine_id, created_at, revision in rows}
+
+
+def stored_machine(row: MachineRow) -> StoredMachine:
+    """Read a row."""
+    machine = Machine(
+        id=row.id,
+        name=row.name,
+        chain=Chain.parse(row.configuration),
+        axes={axis: Travel(**travel) for axis, travel in row.axes.items()},
+        sensors={sensor["name"]: Sensor(**sensor) for sensor in row.sensors},
+        out_of_range=OutOfRange(row.out_of_range),
+        extrapolation_margin_c=row.extrapolation_margin_c,
+        same_temperature=SameTemperature(row.same_temperature),
+    )
+    return StoredMachine(machine, row.created_at, row.active_version, row.revision)
+
+
+def _write(row: MachineRow, machine: Machine) -> None:
+    row.name = machine.name
+    row.configuration = machine.chain.text
+    row.axes = {axis: asdict(travel) for axis, travel in machine.axes.items()}
+    row.sensors = [asdict(sensor) for sensor in machine.sensors.values()]
+    row.out_of_range = machine.out_of_range.value
+    row.extrapolation_margin_c = machine.extrapolation_margin_c
+    row.same_temperature = machine.same_temperature.value

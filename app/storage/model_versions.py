@@ -1,0 +1,108 @@
+"""Model versions in the database: written once, never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.errors import UnknownThing, list_names
+from app.storage.error_maps import stored_map
+from app.storage.records import ModelVersion, StoredMap
+from app.storage.tables import MachineRow, ModelVersionMapRow, ModelVersionRow
+
+
+def insert_version(
+    session: Session,
+    machine: MachineRow,
+    map_ids: Iterable[int],
+    assignment: Mapping[str, str],
+    reason: str,
+    now: datetime,
+) -> ModelVersion:
+    """Add the next version of a locked machine and make it the active one."""
+    newest = session.scalar(
+        select(func.max(ModelVersionRow.version)).where(ModelVersionRow.machine_id == machine.id)
+    )
+    version = (newest or 0) + 1
+    session.add(
+        ModelVersionRow(
+            machine_id=machine.id,
+            version=version,
+            created_at=now,
+            reason=reason,
+            assignment=dict(assignment),
+            effects=[],
+        )
+    )
+    session.flush()
+    session.add_all(
+        ModelVersionMapRow(machine_id=machine.id, version=version, error_map_id=map_id)
+        for map_id in map_ids
+    )
+    session.flush()
+    activate_version(machine, version)
+    return find_version(session, machine.id, version)
+
+
+def activate_version(machine: MachineRow, version: int) -> None:
+    """Make a version the active one; live tables follow."""
+    machine.active_version = version
+    machine.revision += 1
+
+
+def find_version(session: Session, machine_id: str, version: int) -> ModelVersion:
+    """Find a version with its maps.
+
+    Raises
+    ------
+    UnknownThing
+        With the versions that exist.
+    """
+    row = session.get(ModelVersionRow, (machine_id, version))
+    if row is None:
+        existing = session.scalars(
+            select(ModelVersionRow.version)
+            .where(ModelVersionRow.machine_id == machine_id)
+            .order_by(ModelVersionRow.version)
+        )
+        raise UnknownThing(
+            f"machine {machine_id!r} has no model version {version}; "
+            f"it has: {list_names(str(v) for v in existing)}"
+        )
+    return _model_version(row, {})
+
+
+def active_version(session: Session, machine: MachineRow) -> ModelVersion | None:
+    """Read the active version, None before the first map."""
+    if machine.active_version is None:
+        return None
+    return find_version(session, machine.id, machine.active_version)
+
+
+def list_versions(session: Session, machine_id: str) -> list[ModelVersion]:
+    """List all versions, oldest first."""
+    query = (
+        select(ModelVersionRow)
+        .where(ModelVersionRow.machine_id == machine_id)
+        .order_by(ModelVersionRow.version)
+    )
+    known: dict[int, StoredMap] = {}
+    return [_model_version(row, known) for row in session.scalars(query)]
+
+
+def _model_version(row: ModelVersionRow, known: dict[int, StoredMap]) -> ModelVersion:
+    """Read a row; `known` keeps the maps that versions share from being made again."""
+    for map_row in row.maps:
+        if map_row.id not in known:
+            known[map_row.id] = stored_map(map_row)
+    return ModelVersion(
+        version=row.version,
+        created_at=row.created_at,
+        reason=row.reason,
+        assignment=row.assignment,
+        effects=row.effects,
+        maps=[known[map_row.id] for map_row in row.maps],
+    )

@@ -1,0 +1,105 @@
+"""Readings in the database."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.orm import Session
+
+from app.storage.tables import ReadingRow
+from app.thermal.reading import Reading
+
+BATCH = 2000
+"""Rows a statement: SQLite and PostgreSQL allow some 32,000 values in one."""
+
+
+def insert_readings(
+    session: Session, machine_id: str, readings: Sequence[Reading]
+) -> set[datetime]:
+    """Add readings whose times are not there yet; return the times that were added."""
+    insert = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[
+        session.get_bind().dialect.name
+    ]
+    added: set[datetime] = set()
+    for start in range(0, len(readings), BATCH):
+        rows = [
+            {
+                "machine_id": machine_id,
+                "time": reading.time,
+                "temperatures_c": dict(reading.temperatures_c),
+                "state": dict(reading.state),
+            }
+            for reading in readings[start : start + BATCH]
+        ]
+        statement = insert(ReadingRow).values(rows).on_conflict_do_nothing(
+            index_elements=["machine_id", "time"]
+        )
+        added.update(session.scalars(statement.returning(ReadingRow.time)))
+    return added
+
+
+def find_readings(
+    session: Session, machine_id: str, times: Sequence[datetime]
+) -> dict[datetime, Reading]:
+    """Find readings by their exact times."""
+    found: dict[datetime, Reading] = {}
+    for start in range(0, len(times), BATCH):
+        query = select(ReadingRow).where(
+            ReadingRow.machine_id == machine_id,
+            ReadingRow.time.in_(times[start : start + BATCH]),
+        )
+        found.update((row.time, _reading(row)) for row in session.scalars(query))
+    return found
+
+
+def list_readings(
+    session: Session,
+    machine_id: str,
+    since: datetime | None = None,
+    until: datetime | None = None,
+    limit: int | None = None,
+) -> Iterable[Reading]:
+    """Go through a machine's readings in order of time, both ends included."""
+    query = select(ReadingRow).where(ReadingRow.machine_id == machine_id)
+    if since is not None:
+        query = query.where(ReadingRow.time >= since)
+    if until is not None:
+        query = query.where(ReadingRow.time <= until)
+    ordered = query.order_by(ReadingRow.time).limit(limit).execution_options(yield_per=1000)
+    return (_reading(row) for row in session.scalars(ordered))
+
+
+def recent_readings(
+    session: Session, machine_id: str, window: timedelta, limit: int
+) -> list[Reading]:
+    """List the newest readings, oldest first: at most `limit`, within a time of the newest."""
+    newest = session.scalar(
+        select(func.max(ReadingRow.time)).where(ReadingRow.machine_id == machine_id)
+    )
+    if newest is None:
+        return []
+    query = (
+        select(ReadingRow)
+        .where(ReadingRow.machine_id == machine_id, ReadingRow.time >= newest - window)
+        .order_by(ReadingRow.time.desc())
+        .limit(limit)
+    )
+    return [_reading(row) for row in session.scalars(query)][::-1]
+
+
+def newest_id(session: Session) -> int:
+    """Give the number of the reading stored last, of any machine; 0 before the first."""
+    return session.scalar(select(func.max(ReadingRow.id))) or 0
+
+
+def stored_since(session: Session, reading_id: int) -> list[tuple[str, Reading]]:
+    """List readings stored after the one of this number, with their machines."""
+    query = select(ReadingRow).where(ReadingRow.id > reading_id).order_by(ReadingRow.time)
+    return [(row.machine_id, _reading(row)) for row in session.scalars(query)]
+
+
+def _reading(row: ReadingRow) -> Reading:
+    return Reading(row.time, row.temperatures_c, row.state)

@@ -1,0 +1,203 @@
+"""The tables. Only migrations change them; `alembic check` holds that both agree."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    Dialect,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    UniqueConstraint,
+    text,
+)
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+from sqlalchemy.types import TypeDecorator
+
+from app.arrays import FloatArray
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """A time, stored and returned as UTC; a time without a zone is refused."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Convert to UTC; SQLite keeps no zone, so it is taken off there."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError("a time without a zone cannot be stored")
+        utc = value.astimezone(UTC)
+        return utc.replace(tzinfo=None) if dialect.name == "sqlite" else utc
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Give the zone back."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class Float64Array(TypeDecorator[FloatArray]):
+    """An array of double precision, bit for bit (little-endian)."""
+
+    impl = LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: FloatArray | None, dialect: Dialect) -> bytes | None:
+        """Write the numbers' own bytes."""
+        return None if value is None else np.ascontiguousarray(value, dtype="<f8").tobytes()
+
+    def process_result_value(self, value: bytes | None, dialect: Dialect) -> FloatArray | None:
+        """Read them back; the array is read-only."""
+        return None if value is None else np.frombuffer(value, dtype="<f8")
+
+
+class Base(DeclarativeBase):
+    """All tables, with constraints named so that migrations can name them too."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(referred_table_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map = {  # noqa: RUF012 - SQLAlchemy reads it from the class
+        dict[str, Any]: JSON,
+        list[Any]: JSON,
+        datetime: UtcDateTime,
+        float: Double,
+        FloatArray: Float64Array,
+    }
+
+
+class MachineRow(Base):
+    """A machine and its settings; `revision` counts every change that live tables follow."""
+
+    __tablename__ = "machine"
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    name: Mapped[str] = mapped_column(Text)
+    configuration: Mapped[str] = mapped_column(String(8))
+    axes: Mapped[dict[str, Any]]
+    sensors: Mapped[list[Any]]
+    out_of_range: Mapped[str] = mapped_column(String(16))
+    extrapolation_margin_c: Mapped[float]
+    same_temperature: Mapped[str] = mapped_column(String(16))
+    active_version: Mapped[int | None]
+    revision: Mapped[int] = mapped_column(default=1)
+    created_at: Mapped[datetime]
+
+
+class ErrorMapRow(Base):
+    """One error map; `withdrawn_at` is set when a user deletes it but a model keeps it."""
+
+    __tablename__ = "error_map"
+    __table_args__ = (
+        Index(
+            "uq_error_map_label_in_use",
+            "machine_id",
+            "label",
+            unique=True,
+            sqlite_where=text("withdrawn_at IS NULL"),
+            postgresql_where=text("withdrawn_at IS NULL"),
+        ),
+    )
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    machine_id: Mapped[str] = mapped_column(ForeignKey("machine.id", ondelete="CASCADE"))
+    label: Mapped[str] = mapped_column(Text)
+    measured_at: Mapped[datetime]
+    temperatures_c: Mapped[dict[str, Any]]
+    measuring_lines_mm: Mapped[dict[str, Any]]
+    repeatability_um: Mapped[float | None]
+    instrument: Mapped[str | None] = mapped_column(Text)
+    stored_at: Mapped[datetime]
+    withdrawn_at: Mapped[datetime | None]
+
+    components: Mapped[list[ComponentRow]] = relationship(
+        lazy="selectin", order_by="ComponentRow.place", cascade="all, delete-orphan"
+    )
+
+
+class ComponentRow(Base):
+    """One component of one map: its arrays, in the order in which they came."""
+
+    __tablename__ = "error_map_component"
+
+    error_map_id: Mapped[int] = mapped_column(
+        ForeignKey("error_map.id", ondelete="CASCADE"), primary_key=True
+    )
+    component: Mapped[str] = mapped_column(String(8), primary_key=True)
+    place: Mapped[int]
+    positions_mm: Mapped[FloatArray]
+    errors: Mapped[FloatArray]
+    backward_errors: Mapped[FloatArray | None]
+
+
+class ModelVersionRow(Base):
+    """One immutable version of a machine's model."""
+
+    __tablename__ = "model_version"
+
+    machine_id: Mapped[str] = mapped_column(
+        ForeignKey("machine.id", ondelete="CASCADE"), primary_key=True
+    )
+    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    created_at: Mapped[datetime]
+    reason: Mapped[str] = mapped_column(Text)
+    assignment: Mapped[dict[str, Any]]
+    effects: Mapped[list[Any]]
+
+    maps: Mapped[list[ErrorMapRow]] = relationship(
+        secondary="model_version_map", lazy="selectin", order_by="ErrorMapRow.id", viewonly=True
+    )
+
+
+class ModelVersionMapRow(Base):
+    """Which maps a version is made of."""
+
+    __tablename__ = "model_version_map"
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["machine_id", "version"],
+            ["model_version.machine_id", "model_version.version"],
+            ondelete="CASCADE",
+        ),
+    )
+
+    machine_id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    error_map_id: Mapped[int] = mapped_column(
+        ForeignKey("error_map.id", ondelete="CASCADE"), primary_key=True
+    )
+
+
+class ReadingRow(Base):
+    """Live temperatures and the machine's state at one time."""
+
+    __tablename__ = "reading"
+    __table_args__ = (UniqueConstraint("machine_id", "time"),)
+
+    id: Mapped[int] = mapped_column(
+        BigInteger().with_variant(Integer(), "sqlite"), primary_key=True
+    )
+    machine_id: Mapped[str] = mapped_column(ForeignKey("machine.id", ondelete="CASCADE"))
+    time: Mapped[datetime]
+    temperatures_c: Mapped[dict[str, Any]]
+    state: Mapped[dict[str, Any]]

@@ -1,0 +1,1 @@
+"""The machine over temperature: error maps, sensors, and what lies between the maps."""

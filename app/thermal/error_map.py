@@ -1,0 +1,176 @@
+"""An error map: all error components measured in one thermal state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray, frozen
+from app.errors import InvalidContent
+from app.geometry.components import Component
+
+VALUE_LIMIT = 1e6
+"""Larger errors than a metre [µm], a radian [µrad] are no errors but a wrong unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentTable:
+    """One component of one map: its errors over positions, or its single value.
+
+    Parameters
+    ----------
+    component
+        Which error it is; its unit is the unit of the values.
+    positions_mm : ndarray, shape (n,) [mm]
+        Strictly increasing; empty for a component that has no argument. One
+        position means that the error does not depend on position.
+    errors : ndarray, shape (n,), or (1,) without argument
+        Actual minus nominal [component.unit].
+    backward_errors : ndarray, same shape, optional
+        The errors when the position is approached in the negative direction.
+
+    Raises
+    ------
+    InvalidContent
+        If something is not finite, not increasing, empty, or of unequal length.
+    """
+
+    component: Component
+    positions_mm: FloatArray
+    errors: FloatArray
+    backward_errors: FloatArray | None = None
+
+    @classmethod
+    def make(
+        cls,
+        component: Component,
+        errors: ArrayLike,
+        positions_mm: ArrayLike = (),
+        backward_errors: ArrayLike | None = None,
+    ) -> ComponentTable:
+        """Make a table from anything array-like, checked.
+
+        >>> from app.geometry.components import COMPONENTS
+        >>> ComponentTable.make(COMPONENTS["EXX"], [0.0, 1.2], [0.0, 50.0]).errors.tolist()
+        [0.0, 1.2]
+        """
+        return cls(
+            component,
+            frozen(positions_mm),
+            frozen(errors),
+            None if backward_errors is None else frozen(backward_errors),
+        )
+
+    def __post_init__(self) -> None:
+        self._check_positions()
+        self._check_values(self.component.input_field, self.errors)
+        if self.backward_errors is not None:
+            if not self.component.is_table:
+                raise InvalidContent.of_field(
+                    self.backward_field,
+                    f"{self.component.code} is one value and has no direction of approach",
+                )
+            self._check_values(self.backward_field, self.backward_errors)
+
+    @property
+    def backward_field(self) -> str:
+        """Name of the field in which a map states the backward errors."""
+        return f"backward_{self.component.input_field}"
+
+    @property
+    def depends_on_position(self) -> bool:
+        """Whether there is more than one position."""
+        return self.positions_mm.size > 1
+
+    def _check_positions(self) -> None:
+        positions = self.positions_mm
+        if not self.component.is_table:
+            if positions.size:
+                raise InvalidContent.of_field(
+                    "positions_mm", f"{self.component.code} has no positions: it is one value"
+                )
+            return
+        if positions.ndim != 1 or positions.size == 0:
+            raise InvalidContent.of_field(
+                "positions_mm",
+                f"expected at least one position of {self.component.code} in mm, came none",
+            )
+        if not np.isfinite(positions).all():
+            raise InvalidContent.of_field(
+                "positions_mm",
+                f"expected finite positions of {self.component.code} in mm, came "
+                f"{_first_not_finite(positions)}",
+            )
+        wrong = np.flatnonzero(np.diff(positions) <= 0)
+        if wrong.size:
+            i = int(wrong[0])
+            what = "twice" if positions[i] == positions[i + 1] else "out of order"
+            raise InvalidContent.of_field(
+                "positions_mm",
+                f"expected strictly increasing positions of {self.component.code} in mm, came "
+                f"{positions[i]:g} then {positions[i + 1]:g} ({what}, at index {i + 1})",
+            )
+
+    def _check_values(self, name: str, values: FloatArray) -> None:
+        expected = self.positions_mm.size if self.component.is_table else 1
+        unit = self.component.unit.symbol
+        if values.ndim != 1 or values.size != expected:
+            raise InvalidContent.of_field(
+                name,
+                f"expected {expected} values of {self.component.code} in {unit}, one for each "
+                f"position, came {values.size}",
+            )
+        if not np.isfinite(values).all():
+            raise InvalidContent.of_field(
+                name,
+                f"expected finite values of {self.component.code} in {unit}, came "
+                f"{_first_not_finite(values)}",
+            )
+        if np.abs(values).max() > VALUE_LIMIT:
+            raise InvalidContent.of_field(
+                name,
+                f"expected errors within ±{VALUE_LIMIT:g} {unit}, came "
+                f"{values[np.abs(values).argmax()]:g}",
+            )
+
+
+def _first_not_finite(values: FloatArray) -> str:
+    """Say which value is not finite, and where."""
+    i = int(np.flatnonzero(~np.isfinite(values))[0])
+    return f"{values[i]:g} (at index {i})"
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorMap:
+    """All components measured in one thermal state, with every sensor's temperature.
+
+    Parameters
+    ----------
+    label
+        The map's name, unique on its machine.
+    measured_at
+        When it was measured, UTC.
+    temperatures_c
+        Sensor name to temperature at that time [°C].
+    tables
+        Component code to table.
+    measuring_lines_mm
+        Axis to a point (x, y, z) of the line along which its translations were
+        measured [mm]; absent where the line was the axis itself.
+    repeatability_um
+        Stated repeatability of the measurement, one standard deviation [µm].
+    instrument
+        What measured.
+    """
+
+    label: str
+    measured_at: datetime
+    temperatures_c: Mapping[str, float]
+    tables: Mapping[str, ComponentTable]
+    measuring_lines_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    repeatability_um: float | None = None
+    instrument: str | None = None

@@ -1,0 +1,208 @@
+"""A machine as its thermal model sees it: axes, sensors, and what to do outside the maps."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from app.errors import InvalidContent, UnknownThing, list_names
+from app.geometry.chain import Chain
+from app.geometry.components import COMPONENTS
+from app.units import KELVIN_AT_0_C
+
+DEFAULT_STAND_INS = {"x-middle": "y-front"}
+"""The chapter's machine: y-front reads the same as x-middle (8.2.9)."""
+
+ROUNDING_C = 1e-9
+"""Tolerance on a difference of temperatures that equals the resolution [°C]."""
+
+_SENSOR_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,63}")
+
+
+class OutOfRange(StrEnum):
+    """What happens at a temperature outside the maps."""
+
+    CLAMP = "clamp"
+    EXTRAPOLATE = "extrapolate"
+    REJECT = "reject"
+
+
+class SameTemperature(StrEnum):
+    """What happens to two maps at one temperature of an assigned sensor."""
+
+    REFUSE = "refuse"
+    MEAN = "mean"
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """The travel of an axis [mm]."""
+
+    min_mm: float
+    max_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One temperature sensor and what is physically believable of it.
+
+    Parameters
+    ----------
+    name
+        As the shop calls it.
+    stand_in
+        Sensor whose own temperatures serve when this one fails.
+    min_c, max_c
+        Range outside which a value is the sensor's failure, not a temperature [°C].
+    max_age_s
+        Age above which a value is stale; also the longest gap in time that is
+        bridged by interpolation [s].
+    resolution_c
+        Two temperatures closer than this are the same [°C].
+    stuck_after_s
+        Without any change for this long while its neighbours move, it is stuck [s].
+    max_rate_c_per_min
+        A change faster than this is no temperature [°C/min].
+    """
+
+    name: str
+    stand_in: str | None = None
+    min_c: float = -50.0
+    max_c: float = 150.0
+    max_age_s: float = 600.0
+    resolution_c: float = 0.1
+    stuck_after_s: float = 3600.0
+    max_rate_c_per_min: float = 10.0
+
+    def accepts(self, temperature_c: float) -> bool:
+        """Whether a temperature [°C] lies in the sensor's range."""
+        return self.min_c <= temperature_c <= self.max_c
+
+    def resolves(self, difference_c: float) -> bool:
+        """Whether two temperatures this far apart [°C] are different ones to the sensor.
+
+        >>> Sensor("x-middle").resolves(20.4 - 20.3), Sensor("x-middle").resolves(0.05)
+        (True, False)
+        """
+        return difference_c > 0.0 and difference_c >= self.resolution_c - ROUNDING_C
+
+    def looks_like_kelvin(self, value: float) -> bool:
+        """Whether a value is outside the range in °C and inside it in K.
+
+        Such a value is a mistaken unit, where any other is a broken sensor.
+        """
+        return not self.accepts(value) and self.accepts(value - KELVIN_AT_0_C)
+
+    def expectation(self, value: float) -> str:
+        """Say what was expected of a temperature that is out of range, and what came."""
+        kelvin = (
+            f", which would be {value - KELVIN_AT_0_C:.2f} °C if it was meant in kelvin"
+            if self.looks_like_kelvin(value)
+            else ""
+        )
+        return (
+            f"expected a temperature of {self.name} from {self.min_c:g} to {self.max_c:g} °C, "
+            f"came {value:g}{kelvin}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A machine's description; immutable, checked when made.
+
+    Raises
+    ------
+    InvalidContent
+        If sensors share a name, a stand-in does not exist, or a range is empty.
+    """
+
+    id: str
+    name: str
+    chain: Chain
+    axes: Mapping[str, Travel] = field(default_factory=dict)
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    out_of_range: OutOfRange = OutOfRange.CLAMP
+    extrapolation_margin_c: float = 5.0
+    same_temperature: SameTemperature = SameTemperature.REFUSE
+
+    def __post_init__(self) -> None:
+        for axis, travel in self.axes.items():
+            if axis not in self.chain.axes:
+                raise InvalidContent.of_field(
+                    "axes",
+                    f"expected the axes of {self.chain.text} "
+                    f"({list_names(sorted(self.chain.axes))}), came {axis!r}",
+                )
+            if not travel.min_mm < travel.max_mm:
+                raise InvalidContent.of_field(
+                    f"axes.{axis}",
+                    f"expected min_mm below max_mm, came {travel.min_mm:g} and "
+                    f"{travel.max_mm:g} mm",
+                )
+        for sensor in self.sensors.values():
+            self._check_sensor(sensor)
+
+    def _check_sensor(self, sensor: Sensor) -> None:
+        where = f"sensors.{sensor.name}"
+        if not _SENSOR_NAME.fullmatch(sensor.name):
+            raise InvalidContent.of_field(
+                "sensors",
+                "expected names of 1 to 64 letters, digits, spaces, dots, hyphens or "
+                f"underscores that begin with a letter or digit, came {sensor.name!r}",
+            )
+        if not sensor.min_c < sensor.max_c:
+            raise InvalidContent.of_field(
+                where,
+                f"expected min_c below max_c, came {sensor.min_c:g} and {sensor.max_c:g} °C",
+            )
+        if sensor.stand_in is not None and (
+            sensor.stand_in not in self.sensors or sensor.stand_in == sensor.name
+        ):
+            others = [name for name in self.sensors if name != sensor.name]
+            raise InvalidContent.of_field(
+                f"{where}.stand_in",
+                f"expected another sensor of this machine ({list_names(others)}), "
+                f"came {sensor.stand_in!r}",
+            )
+
+    def sensor(self, name: str) -> Sensor:
+        """Return a sensor by name, or raise UnknownThing that lists what exists."""
+        try:
+            return self.sensors[name]
+        except KeyError:
+            raise UnknownThing(
+                f"machine {self.id!r} has no sensor {name!r}; it has {list_names(self.sensors)}"
+            ) from None
+
+    def with_stand_ins(self, name: str) -> list[Sensor]:
+        """List a sensor and then its stand-ins, nearest first."""
+        found: list[Sensor] = []
+        following: str | None = name
+        while following is not None and all(following != s.name for s in found):
+            found.append(self.sensor(following))
+            following = found[-1].stand_in
+        return found
+
+    def default_sensor(self, code: str) -> str | None:
+        """Name the sensor that a component follows when nobody has said otherwise.
+
+        The chapter's default (8.2.9) where the machine has that sensor, the only
+        sensor where there is one, else None.
+        """
+        chapter = COMPONENTS[code].default_sensor
+        if chapter in self.sensors:
+            return chapter
+        return next(iter(self.sensors)) if len(self.sensors) == 1 else None
+
+
+def sensors_by_name(sensors: list[Sensor]) -> dict[str, Sensor]:
+    """Index sensors by name; two of one name are refused with InvalidContent."""
+    twice = [name for name, n in Counter(s.name for s in sensors).items() if n > 1]
+    if twice:
+        raise InvalidContent.of_field(
+            "sensors", f"expected each name once, came {list_names(twice)} more than once"
+        )
+    return {sensor.name: sensor for sensor in sensors}

@@ -1,0 +1,83 @@
+"""Recorded temperatures over time, and the temperature between two readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureHistory:
+    """Readings of several sensors, ordered in time.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,) [s]
+        Seconds since 1970-01-01 UTC, strictly increasing.
+    temperatures_c : mapping of sensor to ndarray, shape (n,) [°C]
+        NaN where a reading has no value of that sensor.
+    """
+
+    times_s: FloatArray
+    temperatures_c: Mapping[str, FloatArray]
+
+    @classmethod
+    def of_readings(
+        cls, sensors: Iterable[str], readings: Sequence[tuple[float, Mapping[str, float]]]
+    ) -> TemperatureHistory:
+        """Set readings, (time [s], sensor → temperature [°C]) in order of time, side by side."""
+        return cls(
+            frozen([time_s for time_s, _ in readings]) if readings else np.empty(0),
+            {
+                name: np.array([values.get(name, np.nan) for _, values in readings], dtype=float)
+                for name in sensors
+            },
+        )
+
+    def known(self, sensor: str) -> tuple[FloatArray, FloatArray]:
+        """Return the times [s] and temperatures [°C] at which a sensor has a value."""
+        values = self.temperatures_c[sensor]
+        has_value = ~np.isnan(values)
+        return self.times_s[has_value], values[has_value]
+
+    def at(self, sensor: str, times_s: ArrayLike, max_gap_s: float) -> FloatArray:
+        """Interpolate a sensor's temperature linearly in time.
+
+        Parameters
+        ----------
+        sensor
+            Which sensor.
+        times_s : array-like, shape (m,) [s]
+            When.
+        max_gap_s
+            Neighbouring readings further apart than this are not bridged [s]; the
+            last reading also serves alone for this long after it.
+
+        Returns
+        -------
+        ndarray, shape (m,) [°C]
+            NaN where no reading is near enough.
+
+        Examples
+        --------
+        >>> history = TemperatureHistory.of_readings(
+        ...     ["a"], [(0.0, {"a": 20.0}), (60.0, {"a": 23.0})])
+        >>> history.at("a", [20.0, 300.0], max_gap_s=120.0).tolist()
+        [21.0, nan]
+        """
+        wanted = np.atleast_1d(np.asarray(times_s, dtype=float))
+        times, values = self.known(sensor)
+        if times.size == 0:
+            return np.full(wanted.shape, np.nan)
+        after = np.clip(np.searchsorted(times, wanted, side="left"), 0, times.size - 1)
+        before = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, times.size - 1)
+        found = np.interp(wanted, times, values)
+        too_wide = times[after] - times[before] > max_gap_s
+        too_late = wanted - times[before] > max_gap_s
+        too_early = wanted < times[0]
+        return np.where(too_wide | too_late | too_early, np.nan, found)
