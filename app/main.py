@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import HTMLResponse, RedirectResponse
 from starlette.staticfiles import StaticFiles
@@ -15,6 +14,7 @@ from app.api.error_responses import install_error_responses
 from app.api.metrics import Metrics, MetricsMiddleware
 from app.api.openapi import DESCRIPTION, TAGS, swagger_page
 from app.api.routes import compensation, error_maps, health, machines, models, readings
+from app.api.short_way import ThermapService
 from app.services.context import Context
 from app.services.follow_database import DatabaseFollower
 from app.settings import Settings
@@ -22,7 +22,7 @@ from app.storage.database import Database
 from app.storage.migrate import upgrade
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None) -> ThermapService:
     """Make the service: database upgraded, routes in place, memory filled at start-up.
 
     Raises
@@ -38,7 +38,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     follower = DatabaseFollower(context, settings.refresh_s)
 
     @asynccontextmanager
-    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+    async def lifespan(_app: object) -> AsyncIterator[None]:
         follower.start()
         try:
             yield
@@ -46,7 +46,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             await run_in_threadpool(follower.stop)
             context.database.close()
 
-    service = FastAPI(
+    service = ThermapService(
         title="thermap",
         version=package.__version__,
         summary="Thermal error maps of machine tools, and the compensation table "
@@ -62,14 +62,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     service.state.metrics = Metrics(context.live)
     service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
     install_error_responses(service)
-    compensation.add_live_routes(service)
-    for room in (machines, error_maps, models, readings, compensation, health):
+    for room in (compensation, machines, error_maps, models, readings, health):
         service.include_router(room.router)
     _add_documentation(service)
     return service
 
 
-def _add_documentation(service: FastAPI) -> None:
+def _add_documentation(service: ThermapService) -> None:
     """Serve /docs from the installed package: a shop floor has no internet."""
     service.mount(
         "/docs-assets", StaticFiles(packages=[("fastapi_swagger", "resources")]), "docs-assets"

@@ -44,7 +44,8 @@ class CompensationTable:
     """Every component at one thermal state.
 
     `complete` is False when something that the maps know is not in the table;
-    `warnings` say in sentences all that is not as it should be.
+    `warnings` say in sentences all that is not as it should be; `states` are the
+    groups of components that lie between the same maps.
     """
 
     machine_id: str
@@ -52,7 +53,13 @@ class CompensationTable:
     computed_at: datetime
     complete: bool
     warnings: Sequence[str]
-    components: Sequence[ComponentCompensation]
+    states: Sequence[GroupState]
+
+    @property
+    def components(self) -> list[ComponentCompensation]:
+        """All components in the order in which tables list them."""
+        found = [entry for state in self.states for entry in group_compensation(state)]
+        return sorted(found, key=lambda entry: ORDER[entry.component.code])
 
 
 def compensation_table(
@@ -103,12 +110,13 @@ def compensation_table(
         computed_at=computed_at,
         complete=not omitted,
         warnings=[*warnings, *failures.values(), *_remarks(states), *omitted, *model.notes],
-        components=_components(states),
+        states=states,
     )
 
 
-def _components(states: Iterable[GroupState]) -> list[ComponentCompensation]:
-    found = [
+def group_compensation(state: GroupState) -> list[ComponentCompensation]:
+    """Take one group's values apart into its components."""
+    return [
         ComponentCompensation(
             component=member.component,
             positions_mm=member.positions_mm,
@@ -116,16 +124,11 @@ def _components(states: Iterable[GroupState]) -> list[ComponentCompensation]:
             backward_errors=None if member.backward is None else state.values[member.backward],
             origin=state,
         )
-        for state in states
         for member in state.group.members
     ]
-    found.sort(key=_order)
-    return found
 
 
-def _order(entry: ComponentCompensation) -> int:
-    return ORDER[entry.component.code]
-
+_PLAIN = frozenset({Status.INTERPOLATED, Status.AT_MAP})
 
 _REMARKS: Mapping[Status, str] = {
     Status.CLAMPED: "{sensor} at {t:g} °C is outside the maps: {codes} held at {nearest!r}",
@@ -140,6 +143,8 @@ def _remarks(states: Iterable[GroupState]) -> list[str]:
     """Say what is not plain interpolation between maps of the assigned sensor."""
     remarks = []
     for state in states:
+        if state.status in _PLAIN:
+            continue
         codes = list_names(state.group.codes)
         if state.is_stand_in:
             remarks.append(f"{state.sensor} stands in for {state.group.sensor}: {codes}")

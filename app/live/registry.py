@@ -17,7 +17,7 @@ from app.thermal.compiled_model import CompiledModel
 from app.thermal.reading import Reading
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LiveModel:
     """A machine's active model as of one revision of the machine."""
 

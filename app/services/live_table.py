@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from hashlib import blake2s
 
 from app.compensation.table import CompensationTable, compensation_table
 from app.errors import NoReading, SensorUnavailable
-from app.live.registry import LiveMachine
+from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import Health, SensorState, check_temperatures, grow_older
@@ -34,7 +34,10 @@ class CurrentTable:
 
 
 def table_at(
-    context: Context, live: LiveMachine, temperatures_c: Mapping[str, float]
+    current: LiveModel,
+    temperatures_c: Mapping[str, float],
+    now: datetime,
+    warnings: Iterable[str] = (),
 ) -> CompensationTable:
     """Compute the table for temperatures [°C] that the caller states.
 
@@ -44,13 +47,12 @@ def table_at(
         If a sensor is unknown, missing or its unit mistaken, if the maps are too
         few, or if the temperatures are outside what the machine's policy allows.
     """
-    current = live.current
     return compensation_table(
         current.model,
         current.version or 0,
         check_temperatures(current.model.machine, temperatures_c),
-        context.now(),
-        database_warning(context, live),
+        now,
+        warnings,
     )
 
 
@@ -94,14 +96,14 @@ def current_table(context: Context, live: LiveMachine, state: CurrentState) -> C
             current.version or 0,
             state.sensors,
             context.now(),
-            database_warning(context, live),
+            database_warnings(context, live.current),
         )
     except SensorUnavailable as error:
         raise NoReading(error.detail) from None
     return CurrentTable(table, state)
 
 
-def database_warning(context: Context, live: LiveMachine) -> list[str]:
+def database_warnings(context: Context, current: LiveModel) -> list[str]:
     """Say since when the database is away, and how old the model is that goes on without it."""
     away_since = context.live.database_away_since
     if away_since is None:
@@ -109,8 +111,8 @@ def database_warning(context: Context, live: LiveMachine) -> list[str]:
     now = context.now()
     return [
         f"the database has been away for {_seconds(away_since, now):.0f} s: model version "
-        f"{live.current.version} goes on from memory, where it has been for "
-        f"{_seconds(live.current.loaded_at, now):.0f} s"
+        f"{current.version} goes on from memory, where it has been for "
+        f"{_seconds(current.loaded_at, now):.0f} s"
     ]
 
 

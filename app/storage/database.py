@@ -8,8 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import DisconnectionError, InterfaceError, OperationalError
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import (
+    ArgumentError,
+    DatabaseError,
+    DisconnectionError,
+    InterfaceError,
+    OperationalError,
+)
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
@@ -58,7 +64,7 @@ class Database:
 
 
 def _make_engine(url: str) -> Engine:
-    parsed = make_url(url)
+    parsed = _parse(url)
     if parsed.drivername in ("postgresql", "postgres"):
         parsed = parsed.set(drivername="postgresql+psycopg")
     if parsed.get_backend_name() == "postgresql":
@@ -80,11 +86,32 @@ def _make_engine(url: str) -> Engine:
         raise InvalidContent.of_field(
             "database_url", "expected a SQLite file, came none: what is stored has to last"
         )
-    Path(str(parsed.database)).expanduser().parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(parsed, connect_args={"timeout": BUSY_TIMEOUT_S})
+    file = Path(str(parsed.database)).expanduser()
+    _make_folder(file.parent)
+    engine = create_engine(parsed.set(database=str(file)), connect_args={"timeout": BUSY_TIMEOUT_S})
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
+
+
+def _parse(url: str) -> URL:
+    try:
+        return make_url(url)
+    except (ArgumentError, ValueError):
+        # Not what came: it may hold a password.
+        raise InvalidContent.of_field(
+            "database_url",
+            "expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, came text that is no URL",
+        ) from None
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageUnavailable(
+            f"the database is away: the folder {folder} cannot be made ({error.strerror})"
+        ) from error
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
@@ -109,3 +136,8 @@ def _saying_when_away() -> Iterator[None]:
         raise StorageUnavailable(
             f"the database is away: {reason[0] if reason else type(error).__name__}"
         ) from error
+    except DatabaseError as error:
+        # SQLite says so itself, not by a subclass, of a file that is no database or is damaged.
+        if type(error) is not DatabaseError:
+            raise
+        raise StorageUnavailable(f"the database cannot be read: {error.orig}") from error

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from app.errors import InvalidContent, OutsideMaps
 from app.thermal.machine import OutOfRange
@@ -22,8 +22,7 @@ class Status(StrEnum):
     STAND_IN = "stand-in"
 
 
-@dataclass(frozen=True, slots=True)
-class Bracket:
+class Bracket(NamedTuple):
     """The two neighbouring maps of a temperature and the upper one's share.
 
     `weight` is (T_u − T_n)/(T_m − T_n) of 8.105: 0 at the lower map `lower`, 1 at

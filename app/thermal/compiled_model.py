@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, SameTemperature, Sensor
 from app.thermal.resampling import common_positions, sample_table
 
-
 @dataclass(frozen=True, slots=True)
 class Scale:
     """One sensor's temperatures of the maps, increasing, and the matrix row of each."""
@@ -40,7 +39,7 @@ class Scale:
     rows: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Member:
     """One component's place in its group's matrix.
 
@@ -54,7 +53,7 @@ class Member:
     backward: slice | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Group:
     """The components that lie between the same two maps at any time.
 
@@ -82,7 +81,7 @@ class Group:
         return next((scale for scale in self.scales if scale.sensor in temperatures_c), None)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class GroupState:
     """A group's errors at one temperature, and how they came about.
 
@@ -104,7 +103,7 @@ class GroupState:
         return self.sensor != self.group.sensor
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CompiledModel:
     """A machine's maps and assignment, ready for live temperatures.
 
@@ -209,7 +208,7 @@ class CompiledModel:
             raise OutsideMaps(message, [field]) from None
         # A stand-in is said unless something graver is to be said.
         if scale is not group.scales[0] and found.status in (Status.INTERPOLATED, Status.AT_MAP):
-            return replace(found, status=Status.STAND_IN)
+            return found._replace(status=Status.STAND_IN)
         return found
 
     def find(self, code: str) -> tuple[Group, Member] | None:

@@ -116,13 +116,15 @@ class ComponentTable:
             )
 
     def _check_values(self, name: str, values: FloatArray) -> None:
-        expected = self.positions_mm.size if self.component.is_table else 1
+        table = self.component.is_table
+        expected = self.positions_mm.size if table else 1
+        count = f"{expected} values" if table else "one value"
+        each = ", one for each position" if table else ""
         unit = self.component.unit.symbol
         if values.ndim != 1 or values.size != expected:
             raise InvalidContent.of_field(
                 name,
-                f"expected {expected} values of {self.component.code} in {unit}, one for each "
-                f"position, came {values.size}",
+                f"expected {count} of {self.component.code} in {unit}{each}, came {values.size}",
             )
         if not np.isfinite(values).all():
             raise InvalidContent.of_field(

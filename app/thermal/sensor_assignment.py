@@ -47,8 +47,7 @@ class SensorCorrelation:
     ties_with_best
         Whether its |r| is not significantly below the best one's; the best ties.
     reason
-        Why there is no r, or why the sensor cannot be proposed in spite of it;
-        else empty.
+        Why there is no r, else empty.
     """
 
     sensor: str
@@ -120,7 +119,9 @@ def propose_assignment(
     component of its errors over the common positions, which for a single value is the
     value itself. Two sensors tie when Williams' test finds no difference of their |r|
     at 5 %; with fewer than four maps every sensor ties. The best of k sensors is
-    compared pairwise, without correction for k.
+    compared pairwise, without correction for k. Where the maps could not be
+    interpolated over the proposed sensor, because two of them lie closer than it
+    resolves, the reason says so.
     """
     by_code: dict[str, list[ErrorMap]] = defaultdict(list)
     for error_map in sorted(maps, key=lambda m: m.label):
@@ -138,12 +139,10 @@ def _propose(
     if current is not None:
         machine.sensor(current)
     change, why_not = _change(code, maps)
-    found = tuple(
-        _correlate(machine, sensor, maps, change, why_not) for sensor in machine.sensors.values()
-    )
+    found = tuple(_correlate(sensor, maps, change, why_not) for sensor in machine.sensors.values())
     if change is None:
         return Proposal(code, current, current, len(maps), found, why_not)
-    candidates = [c for c in found if c.r is not None and not c.reason]
+    candidates = [c for c in found if c.r is not None]
     if not candidates:
         why = "; ".join(c.reason for c in found) or "the machine has none"
         why = f"no sensor can be proposed: {why}"
@@ -152,7 +151,10 @@ def _propose(
     tied = {c.sensor for c in candidates if _ties(maps, c, best)}
     found = tuple(replace(c, ties_with_best=c.sensor in tied) for c in found)
     proposed = current if current in tied else best.sensor
-    return Proposal(code, current, proposed, len(maps), found, _reason(current, best, found))
+    reason = _reason(current, best, found)
+    if proposed != current:
+        reason += _caution(machine, machine.sensor(best.sensor), maps)
+    return Proposal(code, current, proposed, len(maps), found, reason)
 
 
 def _change(code: str, maps: Sequence[ErrorMap]) -> tuple[FloatArray | None, str]:
@@ -187,7 +189,6 @@ def _first_scores(errors: FloatArray) -> FloatArray:
 
 
 def _correlate(
-    machine: Machine,
     sensor: Sensor,
     maps: Sequence[ErrorMap],
     change: FloatArray | None,
@@ -199,8 +200,7 @@ def _correlate(
         return SensorCorrelation(sensor.name, None, None, None, len(known), False, why_not)
     r = pearson_r(change, _temperatures(sensor.name, maps))
     low, high = fisher_interval(r, len(maps)) or (None, None)
-    refused = _refused(machine, sensor, maps)
-    return SensorCorrelation(sensor.name, r, low, high, len(maps), False, refused)
+    return SensorCorrelation(sensor.name, r, low, high, len(maps), False)
 
 
 def _without_use(sensor: Sensor, maps: Sequence[ErrorMap], known: Sequence[ErrorMap]) -> str:
@@ -217,17 +217,17 @@ def _without_use(sensor: Sensor, maps: Sequence[ErrorMap], known: Sequence[Error
     return ""
 
 
-def _refused(machine: Machine, sensor: Sensor, maps: Sequence[ErrorMap]) -> str:
-    """Say why the maps could not be interpolated over a sensor, or nothing where they can."""
+def _caution(machine: Machine, sensor: Sensor, maps: Sequence[ErrorMap]) -> str:
+    """Say what stands against interpolating the maps over a sensor, or nothing."""
     ordered = sorted(maps, key=lambda m: (m.temperatures_c[sensor.name], m.label))
     gaps_c = np.diff(_temperatures(sensor.name, ordered))
     closest = int(gaps_c.argmin())
     if machine.same_temperature is SameTemperature.MEAN or sensor.resolves(gaps_c[closest]):
         return ""
     return (
-        f"{sensor.name} does not tell the maps {ordered[closest].label} and "
-        f"{ordered[closest + 1].label} apart: {gaps_c[closest]:.3g} °C, its resolution is "
-        f"{sensor.resolution_c:g} °C"
+        f"; but it reads {gaps_c[closest]:.3g} °C between {ordered[closest].label} and "
+        f"{ordered[closest + 1].label}, less than its resolution of {sensor.resolution_c:g} °C: "
+        "only with the machine's same_temperature set to 'mean'"
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,7 @@ class Health(StrEnum):
     JUMP = "jump"
 
 
-@dataclass(frozen=True, slots=True)
-class SensorState:
+class SensorState(NamedTuple):
     """A sensor's latest value, its age, and whether it can be believed.
 
     `detail` is a sentence for a person, empty when all is well.

@@ -2,64 +2,71 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated
 
-import orjson
-from fastapi import APIRouter, FastAPI
-from pydantic import TypeAdapter
+from fastapi import APIRouter, Header
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
 from starlette.responses import Response
 
 from app.api.dependencies import ContextDep, MachinePath
-from app.api.live_table_route import LiveTableRoute, documented_by
 from app.api.schemas.compensation import (
     CompensationAnswer,
     CompensationRequest,
     CurrentCompensationAnswer,
-    current_document,
-    table_document,
 )
 from app.api.schemas.predictions import PredictionAnswer, PredictionRequest
+from app.api.table_json import current_table_json, table_json
 from app.live.registry import LiveMachine
 from app.services.context import Context
-from app.services.live_table import current_state, current_table, table_at
+from app.services.live_table import current_state, current_table, database_warnings, table_at
 from app.services.load_machine import load_machine
 from app.services.predict_errors import predict_errors
 
 router = APIRouter(prefix="/v1/machines/{machine}", tags=["live"])
-PATH = "/v1/machines/{machine}/compensation"
-ORJSON_OPTIONS = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_UTC_Z
-_REQUEST = TypeAdapter(CompensationRequest)
+JSON = "application/json"
 
 
-def add_live_routes(app: FastAPI) -> None:
-    """Add the live table's routes, first so that no other pattern is tried before them."""
-    common: dict[str, Any] = {
-        "route_class_override": LiveTableRoute,
-        "tags": ["live"],
-        "response_model_exclude_none": True,
-    }
-    app.router.add_api_route(
-        PATH,
-        _post_compensation,
-        methods=["POST"],
-        summary="Compensation table for stated temperatures",
-        response_model=CompensationAnswer,
-        **common,
-    )
-    app.router.add_api_route(
-        PATH,
-        _get_compensation,
-        methods=["GET"],
-        summary="Compensation table at the latest reading",
-        response_model=CurrentCompensationAnswer,
-        responses={304: {"description": "Unchanged since the ETag in If-None-Match"}},
-        **common,
-    )
+@router.post(
+    "/compensation",
+    summary="Compensation table for stated temperatures",
+    response_model=CompensationAnswer,
+)
+async def post_compensation(
+    context: ContextDep, machine: MachinePath, body: CompensationRequest
+) -> Response:
+    """Compute the table at these temperatures; nothing is stored."""
+    current = (await _in_memory(context, machine)).current
+    warnings = database_warnings(context, current)
+    table = table_at(current, body.temperatures_c, context.now(), warnings)
+    return Response(table_json(table), media_type=JSON)
 
 
-@router.post("/predictions", tags=["live"], summary="Predict errors at given times")
+@router.get(
+    "/compensation",
+    summary="Compensation table at the latest reading",
+    response_model=CurrentCompensationAnswer,
+    responses={304: {"description": "Unchanged since the ETag in If-None-Match"}},
+)
+async def get_compensation(
+    context: ContextDep,
+    machine: MachinePath,
+    if_none_match: Annotated[str, Header(description="ETag of the table that is known")] = "",
+) -> Response:
+    """Compute the table at the latest reading, with every sensor's state.
+
+    The ETag changes with the model, the reading and the sensors' states; while it
+    does not, If-None-Match is answered with 304.
+    """
+    live = await _in_memory(context, machine)
+    state = current_state(context, machine, live)
+    headers = {"ETag": f'W/"{state.tag}"', "Cache-Control": "no-cache"}
+    if _matches(if_none_match, state.tag):
+        return Response(status_code=304, headers=headers)
+    written = current_table_json(current_table(context, live, state))
+    return Response(written, media_type=JSON, headers=headers)
+
+
+@router.post("/predictions", summary="Predict errors at given times")
 def post_predictions(
     context: ContextDep, machine: MachinePath, body: PredictionRequest
 ) -> PredictionAnswer:
@@ -73,48 +80,11 @@ def post_predictions(
     )
 
 
-async def _post_document(machine: MachinePath, body: CompensationRequest) -> None:
-    """Compute the table at these temperatures; nothing is stored."""
-
-
-async def _get_document(machine: MachinePath) -> None:
-    """Compute the table at the latest reading, with every sensor's state.
-
-    The ETag changes with the model, the reading and the sensors' states; while it
-    does not, If-None-Match is answered with 304.
-    """
-
-
-@documented_by(_post_document)
-async def _post_compensation(request: Request) -> Response:
-    context, live = await _live(request)
-    stated = _REQUEST.validate_json(await request.body())
-    return _json(table_document(table_at(context, live, stated.temperatures_c)))
-
-
-@documented_by(_get_document)
-async def _get_compensation(request: Request) -> Response:
-    context, live = await _live(request)
-    state = current_state(context, request.path_params["machine"], live)
-    headers = {"ETag": f'W/"{state.tag}"', "Cache-Control": "no-cache"}
-    if _matches(request.headers.get("if-none-match", ""), state.tag):
-        return Response(status_code=304, headers=headers)
-    return _json(current_document(current_table(context, live, state)), headers)
-
-
-async def _live(request: Request) -> tuple[Context, LiveMachine]:
+async def _in_memory(context: Context, machine_id: str) -> LiveMachine:
     """Find the machine in memory, or bring it there once."""
-    context: Context = request.app.state.context
-    machine_id = request.path_params["machine"]
-    live = context.live.get(machine_id)
-    if live is None:
-        live = await run_in_threadpool(load_machine, context, machine_id)
-    return context, live
-
-
-def _json(document: dict[str, Any], headers: dict[str, str] | None = None) -> Response:
-    content = orjson.dumps(document, option=ORJSON_OPTIONS)
-    return Response(content, media_type="application/json", headers=headers)
+    return context.live.get(machine_id) or await run_in_threadpool(
+        load_machine, context, machine_id
+    )
 
 
 def _matches(if_none_match: str, tag: str) -> bool:

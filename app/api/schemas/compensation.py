@@ -1,8 +1,4 @@
-"""The compensation table over HTTP.
-
-`table_document` writes what `CompensationAnswer` documents, without going through
-it: the live table's route has no time for that. A test holds both together.
-"""
+"""The compensation table over HTTP: what `app.api.table_json` writes."""
 
 from __future__ import annotations
 
@@ -11,8 +7,6 @@ from typing import Any
 from pydantic import Field
 
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
-from app.compensation.table import CompensationTable, ComponentCompensation
-from app.services.live_table import CurrentTable, is_stale
 
 
 class CompensationRequest(Schema):
@@ -118,69 +112,3 @@ class CurrentCompensationAnswer(CompensationAnswer):
     reading_age_s: Number = Field(description="Its age [s]")
     stale: bool = Field(description="Whether any sensor's value is older than it may be")
     sensors: list[SensorStateAnswer] = Field(description="Every sensor's state")
-
-
-def table_document(table: CompensationTable) -> dict[str, Any]:
-    """Write a table as `CompensationAnswer` has it."""
-    return {
-        "machine": table.machine_id,
-        "model_version": table.model_version,
-        "computed_at": table.computed_at,
-        "complete": table.complete,
-        "warnings": table.warnings,
-        "components": [_component_document(entry) for entry in table.components],
-    }
-
-
-def current_document(current: CurrentTable) -> dict[str, Any]:
-    """Write the current table as `CurrentCompensationAnswer` has it."""
-    state = current.state
-    return table_document(current.table) | {
-        "reading_time": state.reading.time,
-        "reading_age_s": state.age_s,
-        "stale": is_stale(state),
-        "sensors": [
-            {
-                "sensor": s.sensor,
-                "health": s.health,
-                "temperature_c": s.temperature_c,
-                "age_s": s.age_s,
-                "detail": s.detail,
-            }
-            for s in state.sensors
-        ],
-    }
-
-
-def _component_document(entry: ComponentCompensation) -> dict[str, Any]:
-    component = entry.component
-    origin = entry.origin
-    document: dict[str, Any] = {
-        "component": component.code,
-        "chapter": component.chapter,
-        "axis": component.axis,
-    }
-    if component.is_table:
-        document["positions_mm"] = entry.positions_mm
-        document[component.error_field] = entry.errors
-        document[component.compensation_field] = entry.compensation
-        if entry.backward_errors is not None:
-            document[f"backward_{component.error_field}"] = entry.backward_errors
-            document[f"backward_{component.compensation_field}"] = entry.backward_compensation
-    else:
-        value = float(entry.errors[0])
-        document[component.error_field] = value
-        document[component.compensation_field] = 0.0 - value
-        if component.iso:
-            document["iso"] = component.iso
-            document["iso_error_urad"] = component.iso_sign * value
-    document["sensor"] = origin.sensor
-    if origin.is_stand_in:
-        document["stand_in_for"] = origin.group.sensor
-    document["temperature_c"] = origin.temperature_c
-    document["lower_map"] = origin.lower_map
-    document["upper_map"] = origin.upper_map
-    document["weight"] = origin.weight
-    document["status"] = origin.status
-    document["effects"] = []
-    return document

@@ -1,0 +1,167 @@
+"""The client for asyncio: the same methods, to be awaited."""
+# ruff: noqa: D102 -- each method's docstring is that of the blocking client's
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from inspect import getdoc
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from app.api.routes.health import HealthAnswer, ReadyAnswer
+from app.api.schemas.compensation import CompensationAnswer
+from app.api.schemas.error_maps import ErrorMapAnswer
+from app.api.schemas.machines import MachineAnswer
+from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.predictions import PredictionAnswer
+from app.api.schemas.readings import ReadingSchema, StoredReadings
+from app.client import calls
+from app.client.blocking import ThermapClient
+from app.client.calls import Answer, Call, Content, TaggedTable
+from app.client.connection import explaining, httpx_options, service_url, without_password
+
+
+class AsyncThermapClient:
+    """A thermap service, one method a route, to be awaited.
+
+    Parameters, exceptions and bodies are those of `ThermapClient`; a `transport`
+    may be an `httpx.ASGITransport` around the application itself.
+    """
+
+    def __init__(
+        self,
+        base_url: str | None = None,
+        *,
+        timeout_s: float = 30.0,
+        transport: httpx.AsyncBaseTransport | None = None,
+    ) -> None:
+        self._url = service_url(base_url)
+        self._timeout_s = timeout_s
+        self._http = httpx.AsyncClient(transport=transport, **httpx_options(self._url, timeout_s))
+
+    @property
+    def base_url(self) -> str:
+        return without_password(self._url)
+
+    async def health(self) -> HealthAnswer:
+        return await self.send(calls.health())
+
+    async def ready(self) -> ReadyAnswer:
+        return await self.send(calls.ready())
+
+    async def metrics(self) -> str:
+        return await self.send(calls.metrics())
+
+    async def create_machine(self, settings: Content) -> MachineAnswer:
+        return await self.send(calls.create_machine(settings))
+
+    async def machines(self) -> list[MachineAnswer]:
+        return await self.send(calls.machines())
+
+    async def machine(self, machine: str) -> MachineAnswer:
+        return await self.send(calls.machine(machine))
+
+    async def change_machine(self, machine: str, changes: Content) -> MachineAnswer:
+        return await self.send(calls.change_machine(machine, changes))
+
+    async def delete_machine(self, machine: str) -> None:
+        return await self.send(calls.delete_machine(machine))
+
+    async def store_error_map(self, machine: str, error_map: Content) -> ErrorMapAnswer:
+        return await self.send(calls.store_error_map(machine, error_map))
+
+    async def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
+        return await self.send(calls.error_maps(machine))
+
+    async def error_map(self, machine: str, map_id: int) -> ErrorMapAnswer:
+        return await self.send(calls.error_map(machine, map_id))
+
+    async def delete_error_map(self, machine: str, map_id: int) -> None:
+        return await self.send(calls.delete_error_map(machine, map_id))
+
+    async def sensor_assignment(self, machine: str) -> dict[str, str]:
+        return await self.send(calls.sensor_assignment(machine))
+
+    async def assign_sensors(
+        self, machine: str, assignment: AssignmentSchema | Mapping[str, str]
+    ) -> dict[str, str]:
+        return await self.send(calls.assign_sensors(machine, assignment))
+
+    async def correlate_sensors(self, machine: str) -> CorrelationAnswer:
+        return await self.send(calls.correlate_sensors(machine))
+
+    async def models(self, machine: str) -> list[ModelAnswer]:
+        return await self.send(calls.models(machine))
+
+    async def model(self, machine: str, version: int) -> ModelAnswer:
+        return await self.send(calls.model(machine, version))
+
+    async def activate_model(self, machine: str, version: int) -> ModelAnswer:
+        return await self.send(calls.activate_model(machine, version))
+
+    async def store_readings(
+        self, machine: str, readings: Content | Iterable[Content]
+    ) -> StoredReadings:
+        parts = calls.store_readings(machine, readings)
+        return calls.add_up([await self.send(part) for part in parts])
+
+    async def readings(
+        self,
+        machine: str,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        every_s: float | None = None,
+        limit: int | None = None,
+    ) -> list[ReadingSchema]:
+        return await self.send(calls.readings(machine, since, until, every_s, limit))
+
+    async def compensation(
+        self,
+        machine: str,
+        temperatures_c: Mapping[str, float],
+        state: Mapping[str, float] | None = None,
+    ) -> CompensationAnswer:
+        return await self.send(calls.compensation(machine, temperatures_c, state))
+
+    async def current_table(self, machine: str, etag: str | None = None) -> TaggedTable | None:
+        return await self.send(calls.current_table(machine, etag))
+
+    async def predict(
+        self, machine: str, observations: Sequence[Content], model_version: int | None = None
+    ) -> PredictionAnswer:
+        return await self.send(calls.predict(machine, observations, model_version))
+
+    async def send(self, call: Call[Answer]) -> Answer:
+        return call.answer(await self._exchange(call))
+
+    async def content(self, call: Call[Any]) -> bytes:
+        return call.checked(await self._exchange(call)).content
+
+    async def aclose(self) -> None:
+        """Give up the connections."""
+        await self._http.aclose()
+
+    async def __aenter__(self) -> Self:
+        """Use the client in an `async with` block, which closes it."""
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close at the end of an `async with` block."""
+        await self.aclose()
+
+    async def _exchange(self, call: Call[Any]) -> httpx.Response:
+        with explaining(self._url, self._timeout_s):
+            return await self._http.request(**call.request())
+
+
+for _name, _method in vars(AsyncThermapClient).items():
+    if callable(_method) and not _name.startswith("_") and _method.__doc__ is None:
+        _method.__doc__ = getdoc(getattr(ThermapClient, _name))

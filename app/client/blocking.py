@@ -1,0 +1,209 @@
+"""The client that waits for each answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from app.api.routes.health import HealthAnswer, ReadyAnswer
+from app.api.schemas.compensation import CompensationAnswer
+from app.api.schemas.error_maps import ErrorMapAnswer
+from app.api.schemas.machines import MachineAnswer
+from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.predictions import PredictionAnswer
+from app.api.schemas.readings import ReadingSchema, StoredReadings
+from app.client import calls
+from app.client.calls import Answer, Call, Content, TaggedTable
+from app.client.connection import explaining, httpx_options, service_url, without_password
+
+
+class ThermapClient:
+    """A thermap service, one method a route.
+
+    Parameters
+    ----------
+    base_url
+        Where the service is; THERMAP_URL in the environment or http://127.0.0.1:8000
+        where nothing is stated.
+    timeout_s
+        Longest wait for an answer [s].
+    transport
+        How requests travel; for tests.
+
+    Raises
+    ------
+    ThermapClientError
+        By every method, of the kind that `app.client.errors` draws.
+
+    Notes
+    -----
+    Bodies are the schemas of `app.api.schemas` or mappings with the same fields;
+    numpy arrays may stand wherever a list of numbers may. Safe to share by threads.
+    """
+
+    def __init__(
+        self,
+        base_url: str | None = None,
+        *,
+        timeout_s: float = 30.0,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        self._url = service_url(base_url)
+        self._timeout_s = timeout_s
+        self._http = httpx.Client(transport=transport, **httpx_options(self._url, timeout_s))
+
+    @property
+    def base_url(self) -> str:
+        """Where the service is, without a password."""
+        return without_password(self._url)
+
+    def health(self) -> HealthAnswer:
+        """Ask whether the process lives, and its version."""
+        return self.send(calls.health())
+
+    def ready(self) -> ReadyAnswer:
+        """Ask whether the database is there and every model in memory; not being so is no error."""
+        return self.send(calls.ready())
+
+    def metrics(self) -> str:
+        """Read the metrics in Prometheus' text format."""
+        return self.send(calls.metrics())
+
+    def create_machine(self, settings: Content) -> MachineAnswer:
+        """Create a machine from a `MachineSettings`; ConflictError if its id is taken."""
+        return self.send(calls.create_machine(settings))
+
+    def machines(self) -> list[MachineAnswer]:
+        """List all machines by id."""
+        return self.send(calls.machines())
+
+    def machine(self, machine: str) -> MachineAnswer:
+        """Show one machine."""
+        return self.send(calls.machine(machine))
+
+    def change_machine(self, machine: str, changes: Content) -> MachineAnswer:
+        """Change the settings that a `MachinePatch` states."""
+        return self.send(calls.change_machine(machine, changes))
+
+    def delete_machine(self, machine: str) -> None:
+        """Delete a machine with all its maps, models and readings."""
+        return self.send(calls.delete_machine(machine))
+
+    def store_error_map(self, machine: str, error_map: Content) -> ErrorMapAnswer:
+        """Store an `ErrorMapSchema`; the same content again gives the map that is there."""
+        return self.send(calls.store_error_map(machine, error_map))
+
+    def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
+        """List a machine's error maps in the order in which they were stored."""
+        return self.send(calls.error_maps(machine))
+
+    def error_map(self, machine: str, map_id: int) -> ErrorMapAnswer:
+        """Show one error map by its number."""
+        return self.send(calls.error_map(machine, map_id))
+
+    def delete_error_map(self, machine: str, map_id: int) -> None:
+        """Take an error map out of use; older model versions keep it."""
+        return self.send(calls.delete_error_map(machine, map_id))
+
+    def sensor_assignment(self, machine: str) -> dict[str, str]:
+        """Show which sensor each component follows, component code to sensor."""
+        return self.send(calls.sensor_assignment(machine))
+
+    def assign_sensors(
+        self, machine: str, assignment: AssignmentSchema | Mapping[str, str]
+    ) -> dict[str, str]:
+        """Assign sensors to components, the others keep theirs; gives the whole assignment."""
+        return self.send(calls.assign_sensors(machine, assignment))
+
+    def correlate_sensors(self, machine: str) -> CorrelationAnswer:
+        """Propose sensors by their correlation with the maps; nothing changes."""
+        return self.send(calls.correlate_sensors(machine))
+
+    def models(self, machine: str) -> list[ModelAnswer]:
+        """List all model versions, oldest first."""
+        return self.send(calls.models(machine))
+
+    def model(self, machine: str, version: int) -> ModelAnswer:
+        """Show one model version."""
+        return self.send(calls.model(machine, version))
+
+    def activate_model(self, machine: str, version: int) -> ModelAnswer:
+        """Compute tables with this version from now on."""
+        return self.send(calls.activate_model(machine, version))
+
+    def store_readings(self, machine: str, readings: Content | Iterable[Content]) -> StoredReadings:
+        """Store one `ReadingSchema` or any number of them.
+
+        They travel in parts of 10,000, each stored whole or not at all. After an
+        error the same list may be sent again: what is there counts as duplicates.
+        """
+        return calls.add_up(self.send(part) for part in calls.store_readings(machine, readings))
+
+    def readings(
+        self,
+        machine: str,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        every_s: float | None = None,
+        limit: int | None = None,
+    ) -> list[ReadingSchema]:
+        """List readings in order of time, at most one in `every_s` seconds [s]."""
+        return self.send(calls.readings(machine, since, until, every_s, limit))
+
+    def compensation(
+        self,
+        machine: str,
+        temperatures_c: Mapping[str, float],
+        state: Mapping[str, float] | None = None,
+    ) -> CompensationAnswer:
+        """Compute the table at these temperatures, sensor to temperature [°C]."""
+        return self.send(calls.compensation(machine, temperatures_c, state))
+
+    def current_table(self, machine: str, etag: str | None = None) -> TaggedTable | None:
+        """Compute the table at the latest reading; None while it is the one of this ETag.
+
+        Raises
+        ------
+        ConflictError
+            If there is no reading yet, or no sensor that can be believed.
+        """
+        return self.send(calls.current_table(machine, etag))
+
+    def predict(
+        self, machine: str, observations: Sequence[Content], model_version: int | None = None
+    ) -> PredictionAnswer:
+        """Predict the error of each `ObservationSchema` with the stored readings."""
+        return self.send(calls.predict(machine, observations, model_version))
+
+    def send(self, call: Call[Answer]) -> Answer:
+        """Send a call that `app.client.calls` describes, and read its answer."""
+        return call.answer(self._exchange(call))
+
+    def content(self, call: Call[Any]) -> bytes:
+        """Send a call and return its answer's bytes as they came."""
+        return call.checked(self._exchange(call)).content
+
+    def close(self) -> None:
+        """Give up the connections."""
+        self._http.close()
+
+    def __enter__(self) -> Self:
+        """Use the client in a `with` block, which closes it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close at the end of a `with` block."""
+        self.close()
+
+    def _exchange(self, call: Call[Any]) -> httpx.Response:
+        with explaining(self._url, self._timeout_s):
+            return self._http.request(**call.request())

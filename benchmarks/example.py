@@ -1,0 +1,40 @@
+"""What the benchmarks measure: a machine of 12 components × 21 positions in three maps."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from app.demo.error_maps import run_map
+from app.demo.machine import example_machine
+from app.demo.warm_up import run_temperatures
+from app.main import create_app
+from app.services.context import Context
+from app.services.create_machine import create_machine
+from app.services.store_error_map import store_error_map
+from app.settings import Settings
+from app.storage.database import Database
+from app.storage.migrate import upgrade
+
+STORED_RUNS = (1, 3, 6)
+TEMPERATURES_C = run_temperatures(2)
+
+
+def prepare_database(url: str) -> None:
+    """Store the example machine with three maps."""
+    context = Context(Database(url))
+    upgrade(context.database)
+    create_machine(context, example_machine())
+    for number in STORED_RUNS:
+        store_error_map(context, example_machine().id, run_map(number))
+    context.database.close()
+
+
+def database_url(folder: Path) -> str:
+    """Name the benchmark's SQLite file."""
+    return f"sqlite:///{folder / 'benchmark.db'}"
+
+
+def make_thermap():
+    """Make the service on the database that the environment names (for uvicorn --factory)."""
+    return create_app(Settings(database_url=os.environ["THERMAP_DATABASE_URL"]))

@@ -1,0 +1,192 @@
+"""Machines over HTTP."""
+
+import pytest
+from tests.service_examples import MACHINE, ROOM, START, contents, error_map, iso, problem
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_machine_comes_back_as_it_was_stated_with_defaults_written_out(client):
+    answer = await client.post("/v1/machines", json=MACHINE)
+    assert answer.status_code == 201
+    assert answer.headers["location"] == ROOM
+    created = answer.json()
+    assert created["id"] == "mcfv5050"
+    assert created["name"] == "MCFV5050LN"
+    assert created["configuration"] == "XYFZ"
+    assert created["axes"]["x"] == {"min_mm": 0, "max_mm": 500}
+    assert created["out_of_range"] == "clamp"
+    assert created["extrapolation_margin_c"] == 5
+    assert created["same_temperature"] == "refuse"
+    assert created["active_model"] is None
+    assert created["created_at"] == iso(START)
+    assert created["sensors"][0] == {
+        "name": "x-middle",
+        "stand_in": "y-front",  # the chapter's default, 8.2.9
+        "min_c": -10,
+        "max_c": 80,
+        "max_age_s": 120,
+        "resolution_c": 0.1,
+        "stuck_after_s": 3600,
+        "max_rate_c_per_min": 10,
+    }
+    assert [s["stand_in"] for s in created["sensors"][1:]] == [None, None, None]
+    assert (await client.get(ROOM)).json() == created
+    assert (await client.get("/v1/machines")).json() == [created]
+
+
+async def test_what_a_user_states_of_a_sensor_is_kept(client):
+    sensors = [
+        {"name": "a", "stand_in": "b", "resolution_c": 0.01, "stuck_after_s": 60},
+        {"name": "b", "max_rate_c_per_min": 3.5, "min_c": 0.1, "max_c": 40.3},
+        {"name": "x-middle", "stand_in": None},
+        {"name": "y-front"},
+    ]
+    machine = MACHINE | {"sensors": sensors, "out_of_range": "reject", "same_temperature": "mean"}
+    created = (await client.post("/v1/machines", json=machine)).json()
+    for stated, kept in zip(sensors, created["sensors"], strict=True):
+        assert stated.items() <= kept.items()
+    assert created["sensors"][2]["stand_in"] is None
+    assert created["out_of_range"] == "reject"
+    assert created["same_temperature"] == "mean"
+
+
+async def test_machines_are_listed_by_id(client):
+    for name in ("b", "a", "C"):
+        await client.post("/v1/machines", json=MACHINE | {"id": name})
+    listed = (await client.get("/v1/machines")).json()
+    assert sorted(m["id"] for m in listed) == ["C", "a", "b"]
+
+
+async def test_a_second_machine_of_one_id_is_a_conflict(client, app):
+    await client.post("/v1/machines", json=MACHINE)
+    before = contents(app)
+    found = problem(await client.post("/v1/machines", json=MACHINE | {"name": "other"}), 409)
+    assert "mcfv5050" in found["detail"]
+    assert contents(app) == before
+
+
+@pytest.mark.parametrize(
+    "path", ["", "/error-maps", "/models", "/sensor-assignment", "/readings", "/compensation"]
+)
+async def test_an_unknown_machine_is_told_with_those_that_exist(furnished, path):
+    found = problem(await furnished.get(f"/v1/machines/mcvf5050{path}"), 404)
+    assert "mcvf5050" in found["detail"]
+    assert "mcfv5050" in found["detail"]
+
+
+async def test_a_patch_changes_what_it_states_and_nothing_else(furnished):
+    before = (await furnished.get(ROOM)).json()
+    answer = await furnished.patch(ROOM, json={"name": "Left cell", "out_of_range": "extrapolate"})
+    assert answer.status_code == 200
+    expected = before | {"name": "Left cell", "out_of_range": "extrapolate"}
+    assert answer.json() == expected
+    assert (await furnished.get(ROOM)).json() == expected
+
+
+async def test_axes_are_changed_one_by_one_and_null_removes_one(furnished):
+    axes = {"x": {"min_mm": -5, "max_mm": 505}, "Y": None}
+    changed = (await furnished.patch(ROOM, json={"axes": axes})).json()
+    assert changed["axes"] == {
+        "x": {"min_mm": -5, "max_mm": 505},
+        "z": {"min_mm": 0, "max_mm": 500},
+    }
+
+
+async def test_a_patch_reaches_the_live_table_at_once(furnished):
+    hot = {"temperatures_c": {"x-middle": 40.0, "z-column": 42.0}}
+    table = (await furnished.post(f"{ROOM}/compensation", json=hot)).json()
+    assert {c["status"] for c in table["components"]} == {"clamped"}
+    await furnished.patch(ROOM, json={"out_of_range": "reject"})
+    problem(await furnished.post(f"{ROOM}/compensation", json=hot), 422)
+
+
+async def test_an_empty_patch_changes_nothing(furnished):
+    before = (await furnished.get(ROOM)).json()
+    assert (await furnished.patch(ROOM, json={})).json() == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"sensors": [{"name": "y-front"}, {"name": "z-column"}, {"name": "spindle"}]},
+        {"configuration": "FXY", "axes": {"z": None}},
+    ],
+    ids=["sensor in use", "axis in use"],
+)
+async def test_what_maps_need_cannot_be_taken_away(furnished, app, change):
+    before = contents(app)
+    problem(await furnished.patch(ROOM, json=change), 409)
+    assert contents(app) == before
+    table = await furnished.post(
+        f"{ROOM}/compensation", json={"temperatures_c": {"x-middle": 25.0, "z-column": 25.0}}
+    )
+    assert table.status_code == 200
+
+
+async def test_a_resolution_that_merges_two_maps_is_refused(furnished, app):
+    sensors = [{**s, "resolution_c": 5.0} for s in MACHINE["sensors"]]
+    before = contents(app)
+    found = problem(await furnished.patch(ROOM, json={"sensors": sensors}), 409)
+    assert "Run #1" in found["detail"]
+    assert "Run #3" in found["detail"]
+    assert contents(app) == before
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"name": None}, "name"),
+        ({"sensors": None}, "sensors"),
+        ({"id": "other"}, "id"),
+        ({"extrapolation_margin_c": -1}, "extrapolation_margin_c"),
+        ({"configuration": "XYZ"}, "configuration"),
+        ({"sensors": [{"name": "a"}, {"name": "a"}]}, "sensors"),
+        ({"sensors": [{"name": "a", "stand_in": "b"}]}, "sensors.a.stand_in"),
+        ({"axes": {"x": {"min_mm": 5, "max_mm": 5}}}, "axes.x"),
+        ({"axes": {"w": {"min_mm": 0, "max_mm": 5}}}, "axes"),
+    ],
+)
+async def test_a_patch_that_makes_no_sense_names_its_field(furnished, app, change, field):
+    before = contents(app)
+    found = problem(await furnished.patch(ROOM, json=change), 422)
+    assert field in [e["field"] for e in found["errors"]]
+    assert contents(app) == before
+
+
+async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(furnished, app):
+    await furnished.post("/v1/machines", json=MACHINE | {"id": "other"})
+    await furnished.post("/v1/machines/other/error-maps", json=error_map("Run #1", 20.0))
+    reading = {"time": iso(START), "temperatures_c": {"x-middle": 20.0}}
+    await furnished.post(f"{ROOM}/readings", json=reading)
+    answer = await furnished.delete(ROOM)
+    assert (answer.status_code, answer.content) == (204, b"")
+    for path in ("", "/compensation", "/readings", "/models"):
+        problem(await furnished.get(f"{ROOM}{path}"), 404)
+    problem(await furnished.delete(ROOM), 404)
+    left = contents(app)
+    assert all("mcfv5050" not in row for rows in left.values() for row in rows)
+    assert {table: len(rows) for table, rows in left.items()} == {
+        "machine": 1,
+        "error_map": 1,
+        "error_map_component": 4,
+        "model_version": 1,
+        "model_version_map": 1,
+        "reading": 0,
+    }
+
+
+async def test_a_machine_made_again_has_nothing_of_the_old_one(furnished):
+    await furnished.post(
+        f"{ROOM}/readings", json={"time": iso(START), "temperatures_c": {"x-middle": 20.0}}
+    )
+    await furnished.delete(ROOM)
+    await furnished.post("/v1/machines", json=MACHINE)
+    assert (await furnished.get(ROOM)).json()["active_model"] is None
+    assert (await furnished.get(f"{ROOM}/error-maps")).json() == []
+    assert (await furnished.get(f"{ROOM}/models")).json() == []
+    problem(await furnished.get(f"{ROOM}/compensation"), 409)
+    temperatures = {"temperatures_c": {"x-middle": 25.0}}
+    problem(await furnished.post(f"{ROOM}/compensation", json=temperatures), 422)
+    answer = await furnished.post(f"{ROOM}/error-maps", json=error_map("Run #1", 20.0))
+    assert answer.status_code == 201

@@ -1,0 +1,137 @@
+"""The machine, the maps and the readings that tests of the service speak of.
+
+Three maps of one machine. Every error is chosen so that tables between the maps can
+be computed by hand: see `error_map`.
+"""
+
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy import select
+
+from app.storage.tables import Base
+
+START = datetime(2026, 3, 1, 6, 0, tzinfo=UTC)
+"""When the tests' clock stands."""
+
+ROOM = "/v1/machines/mcfv5050"
+
+MACHINE = {
+    "id": "mcfv5050",
+    "name": "MCFV5050LN",
+    "configuration": "XYFZ",
+    "axes": {
+        "x": {"min_mm": 0, "max_mm": 500},
+        "y": {"min_mm": 0, "max_mm": 500},
+        "z": {"min_mm": 0, "max_mm": 500},
+    },
+    "sensors": [
+        {"name": "x-middle", "min_c": -10, "max_c": 80, "max_age_s": 120},
+        {"name": "y-front", "min_c": -10, "max_c": 80, "max_age_s": 120},
+        {"name": "z-column", "max_age_s": 120},
+        {"name": "spindle", "max_age_s": 120},
+    ],
+}
+
+MAPS = {"Run #1": 20.0, "Run #3": 24.0, "Run #6": 30.0}
+"""Label to the temperature of x-middle [°C]; y-front reads 1 °C less, z-column 2 °C more."""
+
+
+class Clock:
+    """A clock that moves when it is told to."""
+
+    def __init__(self, time=START):
+        self.time = time
+
+    def __call__(self):
+        return self.time
+
+    def advance(self, seconds):
+        self.time += timedelta(seconds=seconds)
+
+
+def iso(time):
+    """Write a time as the service does."""
+    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def temperatures(t_c):
+    """All sensors' temperatures when x-middle has this one."""
+    return {"x-middle": t_c, "y-front": t_c - 1.0, "z-column": t_c + 2.0, "spindle": t_c + 5.0}
+
+
+def error_map(label, t_c, **changes):
+    """A map measured at a temperature of x-middle [°C].
+
+    EXX is (t − 20)·x/100 µm, EBX twice that in µrad, EZZ (t − 20)·z/50 µm where
+    z-column reads t + 2, and SXY −t µm/m.
+    """
+    grown = t_c - 20.0
+    content = {
+        "label": label,
+        "measured_at": iso(START - timedelta(days=1)),
+        "temperatures_c": temperatures(t_c),
+        "components": [
+            table("EXX", [0, 100, 500], [0.0, grown, 5 * grown]),
+            table("EBX", [0, 500], [0.0, 10 * grown], unit="urad"),
+            table("EZZ", [0, 50, 500], [0.0, grown, 10 * grown]),
+            {"component": "SXY", "value_um_per_m": -t_c},
+        ],
+    }
+    return {**content, **changes}
+
+
+def table(component, positions_mm, errors, unit="um", **more):
+    """One component over positions."""
+    return {
+        "component": component,
+        "positions_mm": positions_mm,
+        f"errors_{unit}": errors,
+        **more,
+    }
+
+
+def reading(time, t_c, **changes):
+    """A reading of all sensors."""
+    return {"time": iso(time), "temperatures_c": temperatures(t_c), "state": {}} | changes
+
+
+async def furnish(client, machine=MACHINE, maps=MAPS):
+    """Store the example machine with its maps."""
+    answer = await client.post("/v1/machines", json=machine)
+    assert answer.status_code == 201, answer.text
+    for label, t_c in maps.items():
+        answer = await client.post(
+            f"/v1/machines/{machine['id']}/error-maps", json=error_map(label, t_c)
+        )
+        assert answer.status_code == 201, answer.text
+
+
+def by_code(document):
+    """A table's components by their codes."""
+    return {entry["component"]: entry for entry in document["components"]}
+
+
+def problem(answer, status):
+    """Check that an answer is a problem as RFC 9457 has it, and return it."""
+    assert answer.status_code == status, f"{answer.status_code} {answer.text[:1000]}"
+    assert answer.headers["content-type"] == "application/problem+json"
+    found = answer.json()
+    assert set(found) == {"type", "title", "status", "detail", "errors"}
+    assert found["status"] == status
+    assert found["type"]
+    assert found["title"]
+    assert len(found["detail"]) > 10
+    for error in found["errors"]:
+        assert set(error) == {"field", "message"}
+        assert error["field"]
+        assert len(error["message"]) > 10
+    return found
+
+
+def contents(service):
+    """Everything that a service's database holds: table to its rows, as they are stored."""
+    with service.state.context.database.reading() as session:
+        return {
+            table.name: sorted(repr(tuple(row)) for row in session.execute(select(table)))
+            for table in Base.metadata.sorted_tables
+        }

@@ -1,0 +1,230 @@
+"""Whether a sensor can be believed."""
+
+import pytest
+
+from app.errors import InvalidContent
+from app.thermal.machine import Sensor
+from app.thermal.sensor_health import (
+    Health,
+    assess_sensors,
+    check_temperatures,
+    grow_older,
+)
+from app.thermal.temperature_history import TemperatureHistory
+from tests.thermal.example_maps import machine
+
+MINUTE = 60.0
+HOUR = 3600.0
+
+# Defaults of a sensor: stale after 600 s, stuck after 3600 s, 10 °C/min, 0.1 °C.
+THREE = machine(Sensor("a"), Sensor("b"), Sensor("c"))
+
+
+def assessed(readings, sensors=THREE):
+    history = TemperatureHistory.of_readings(sensors.sensors, readings)
+    return {state.sensor: state for state in assess_sensors(sensors, history)}
+
+
+def every_ten_minutes(hours, **temperatures):
+    """Readings as functions of the time in hours, or a constant."""
+    return [
+        (
+            i * 600.0,
+            {k: f(i / 6) if callable(f) else f for k, f in temperatures.items() if f is not None},
+        )
+        for i in range(hours * 6 + 1)
+    ]
+
+
+def health(states):
+    return {name: str(state.health) for name, state in states.items()}
+
+
+# --- missing, stale, out of range --------------------------------------------------------
+
+
+def test_all_is_well():
+    states = assessed([(0.0, {"a": 20.0, "b": 21.0, "c": 22.0})])
+    assert health(states) == {"a": "ok", "b": "ok", "c": "ok"}
+    assert (states["b"].temperature_c, states["b"].age_s, states["b"].detail) == (21.0, 0.0, "")
+
+
+def test_a_sensor_that_no_reading_has_is_missing():
+    states = assessed([(0.0, {"a": 20.0, "b": 20.0})])
+    assert states["c"].health is Health.MISSING
+    assert (states["c"].temperature_c, states["c"].age_s) == (None, None)
+    assert states["c"].detail == "c is missing: no reading has it"
+    assert set(health(assessed([])).values()) == {"missing"}
+
+
+def test_a_sensor_that_falls_silent_is_stale_after_its_maximum_age():
+    """Age counts from its own last value to the latest reading of any sensor."""
+    just = assessed([(0.0, {"a": 20.0, "b": 20.0}), (600.0, {"b": 20.0})])
+    assert just["a"].health is Health.OK
+    assert (just["a"].age_s, just["b"].age_s) == (600.0, 0.0)
+    late = assessed([(0.0, {"a": 20.0, "b": 20.0}), (601.0, {"b": 20.0})])
+    assert late["a"].health is Health.STALE
+    assert late["a"].temperature_c == 20.0
+    assert "last value is 601 s old, at most 600 s are allowed" in late["a"].detail
+
+
+def test_time_without_readings_makes_stale():
+    states = assessed([(0.0, {"a": 20.0, "b": 300.0, "c": 20.0})])
+    soon = {s.sensor: s for s in grow_older(THREE, states.values(), 600.0)}
+    assert health(soon) == {"a": "ok", "b": "out-of-range", "c": "ok"}
+    assert soon["a"].age_s == 600.0
+    later = {s.sensor: s for s in grow_older(THREE, soon.values(), 0.5)}
+    # What is worse than stale stays so.
+    assert health(later) == {"a": "stale", "b": "out-of-range", "c": "stale"}
+    assert later["b"].age_s == 600.5
+
+
+def test_a_missing_sensor_has_no_age_to_grow():
+    states = assessed([(0.0, {"a": 20.0})])
+    older = {s.sensor: s for s in grow_older(THREE, states.values(), 1e6)}
+    assert older["b"] == states["b"]
+
+
+@pytest.mark.parametrize("value", [-273.15, -50.1, 150.1, 1e9])
+def test_a_value_outside_the_range_is_the_sensors_failure(value):
+    states = assessed([(0.0, {"a": 20.0, "b": 20.0}), (60.0, {"a": value, "b": 20.0})])
+    assert states["a"].health is Health.OUT_OF_RANGE
+    assert states["a"].temperature_c == value
+    assert "expected a temperature of a from -50 to 150 °C, came" in states["a"].detail
+
+
+def test_back_in_range_it_is_well_again():
+    readings = [(0.0, {"a": 20.0}), (60.0, {"a": -999.0}), (120.0, {"a": 20.5})]
+    assert assessed(readings)["a"].health is Health.OK
+
+
+# --- kelvin ------------------------------------------------------------------------------
+
+
+def test_temperatures_without_history_are_judged_by_their_range():
+    states = check_temperatures(THREE, {"a": 20.0, "b": 151.0})
+    assert [(s.sensor, str(s.health)) for s in states] == [("a", "ok"), ("b", "out-of-range")]
+    assert states[0].age_s is None
+    assert check_temperatures(THREE, {"a": float("nan")})[0].health is Health.OUT_OF_RANGE
+
+
+def test_kelvin_and_unknown_sensors_are_mistakes_of_the_sender_each_named():
+    with pytest.raises(InvalidContent) as refusal:
+        check_temperatures(THREE, {"a": 293.15, "b": 20.0, "d": 20.0})
+    assert [e.field for e in refusal.value.errors] == ["temperatures_c.a", "temperatures_c.d"]
+    assert "came 293.15, which would be 20.00 °C if it was meant in kelvin" in refusal.value.detail
+    assert "has no sensor 'd'; it has a, b, c" in refusal.value.detail
+
+
+# --- jump --------------------------------------------------------------------------------
+
+
+def test_a_jump_faster_than_heat_moves_is_not_believed():
+    """10 °C/min over one minute, and ten resolutions of 0.1 °C: 11 °C are allowed."""
+    allowed = assessed([(0.0, {"a": 20.0}), (MINUTE, {"a": 31.0})])
+    assert allowed["a"].health is Health.OK
+    jumped = assessed([(0.0, {"a": 20.0}), (MINUTE, {"a": 31.1})])
+    assert jumped["a"].health is Health.JUMP
+    assert jumped["a"].temperature_c == 31.1
+    assert jumped["a"].detail == (
+        "a jumped from 20 to 31.1 °C within 60 s, expected at most 10 °C/min"
+    )
+    assert assessed([(0.0, {"a": 31.1}), (MINUTE, {"a": 20.0})])["a"].health is Health.JUMP
+
+
+def test_after_a_spike_the_return_is_no_jump():
+    readings = [(0.0, {"a": 20.0}), (10.0, {"a": 80.0}), (20.0, {"a": 20.1})]
+    assert assessed(readings[:2])["a"].health is Health.JUMP
+    assert assessed(readings)["a"].health is Health.OK
+
+
+def test_a_new_level_is_believed_once_heat_could_have_reached_it():
+    """From 20 to 60 °C: 39 °C beyond the allowance take 3.9 min at 10 °C/min."""
+    readings = [(0.0, {"a": 20.0})] + [(i * 30.0, {"a": 60.0}) for i in range(1, 9)]
+    assert assessed(readings[:8])["a"].health is Health.JUMP  # at 210 s
+    assert assessed(readings)["a"].health is Health.OK  # at 240 s
+
+
+def test_a_spike_at_the_start_of_the_record_does_not_condemn_the_rest_for_ever():
+    readings = [(0.0, {"a": 80.0})] + [(i * MINUTE, {"a": 20.0}) for i in range(1, 8)]
+    assert assessed(readings[:3])["a"].health is Health.JUMP
+    assert assessed(readings)["a"].health is Health.OK
+
+
+def test_values_out_of_range_take_no_part_in_the_judgement_of_jumps():
+    readings = [
+        (0.0, {"a": -999.0}),
+        (10.0, {"a": 20.0}),
+        (20.0, {"a": 999.0}),
+        (30.0, {"a": 20.0}),
+    ]
+    assert assessed(readings)["a"].health is Health.OK
+
+
+def test_warming_up_quickly_for_long_is_no_jump():
+    readings = [(i * 6.0, {"a": 20.0 + i}) for i in range(60)]
+    assert assessed(readings)["a"].health is Health.OK
+
+
+# --- stuck -------------------------------------------------------------------------------
+
+
+def warming(rate_c_per_h):
+    return lambda hours: 20.0 + rate_c_per_h * hours
+
+
+def test_a_sensor_that_stands_still_while_its_neighbours_move_is_stuck():
+    states = assessed(every_ten_minutes(2, a=21.5, b=warming(3), c=warming(5)))
+    assert health(states) == {"a": "stuck", "b": "ok", "c": "ok"}
+    assert states["a"].temperature_c == 21.5
+    assert states["a"].detail == (
+        "a is stuck: exactly 21.5 °C for 7200 s while its neighbours moved by 8 °C"
+    )
+
+
+def test_not_when_the_neighbours_rest_too():
+    """A night at 20 °C: movements below ten resolutions (1 °C) prove nothing."""
+    states = assessed(every_ten_minutes(8, a=20.0, b=20.0, c=warming(0.1)))
+    assert health(states) == {"a": "ok", "b": "ok", "c": "ok"}
+
+
+def test_not_before_the_time_is_up():
+    stuck_for = every_ten_minutes(1, a=20.0, b=warming(9), c=warming(9))
+    assert assessed(stuck_for[:-1])["a"].health is Health.OK
+    assert assessed(stuck_for)["a"].health is Health.STUCK
+
+
+def test_the_time_counts_from_the_last_change():
+    """a moved until 2 h and rests since: 50 min later that is not yet an hour."""
+    readings = every_ten_minutes(3, a=lambda h: 20.0 + min(h, 2.0), b=warming(9), c=warming(9))
+    assert assessed(readings[:-1])["a"].health is Health.OK
+    assert assessed(readings)["a"].health is Health.STUCK
+
+
+def test_the_neighbours_movement_counts_from_then_too():
+    """b and c moved before a came to rest and rest with it since."""
+
+    def ended(rate):
+        return lambda h: 20.0 + rate * min(h, 2.0)
+
+    states = assessed(every_ten_minutes(4, a=ended(1), b=ended(9), c=ended(9)))
+    assert set(health(states).values()) == {"ok"}
+
+
+def test_one_neighbour_of_three_that_moves_is_not_the_rule():
+    """The spindle alone warms up; the middle one of the neighbours rests."""
+    four = machine(Sensor("a"), Sensor("b"), Sensor("c"), Sensor("spindle"))
+    readings = every_ten_minutes(2, a=20.0, b=20.0, c=20.0, spindle=warming(20))
+    assert health(assessed(readings, four))["a"] == "ok"
+
+
+def test_a_neighbour_that_breaks_does_not_move():
+    """−999 °C is no temperature: a 1000 °C movement would condemn every resting sensor."""
+    two = machine(Sensor("a"), Sensor("b"))
+    readings = every_ten_minutes(2, a=20.0, b=lambda h: 20.0 if h < 1.5 else -999.0)
+    assert health(assessed(readings, two)) == {"a": "ok", "b": "out-of-range"}
+
+
+def test_a_machine_with_one_sensor_cannot_tell():
+    alone = machine(Sensor("a"))
+    assert health(assessed(every_ten_minutes(8, a=20.0), alone)) == {"a": "ok"}
