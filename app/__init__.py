@@ -1,3 +1,3 @@
-"""thermap: thermal error maps of machine tools, and the compensation table for live temperatures."""
+"""thermap: thermal error maps of machine tools, and compensation tables for live temperatures."""
 
 __version__ = "0.1.0"

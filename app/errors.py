@@ -62,8 +62,7 @@ class InvalidContent(ThermapError):
     def inside(self, prefix: str) -> InvalidContent:
         """Return the same error with its fields named from one level further out."""
         errors = [FieldError(f"{prefix}.{e.field}", e.message) for e in self.errors]
-        moved = type(self)(self.detail, errors or [FieldError(prefix, self.detail)])
-        return moved
+        return type(self)(self.detail, errors or [FieldError(prefix, self.detail)])
 
 
 class UnknownComponent(InvalidContent):

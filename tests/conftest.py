@@ -3,14 +3,13 @@
 import os
 from dataclasses import replace
 
-import httpx
 import pytest
 from hypothesis import settings
 
 from app.main import create_app
 from app.settings import Settings
 from tests.databases import Databases, NotReachable
-from tests.service_examples import Clock, furnish
+from tests.service_examples import Clock, client_of, furnish_database
 
 # The same examples in every run, and no clock in the verdict.
 settings.register_profile("thermap", derandomize=True, deadline=None, database=None)
@@ -58,6 +57,14 @@ def database_url(request, databases):
     databases.drop(url)
 
 
+@pytest.fixture(params=KINDS)
+def furnished_url(request, databases):
+    """A database that has the example machine with three maps."""
+    url = reachable(lambda kind: databases.copied(kind, furnish_database), request.param)
+    yield url
+    databases.drop(url)
+
+
 @pytest.fixture
 def sqlite_url(databases):
     url = databases.migrated("sqlite")
@@ -95,30 +102,26 @@ def new_app(clock):
 
 
 @pytest.fixture
-def app(new_app, database_url):
-    """The service on each kind of database."""
+def empty_app(new_app, database_url):
+    """The service on an empty database of each kind."""
     return new_app(database_url)
 
 
 @pytest.fixture
-def client_of():
-    """Make clients; the service's own exceptions come back as its answers."""
-
-    def make(service):
-        transport = httpx.ASGITransport(app=service, raise_app_exceptions=False)
-        return httpx.AsyncClient(transport=transport, base_url="http://thermap", trust_env=False)
-
-    return make
-
-
-@pytest.fixture
-async def client(app, client_of):
-    async with client_of(app) as client:
+async def empty(empty_app):
+    """A client of the service on an empty database."""
+    async with client_of(empty_app) as client:
         yield client
 
 
 @pytest.fixture
-async def furnished(client):
-    """A client of a service that has the example machine with three maps."""
-    await furnish(client)
-    return client
+def app(new_app, furnished_url):
+    """The service with the example machine and its maps, on each kind of database."""
+    return new_app(furnished_url)
+
+
+@pytest.fixture
+async def client(app):
+    """A client of the service with the example machine."""
+    async with client_of(app) as client:
+        yield client

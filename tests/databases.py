@@ -19,6 +19,10 @@ class NotReachable(Exception):
     """There is no such server here."""
 
 
+NO_WAIT = {"options": "-c synchronous_commit=off"}
+"""PostgreSQL answers before its disk does: its durability is not what is tested here."""
+
+
 class Databases:
     """Makes SQLite files in a folder and databases on the PostgreSQL server, and drops them."""
 
@@ -34,12 +38,15 @@ class Databases:
 
     def migrated(self, kind):
         """Make a database with the newest tables; return its URL."""
-        if kind not in self._templates:
-            self._templates[kind] = self.empty(kind)
-            database = Database(self._templates[kind])
-            upgrade(database)
-            database.close()
-        return self._make(kind, self._templates[kind])
+        return self.copied(kind, _upgrade)
+
+    def copied(self, kind, prepare):
+        """Make a database as `prepare`, given the URL of an empty one, once left it."""
+        if (kind, prepare) not in self._templates:
+            url = self.empty(kind)
+            prepare(url)
+            self._templates[kind, prepare] = url
+        return self._make(kind, self._templates[kind, prepare])
 
     def drop(self, url):
         """Remove a database, whoever is still connected to it."""
@@ -64,7 +71,8 @@ class Databases:
         else:
             source = f' TEMPLATE "{make_url(template).database}"' if template else ""
             self._execute(f'CREATE DATABASE "{name}"{source}')
-            url = make_url(POSTGRESQL).set(database=name).render_as_string(hide_password=False)
+            url = make_url(POSTGRESQL).set(database=name).update_query_dict(NO_WAIT)
+            url = url.render_as_string(hide_password=False)
         self._made.add(url)
         return url
 
@@ -76,3 +84,9 @@ class Databases:
                 shown = make_url(POSTGRESQL).render_as_string()
                 raise NotReachable(f"no PostgreSQL reachable at {shown}: {error}") from None
         self._server.execute(statement)
+
+
+def _upgrade(url):
+    database = Database(url)
+    upgrade(database)
+    database.close()

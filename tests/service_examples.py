@@ -4,10 +4,15 @@ Three maps of one machine. Every error is chosen so that tables between the maps
 be computed by hand: see `error_map`.
 """
 
+import asyncio
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import httpx
 from sqlalchemy import select
 
+from app.main import create_app
+from app.settings import Settings
 from app.storage.tables import Base
 
 START = datetime(2026, 3, 1, 6, 0, tzinfo=UTC)
@@ -93,6 +98,25 @@ def table(component, positions_mm, errors, unit="um", **more):
 def reading(time, t_c, **changes):
     """A reading of all sensors."""
     return {"time": iso(time), "temperatures_c": temperatures(t_c), "state": {}} | changes
+
+
+def client_of(service):
+    """Make a client; the service's own exceptions come back as its answers."""
+    transport = httpx.ASGITransport(app=service, raise_app_exceptions=False)
+    return httpx.AsyncClient(transport=transport, base_url="http://thermap", trust_env=False)
+
+
+def furnish_database(url):
+    """Store the example machine with its maps in an empty database."""
+    service = create_app(Settings(database_url=url))
+    service.state.context = replace(service.state.context, now=Clock())
+
+    async def store():
+        async with client_of(service) as client:
+            await furnish(client)
+
+    asyncio.run(store())
+    service.state.context.database.close()
 
 
 async def furnish(client, machine=MACHINE, maps=MAPS):

@@ -88,7 +88,7 @@ async def _thermap_error(_request: Request, error: Exception) -> Response:
 
 async def _invalid_request(_request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError | ValidationError)
-    found = [_field_error(e) for e in error.errors()]
+    found = [field_error(e) for e in error.errors()]
     more = f" (and {len(found) - 3} more)" if len(found) > 3 else ""
     detail = "; ".join(f"{e.field}: {e.message}" for e in found[:3]) + more
     return problem(422, "Invalid content", detail, found[:_SHOWN])
@@ -119,7 +119,7 @@ async def _unexpected(request: Request, error: Exception) -> Response:
     )
 
 
-def _field_error(error: Mapping[str, Any]) -> FieldError:
+def field_error(error: Mapping[str, Any]) -> FieldError:
     """Say of one of pydantic's errors what was expected, what came, and the unit."""
     path = [str(part) for part in error["loc"] if part not in ("body", "query", "path")]
     if error["type"] == "json_invalid":

@@ -6,7 +6,7 @@ Both clients send these; neither knows a path or a body.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
@@ -271,7 +271,7 @@ def _of(machine_id: str, *further: str | int) -> str:
 
 
 @cache
-def _adapter(kind: Hashable) -> TypeAdapter[Any]:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
@@ -279,7 +279,7 @@ def _read(kind: type[Answer]) -> Callable[[httpx.Response], Answer]:
     """Make the reader of a JSON answer; fields that a newer service adds are passed over."""
 
     def read(response: httpx.Response) -> Answer:
-        adapter = _adapter(cast("Hashable", kind))
+        adapter = _adapter(cast("Any", kind))
         found: Answer = adapter.validate_json(response.content, extra="ignore")
         return found
 

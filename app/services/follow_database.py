@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from datetime import datetime
 from threading import Event, Thread
 
 from app.errors import StorageUnavailable, ThermapError, UnknownThing
@@ -64,7 +65,7 @@ class DatabaseFollower:
         self._seen_revisions = seen
         self._seen_reading = newest
 
-    def _load(self, wanted: dict[str, tuple[object, int]]) -> None:
+    def _load(self, wanted: dict[str, tuple[datetime, int]]) -> None:
         live = self._context.live
         have = live.stamps()
         for machine_id in have.keys() - wanted.keys():

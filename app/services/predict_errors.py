@@ -172,6 +172,6 @@ def _absent(model: CompiledModel) -> list[str]:
         and code not in have
         and (c.axis is None or c.axis in model.machine.chain.axes)
     ]
-    return [f"counted as zero at points, because no two maps have them: {', '.join(absent)}"] * bool(
-        absent
-    )
+    if not absent:
+        return []
+    return [f"counted as zero at points, because no two maps have them: {', '.join(absent)}"]

@@ -31,7 +31,8 @@ def show_error_maps(context: Context, machine_id: str) -> tuple[list[StoredMap],
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         version = active_version(session, row)
-        return list_error_maps(session, machine_id), {m.id for m in version.maps} if version else set()
+        in_active_model = {m.id for m in version.maps} if version else set()
+        return list_error_maps(session, machine_id), in_active_model
 
 
 def show_error_map(context: Context, machine_id: str, map_id: int) -> tuple[StoredMap, bool]:

@@ -16,13 +16,14 @@ BATCH = 2000
 """Rows a statement: SQLite and PostgreSQL allow some 32,000 values in one."""
 
 
+_ONE_TIME = ["machine_id", "time"]
+
+
 def insert_readings(
     session: Session, machine_id: str, readings: Sequence[Reading]
 ) -> set[datetime]:
     """Add readings whose times are not there yet; return the times that were added."""
-    insert = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[
-        session.get_bind().dialect.name
-    ]
+    on_sqlite = session.get_bind().dialect.name == "sqlite"
     added: set[datetime] = set()
     for start in range(0, len(readings), BATCH):
         rows = [
@@ -34,9 +35,8 @@ def insert_readings(
             }
             for reading in readings[start : start + BATCH]
         ]
-        statement = insert(ReadingRow).values(rows).on_conflict_do_nothing(
-            index_elements=["machine_id", "time"]
-        )
+        insert = sqlite.insert(ReadingRow) if on_sqlite else postgresql.insert(ReadingRow)
+        statement = insert.values(rows).on_conflict_do_nothing(index_elements=_ONE_TIME)
         added.update(session.scalars(statement.returning(ReadingRow.time)))
     return added
 

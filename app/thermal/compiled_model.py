@@ -30,6 +30,7 @@ from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, SameTemperature, Sensor
 from app.thermal.resampling import common_positions, sample_table
 
+
 @dataclass(frozen=True, slots=True)
 class Scale:
     """One sensor's temperatures of the maps, increasing, and the matrix row of each."""

@@ -6,8 +6,8 @@ from tests.service_examples import MACHINE, ROOM, START, contents, error_map, is
 pytestmark = pytest.mark.anyio
 
 
-async def test_a_machine_comes_back_as_it_was_stated_with_defaults_written_out(client):
-    answer = await client.post("/v1/machines", json=MACHINE)
+async def test_a_machine_comes_back_as_it_was_stated_with_defaults_written_out(empty):
+    answer = await empty.post("/v1/machines", json=MACHINE)
     assert answer.status_code == 201
     assert answer.headers["location"] == ROOM
     created = answer.json()
@@ -31,11 +31,11 @@ async def test_a_machine_comes_back_as_it_was_stated_with_defaults_written_out(c
         "max_rate_c_per_min": 10,
     }
     assert [s["stand_in"] for s in created["sensors"][1:]] == [None, None, None]
-    assert (await client.get(ROOM)).json() == created
-    assert (await client.get("/v1/machines")).json() == [created]
+    assert (await empty.get(ROOM)).json() == created
+    assert (await empty.get("/v1/machines")).json() == [created]
 
 
-async def test_what_a_user_states_of_a_sensor_is_kept(client):
+async def test_what_a_user_states_of_a_sensor_is_kept(empty):
     sensors = [
         {"name": "a", "stand_in": "b", "resolution_c": 0.01, "stuck_after_s": 60},
         {"name": "b", "max_rate_c_per_min": 3.5, "min_c": 0.1, "max_c": 40.3},
@@ -43,7 +43,7 @@ async def test_what_a_user_states_of_a_sensor_is_kept(client):
         {"name": "y-front"},
     ]
     machine = MACHINE | {"sensors": sensors, "out_of_range": "reject", "same_temperature": "mean"}
-    created = (await client.post("/v1/machines", json=machine)).json()
+    created = (await empty.post("/v1/machines", json=machine)).json()
     for stated, kept in zip(sensors, created["sensors"], strict=True):
         assert stated.items() <= kept.items()
     assert created["sensors"][2]["stand_in"] is None
@@ -51,59 +51,59 @@ async def test_what_a_user_states_of_a_sensor_is_kept(client):
     assert created["same_temperature"] == "mean"
 
 
-async def test_machines_are_listed_by_id(client):
+async def test_machines_are_listed_by_id(empty):
     for name in ("b", "a", "C"):
-        await client.post("/v1/machines", json=MACHINE | {"id": name})
-    listed = (await client.get("/v1/machines")).json()
+        await empty.post("/v1/machines", json=MACHINE | {"id": name})
+    listed = (await empty.get("/v1/machines")).json()
     assert sorted(m["id"] for m in listed) == ["C", "a", "b"]
 
 
-async def test_a_second_machine_of_one_id_is_a_conflict(client, app):
-    await client.post("/v1/machines", json=MACHINE)
-    before = contents(app)
-    found = problem(await client.post("/v1/machines", json=MACHINE | {"name": "other"}), 409)
+async def test_a_second_machine_of_one_id_is_a_conflict(empty, empty_app):
+    await empty.post("/v1/machines", json=MACHINE)
+    before = contents(empty_app)
+    found = problem(await empty.post("/v1/machines", json=MACHINE | {"name": "other"}), 409)
     assert "mcfv5050" in found["detail"]
-    assert contents(app) == before
+    assert contents(empty_app) == before
 
 
 @pytest.mark.parametrize(
     "path", ["", "/error-maps", "/models", "/sensor-assignment", "/readings", "/compensation"]
 )
-async def test_an_unknown_machine_is_told_with_those_that_exist(furnished, path):
-    found = problem(await furnished.get(f"/v1/machines/mcvf5050{path}"), 404)
+async def test_an_unknown_machine_is_told_with_those_that_exist(client, path):
+    found = problem(await client.get(f"/v1/machines/mcvf5050{path}"), 404)
     assert "mcvf5050" in found["detail"]
     assert "mcfv5050" in found["detail"]
 
 
-async def test_a_patch_changes_what_it_states_and_nothing_else(furnished):
-    before = (await furnished.get(ROOM)).json()
-    answer = await furnished.patch(ROOM, json={"name": "Left cell", "out_of_range": "extrapolate"})
+async def test_a_patch_changes_what_it_states_and_nothing_else(client):
+    before = (await client.get(ROOM)).json()
+    answer = await client.patch(ROOM, json={"name": "Left cell", "out_of_range": "extrapolate"})
     assert answer.status_code == 200
     expected = before | {"name": "Left cell", "out_of_range": "extrapolate"}
     assert answer.json() == expected
-    assert (await furnished.get(ROOM)).json() == expected
+    assert (await client.get(ROOM)).json() == expected
 
 
-async def test_axes_are_changed_one_by_one_and_null_removes_one(furnished):
+async def test_axes_are_changed_one_by_one_and_null_removes_one(client):
     axes = {"x": {"min_mm": -5, "max_mm": 505}, "Y": None}
-    changed = (await furnished.patch(ROOM, json={"axes": axes})).json()
+    changed = (await client.patch(ROOM, json={"axes": axes})).json()
     assert changed["axes"] == {
         "x": {"min_mm": -5, "max_mm": 505},
         "z": {"min_mm": 0, "max_mm": 500},
     }
 
 
-async def test_a_patch_reaches_the_live_table_at_once(furnished):
+async def test_a_patch_reaches_the_live_table_at_once(client):
     hot = {"temperatures_c": {"x-middle": 40.0, "z-column": 42.0}}
-    table = (await furnished.post(f"{ROOM}/compensation", json=hot)).json()
+    table = (await client.post(f"{ROOM}/compensation", json=hot)).json()
     assert {c["status"] for c in table["components"]} == {"clamped"}
-    await furnished.patch(ROOM, json={"out_of_range": "reject"})
-    problem(await furnished.post(f"{ROOM}/compensation", json=hot), 422)
+    await client.patch(ROOM, json={"out_of_range": "reject"})
+    problem(await client.post(f"{ROOM}/compensation", json=hot), 422)
 
 
-async def test_an_empty_patch_changes_nothing(furnished):
-    before = (await furnished.get(ROOM)).json()
-    assert (await furnished.patch(ROOM, json={})).json() == before
+async def test_an_empty_patch_changes_nothing(client):
+    before = (await client.get(ROOM)).json()
+    assert (await client.patch(ROOM, json={})).json() == before
 
 
 @pytest.mark.parametrize(
@@ -114,20 +114,20 @@ async def test_an_empty_patch_changes_nothing(furnished):
     ],
     ids=["sensor in use", "axis in use"],
 )
-async def test_what_maps_need_cannot_be_taken_away(furnished, app, change):
+async def test_what_maps_need_cannot_be_taken_away(client, app, change):
     before = contents(app)
-    problem(await furnished.patch(ROOM, json=change), 409)
+    problem(await client.patch(ROOM, json=change), 409)
     assert contents(app) == before
-    table = await furnished.post(
+    table = await client.post(
         f"{ROOM}/compensation", json={"temperatures_c": {"x-middle": 25.0, "z-column": 25.0}}
     )
     assert table.status_code == 200
 
 
-async def test_a_resolution_that_merges_two_maps_is_refused(furnished, app):
+async def test_a_resolution_that_merges_two_maps_is_refused(client, app):
     sensors = [{**s, "resolution_c": 5.0} for s in MACHINE["sensors"]]
     before = contents(app)
-    found = problem(await furnished.patch(ROOM, json={"sensors": sensors}), 409)
+    found = problem(await client.patch(ROOM, json={"sensors": sensors}), 409)
     assert "Run #1" in found["detail"]
     assert "Run #3" in found["detail"]
     assert contents(app) == before
@@ -147,23 +147,23 @@ async def test_a_resolution_that_merges_two_maps_is_refused(furnished, app):
         ({"axes": {"w": {"min_mm": 0, "max_mm": 5}}}, "axes"),
     ],
 )
-async def test_a_patch_that_makes_no_sense_names_its_field(furnished, app, change, field):
+async def test_a_patch_that_makes_no_sense_names_its_field(client, app, change, field):
     before = contents(app)
-    found = problem(await furnished.patch(ROOM, json=change), 422)
+    found = problem(await client.patch(ROOM, json=change), 422)
     assert field in [e["field"] for e in found["errors"]]
     assert contents(app) == before
 
 
-async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(furnished, app):
-    await furnished.post("/v1/machines", json=MACHINE | {"id": "other"})
-    await furnished.post("/v1/machines/other/error-maps", json=error_map("Run #1", 20.0))
+async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(client, app):
+    await client.post("/v1/machines", json=MACHINE | {"id": "other"})
+    await client.post("/v1/machines/other/error-maps", json=error_map("Run #1", 20.0))
     reading = {"time": iso(START), "temperatures_c": {"x-middle": 20.0}}
-    await furnished.post(f"{ROOM}/readings", json=reading)
-    answer = await furnished.delete(ROOM)
+    await client.post(f"{ROOM}/readings", json=reading)
+    answer = await client.delete(ROOM)
     assert (answer.status_code, answer.content) == (204, b"")
     for path in ("", "/compensation", "/readings", "/models"):
-        problem(await furnished.get(f"{ROOM}{path}"), 404)
-    problem(await furnished.delete(ROOM), 404)
+        problem(await client.get(f"{ROOM}{path}"), 404)
+    problem(await client.delete(ROOM), 404)
     left = contents(app)
     assert all("mcfv5050" not in row for rows in left.values() for row in rows)
     assert {table: len(rows) for table, rows in left.items()} == {
@@ -176,17 +176,17 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(furni
     }
 
 
-async def test_a_machine_made_again_has_nothing_of_the_old_one(furnished):
-    await furnished.post(
+async def test_a_machine_made_again_has_nothing_of_the_old_one(client):
+    await client.post(
         f"{ROOM}/readings", json={"time": iso(START), "temperatures_c": {"x-middle": 20.0}}
     )
-    await furnished.delete(ROOM)
-    await furnished.post("/v1/machines", json=MACHINE)
-    assert (await furnished.get(ROOM)).json()["active_model"] is None
-    assert (await furnished.get(f"{ROOM}/error-maps")).json() == []
-    assert (await furnished.get(f"{ROOM}/models")).json() == []
-    problem(await furnished.get(f"{ROOM}/compensation"), 409)
+    await client.delete(ROOM)
+    await client.post("/v1/machines", json=MACHINE)
+    assert (await client.get(ROOM)).json()["active_model"] is None
+    assert (await client.get(f"{ROOM}/error-maps")).json() == []
+    assert (await client.get(f"{ROOM}/models")).json() == []
+    problem(await client.get(f"{ROOM}/compensation"), 409)
     temperatures = {"temperatures_c": {"x-middle": 25.0}}
-    problem(await furnished.post(f"{ROOM}/compensation", json=temperatures), 422)
-    answer = await furnished.post(f"{ROOM}/error-maps", json=error_map("Run #1", 20.0))
+    problem(await client.post(f"{ROOM}/compensation", json=temperatures), 422)
+    answer = await client.post(f"{ROOM}/error-maps", json=error_map("Run #1", 20.0))
     assert answer.status_code == 201

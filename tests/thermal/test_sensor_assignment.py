@@ -258,8 +258,8 @@ def test_with_no_relation_at_all_the_default_is_seldom_left():
         values = np.random.default_rng(seed + 1000).normal(size=8)
         maps = maps_with(single_values(values), x_middle=x_middle, spindle=spindle)
         left += proposal(maps)[0].proposed_sensor != "x-middle"
-    # Of |r|, so less than 5 %; 200 trials at 5 % have a standard deviation of 3.
-    assert left <= 16
+    # Less than 5 % of 200: the sizes of two r differ less than the r themselves.
+    assert left <= 10
 
 
 # --- what has no correlation -------------------------------------------------------------

@@ -82,9 +82,10 @@ def post_predictions(
 
 async def _in_memory(context: Context, machine_id: str) -> LiveMachine:
     """Find the machine in memory, or bring it there once."""
-    return context.live.get(machine_id) or await run_in_threadpool(
-        load_machine, context, machine_id
-    )
+    live = context.live.get(machine_id)
+    if live is None:
+        live = await run_in_threadpool(load_machine, context, machine_id)
+    return live
 
 
 def _matches(if_none_match: str, tag: str) -> bool:

@@ -11,10 +11,9 @@ from app.services.store_error_map import remarks, store_error_map
 from app.services.withdraw_error_map import withdraw_map
 
 router = APIRouter(prefix="/v1/machines/{machine}/error-maps", tags=["error maps"])
-NO_NULLS = {"response_model_exclude_none": True}
 
 
-@router.post("", status_code=201, summary="Store an error map", **NO_NULLS)
+@router.post("", status_code=201, summary="Store an error map", response_model_exclude_none=True)
 def post_error_map(
     context: ContextDep, machine: MachinePath, body: ErrorMapSchema, response: Response
 ) -> ErrorMapAnswer:
@@ -30,14 +29,14 @@ def post_error_map(
     return ErrorMapAnswer.of(shown, in_active_model, remarks(described, shown.error_map))
 
 
-@router.get("", summary="List error maps", **NO_NULLS)
+@router.get("", summary="List error maps", response_model_exclude_none=True)
 def get_error_maps(context: ContextDep, machine: MachinePath) -> list[ErrorMapAnswer]:
     """List a machine's maps in the order in which they were stored."""
     maps, active = show_error_maps(context, machine)
     return [ErrorMapAnswer.of(m, m.id in active, []) for m in maps]
 
 
-@router.get("/{map_id}", summary="Show an error map", **NO_NULLS)
+@router.get("/{map_id}", summary="Show an error map", response_model_exclude_none=True)
 def get_error_map(context: ContextDep, machine: MachinePath, map_id: int) -> ErrorMapAnswer:
     """Show one map."""
     stored, in_active_model = show_error_map(context, machine, map_id)

@@ -13,7 +13,6 @@ from app.geometry.components import Component, parse_component
 from app.storage.records import StoredMap
 from app.thermal.error_map import ComponentTable, ErrorMap
 
-
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 

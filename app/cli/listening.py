@@ -1,0 +1,156 @@
+"""Running the service: its socket, its server, and a clean end."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Thread
+from types import FrameType
+from typing import Any, Final
+
+import typer
+import uvicorn
+from fastapi import FastAPI
+from pydantic import ValidationError
+from sqlalchemy import make_url
+
+from app.errors import InvalidContent, ThermapError
+from app.main import create_app
+from app.settings import Settings
+
+BACKLOG: Final = 2048
+GRACE_S: Final = 5
+"""How long a request may still take when the service ends [s]."""
+
+HANDLED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+
+
+class CannotListen(ThermapError):
+    """The service cannot listen where it should."""
+
+
+def checked_settings(**stated: Any) -> Settings:
+    """Make the settings; a value out of range is wrong usage."""
+    try:
+        return Settings(**stated)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        option = "--" + str(first["loc"][0]).replace("_", "-")
+        raise typer.BadParameter(
+            f"{first['msg']}, came {first['input']!r}", param_hint=option
+        ) from None
+
+
+def make_service(settings: Settings) -> FastAPI:
+    """Make the service; a database URL that is none is wrong usage."""
+    try:
+        return create_app(settings)
+    except InvalidContent as error:
+        raise typer.BadParameter(
+            error.detail.removeprefix("database_url: "), param_hint="--database-url"
+        ) from None
+
+
+@contextmanager
+def listening(host: str, port: int, command: str) -> Iterator[socket.socket]:
+    """Listen on an address before anything else is done, so that a clash changes nothing.
+
+    Raises
+    ------
+    CannotListen
+        If the port is in use, or the address is not this computer's.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except OSError as error:
+        raise CannotListen(f"cannot listen on {host!r}: {error.strerror}") from error
+    with socket.socket(family, kind, protocol) as opened:
+        if os.name == "posix":
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            opened.bind(address)
+            opened.listen(BACKLOG)
+        except OSError as error:
+            raise CannotListen(_why_not(error, host, port, command)) from error
+        yield opened
+
+
+def url_of(opened: socket.socket) -> str:
+    """Write the URL at which this computer reaches a listening socket."""
+    host, port = opened.getsockname()[:2]
+    reachable = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host)
+    return f"http://{reachable or (f'[{host}]' if ':' in host else host)}:{port}"
+
+
+def database_words(database_url: str) -> str:
+    """Name a database as a person would: the file, or the URL without its password."""
+    url = make_url(database_url)
+    if url.get_backend_name() == "sqlite":
+        return str(url.database)
+    return url.render_as_string(hide_password=True)
+
+
+def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
+    """Make the server of one process."""
+    logging.getLogger("thermap").setLevel(log_level.upper())
+    return uvicorn.Server(
+        uvicorn.Config(
+            service,
+            log_level=log_level,
+            lifespan="on",
+            timeout_graceful_shutdown=GRACE_S,
+            server_header=False,
+        )
+    )
+
+
+@contextmanager
+def serving(service: FastAPI, opened: socket.socket, log_level: str) -> Iterator[None]:
+    """Serve in a thread for as long as the block lasts.
+
+    Raises
+    ------
+    CannotListen
+        If the service does not start; its log has said why.
+    """
+    server = server_for(service, log_level)
+    thread = Thread(target=server.run, args=([opened],), name="service", daemon=True)
+    thread.start()
+    try:
+        while not server.started:
+            if not thread.is_alive():
+                raise CannotListen("the service did not start")
+            time.sleep(0.01)
+        yield
+    finally:
+        server.should_exit = True
+        thread.join(2.0 * GRACE_S)
+
+
+@contextmanager
+def leaving_on_signals() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the block, and the command, with exit code 0."""
+
+    def leave(_signal: int, _frame: FrameType | None) -> None:
+        raise SystemExit(0)
+
+    before = {number: signal.signal(number, leave) for number in HANDLED_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _why_not(error: OSError, host: str, port: int, command: str) -> str:
+    other = port + 1 if port < 65535 else 8001
+    if "in use" in str(error.strerror).lower():
+        return f"port {port} on {host} is in use: try `thermap {command} --port {other}`"
+    return f"cannot listen on port {port} of {host}: {error.strerror}"

@@ -1,0 +1,226 @@
+"""A compensation table as a person reads it: grouped by what the numbers rest on.
+
+Components that follow one sensor lie between the same maps with the same weight, so
+that stands once above them. Of long tables a few evenly chosen positions are shown,
+both ends among them; the unit and the sign stand in every row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from app.api.schemas.compensation import (
+    CompensationAnswer,
+    ComponentCompensationAnswer,
+    CurrentCompensationAnswer,
+)
+from app.geometry.components import COMPONENTS
+
+POSITIONS_SHOWN: Final = 5
+SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"
+_PLAIN: Final = frozenset({"interpolated", "at-map"})
+_WIDE: Final = 116
+"""Columns from which errors and compensation stand side by side."""
+
+_NAME, _WORD, _UNIT, _NUMBER = 8, 12, 6, 8
+"""Widths of the columns, the same in every group."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentRow:
+    """One component in one direction of approach: what a row of the view is made of."""
+
+    code: str
+    chapter: str
+    unit: str
+    errors: Sequence[float]
+    compensation: Sequence[float]
+    remark: str = ""
+
+
+def chosen_positions(count: int, shown: int = POSITIONS_SHOWN) -> list[int]:
+    """Choose positions evenly, both ends among them.
+
+    >>> chosen_positions(21), chosen_positions(3), chosen_positions(1)
+    ([0, 5, 10, 15, 20], [0, 1, 2], [0])
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, shown)).round().astype(int)).tolist()
+
+
+def signed(value: float) -> str:
+    """Write a number with its sign and two decimals; nothing has no sign.
+
+    >>> signed(1.5), signed(-0.001), signed(-12)
+    ('+1.50', '0.00', '-12.00')
+    """
+    rounded = round(value, 2)
+    return f"{rounded:+.2f}" if rounded else "0.00"
+
+
+def table_view(
+    answer: CompensationAnswer, width: int, *, compensation_only: bool = False
+) -> RenderableType:
+    """Lay a table out for a terminal.
+
+    Parameters
+    ----------
+    answer
+        The service's answer.
+    width
+        Columns of the terminal; from 116 on errors and compensation stand side by side.
+    compensation_only
+        Leave the errors out where they would take rows of their own.
+    """
+    layout = "wide" if width >= _WIDE else "short" if compensation_only else "tall"
+    parts: list[RenderableType] = [_heading(answer)]
+    if isinstance(answer, CurrentCompensationAnswer):
+        parts.append(_sensors(answer))
+    parts.extend(Text(f"! {warning}", style="yellow") for warning in answer.warnings)
+    for _, group in groupby(answer.components, key=_rests_on):
+        entries = list(group)
+        parts.append(Text())
+        parts.append(_origin(entries[0]))
+        parts.append(_numbers(entries, layout))
+    parts.append(Text())
+    parts.append(Text(SIGN + _left_out(answer), style="dim"))
+    return Group(*parts)
+
+
+def _rests_on(entry: ComponentCompensationAnswer) -> tuple[object, ...]:
+    positions = tuple(entry.positions_mm or ())
+    origin = (entry.sensor, entry.stand_in_for, entry.lower_map, entry.upper_map)
+    return (*origin, entry.weight, entry.status, entry.axis, positions)
+
+
+def _heading(answer: CompensationAnswer) -> Text:
+    text = Text.assemble(
+        (answer.machine, "bold"),
+        f"  model version {answer.model_version}  "
+        f"computed {answer.computed_at:%Y-%m-%d %H:%M:%S} UTC  ",
+    )
+    text.append(*(("complete", "green") if answer.complete else ("not complete", "yellow")))
+    return text
+
+
+def _sensors(answer: CurrentCompensationAnswer) -> Text:
+    text = Text()
+    for sensor in answer.sensors:
+        value = "" if sensor.temperature_c is None else f" {sensor.temperature_c:.2f} °C"
+        state = "" if sensor.health == "ok" else f" ({sensor.health})"
+        text.append(f"{sensor.sensor}{value}{state}   ", "yellow" if state else "")
+    stale = ", stale" if answer.stale else ""
+    text.append(
+        f"reading {answer.reading_age_s:.1f} s old{stale}", "yellow" if answer.stale else "dim"
+    )
+    return text
+
+
+def _origin(entry: ComponentCompensationAnswer) -> Text:
+    stands_in = f" (stands in for {entry.stand_in_for})" if entry.stand_in_for else ""
+    text = Text.assemble(
+        (f"{entry.sensor} {entry.temperature_c:.2f} °C{stands_in}", "bold"),
+        f", {entry.lower_map} to {entry.upper_map}, weight {entry.weight:.2f}, ",
+    )
+    text.append(entry.status, "green" if entry.status in _PLAIN else "yellow")
+    return text
+
+
+def _numbers(entries: Sequence[ComponentCompensationAnswer], layout: str) -> Table:
+    positions = entries[0].positions_mm or []
+    chosen = chosen_positions(len(positions)) if positions else [0]
+    rows = [row for entry in entries for row in _component_rows(entry, chosen)]
+    headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
+    argument = f"{entries[0].axis} in mm" if positions else ""
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+    table.add_column(argument, width=_NAME)
+    if layout == "wide":
+        table.add_column("", width=_NAME)
+        _add_wide(table, rows, headings)
+    elif layout == "short":
+        table.add_column("", width=_WORD)
+        _add_short(table, rows, headings)
+    else:
+        table.add_column("", width=_WORD)
+        _add_tall(table, rows, headings)
+    return table
+
+
+def _add_numbers(table: Table, headings: Iterable[str]) -> None:
+    for heading in headings:
+        table.add_column(heading, min_width=_NUMBER, justify="right", no_wrap=True)
+
+
+def _add_wide(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str]) -> None:
+    """Errors to the left, compensation to the right."""
+    table.add_column("", width=_UNIT)
+    for word in ("error", "comp."):
+        table.add_column("", width=6)
+        _add_numbers(table, headings)
+        table.columns[-len(headings) - 1].header = word
+    table.add_column("")
+    for row in rows:
+        errors, compensation = map(signed, row.errors), map(signed, row.compensation)
+        table.add_row(row.code, row.chapter, row.unit, "", *errors, "", *compensation, row.remark)
+
+
+def _add_tall(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str]) -> None:
+    """Two rows a component."""
+    table.add_column("", width=_UNIT)
+    _add_numbers(table, headings)
+    table.add_column("")
+    for row in rows:
+        table.add_row(row.code, "error", row.unit, *map(signed, row.errors), row.remark)
+        compensation = map(signed, row.compensation)
+        table.add_row(row.chapter, "compensation", row.unit, *compensation, style="cyan")
+
+
+def _add_short(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str]) -> None:
+    """One row a component, without its errors."""
+    table.columns[-1].header = "compensation"
+    table.add_column("", width=_UNIT)
+    _add_numbers(table, headings)
+    for row in rows:
+        table.add_row(row.code, row.chapter, row.unit, *map(signed, row.compensation))
+
+
+def _component_rows(
+    entry: ComponentCompensationAnswer, chosen: Sequence[int]
+) -> Iterator[ComponentRow]:
+    component = COMPONENTS[entry.component]
+    unit = component.unit.symbol
+    code, chapter = entry.component, entry.chapter
+    errors = getattr(entry, component.error_field)
+    compensation = getattr(entry, component.compensation_field)
+    if not component.is_table:
+        iso = f"ISO {entry.iso} {signed(entry.iso_error_urad or 0.0)} µrad" if entry.iso else ""
+        yield ComponentRow(code, chapter, unit, [errors], [compensation], iso)
+        return
+    backward = getattr(entry, f"backward_{component.error_field}")
+    forward_sign = "" if backward is None else " +"
+    yield ComponentRow(
+        code + forward_sign, chapter, unit, _at(errors, chosen), _at(compensation, chosen)
+    )
+    if backward is not None:
+        corrected = getattr(entry, f"backward_{component.compensation_field}")
+        yield ComponentRow(
+            f"{code} -", chapter, unit, _at(backward, chosen), _at(corrected, chosen)
+        )
+
+
+def _at(values: Sequence[float], chosen: Iterable[int]) -> list[float]:
+    return [values[i] for i in chosen]
+
+
+def _left_out(answer: CompensationAnswer) -> str:
+    most = max((len(entry.positions_mm or ()) for entry in answer.components), default=0)
+    if most <= POSITIONS_SHOWN:
+        return ""
+    return f". {POSITIONS_SHOWN} of {most} positions; --json has all"

@@ -1,0 +1,311 @@
+"""Error maps over HTTP."""
+
+from copy import deepcopy
+
+import pytest
+from tests.service_examples import (
+    MACHINE,
+    MAPS,
+    ROOM,
+    START,
+    by_code,
+    contents,
+    error_map,
+    iso,
+    problem,
+    table,
+)
+
+pytestmark = pytest.mark.anyio
+
+PATH = f"{ROOM}/error-maps"
+WARM = {"x-middle": 40.0, "y-front": 39.0, "z-column": 42.0, "spindle": 45.0}
+
+
+async def stored(client, *components, **changes):
+    """Store a map of these components at 40 °C."""
+    return await client.post(
+        PATH,
+        json=error_map("Run #9", 40.0, **({"components": list(components)} | changes)),
+    )
+
+
+async def test_a_map_comes_back_as_it_was_stated(client):
+    content = error_map(
+        "Run #9",
+        40.0,
+        measuring_lines_mm={"x": [0, 250, 100]},
+        repeatability_um=0.5,
+        instrument="laser vector",
+    )
+    answer = await client.post(PATH, json=content)
+    assert answer.status_code == 201
+    shown = answer.json()
+    assert answer.headers["location"] == f"{PATH}/{shown['id']}"
+    for field in ("label", "measured_at", "temperatures_c", "measuring_lines_mm"):
+        assert shown[field] == content[field]
+    assert shown["repeatability_um"] == 0.5
+    assert shown["instrument"] == "laser vector"
+    assert shown["stored_at"] == iso(START)
+    assert shown["in_active_model"] is True
+    assert shown["warnings"] == []
+    assert shown["components"][:3] == [
+        component | {"chapter": chapter}
+        for component, chapter in zip(
+            content["components"][:3], ("D_x(x)", "A_y(x)", "D_z(z)"), strict=True
+        )
+    ]
+    assert shown["components"][3] == {
+        "component": "SXY",
+        "value_um_per_m": -40.0,
+        "chapter": "S_xy",
+        "iso": "C0Y",
+        "iso_value_urad": 40.0,
+    }
+    assert (await client.get(f"{PATH}/{shown['id']}")).json() == shown
+
+
+async def test_maps_are_listed_in_the_order_in_which_they_were_stored(client):
+    listed = (await client.get(PATH)).json()
+    assert [m["label"] for m in listed] == list(MAPS)
+    assert all(m["in_active_model"] for m in listed)
+    assert [m["temperatures_c"]["x-middle"] for m in listed] == list(MAPS.values())
+
+
+async def test_what_is_optional_and_was_not_stated_is_left_out(client):
+    shown = (await client.get(PATH)).json()[0]
+    assert not {"repeatability_um", "instrument"} & set(shown)
+    assert not {"backward_errors_um", "errors_urad"} & set(shown["components"][0])
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "chapter"),
+    [
+        ("D_x(x)", "EXX", "D_x(x)"),
+        ("Dx(x)", "EXX", "D_x(x)"),
+        ("d_z(y)", "EZY", "D_z(y)"),
+        ("eyx", "EYX", "D_y(x)"),
+        (" EZX ", "EZX", "D_z(x)"),
+    ],
+)
+async def test_chapter_notation_comes_in_and_the_code_goes_out(client, name, code, chapter):
+    answer = await stored(client, table(name, [0, 10], [0.5, 1.5]))
+    assert answer.status_code == 201
+    (component,) = answer.json()["components"]
+    assert component["component"] == code
+    assert component["chapter"] == chapter
+    assert component["errors_um"] == [0.5, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("name", "stated", "code", "kept", "iso_name", "iso_value"),
+    [
+        ("SXY", -12.1, "SXY", -12.1, "C0Y", 12.1),
+        ("S_xy", -12.1, "SXY", -12.1, "C0Y", 12.1),
+        ("C0Y", 12.1, "SXY", -12.1, "C0Y", 12.1),
+        ("EC0Y", 12.1, "SXY", -12.1, "C0Y", 12.1),
+        ("A0Z", 3.5, "SYZ", -3.5, "A0Z", 3.5),
+        ("B0Z", 3.5, "SZX", 3.5, "B0Z", 3.5),
+    ],
+)
+async def test_squareness_keeps_its_sign_in_either_notation(
+    client, name, stated, code, kept, iso_name, iso_value
+):
+    answer = await stored(client, {"component": name, "value_um_per_m": stated})
+    assert answer.status_code == 201
+    (component,) = answer.json()["components"]
+    assert component["component"] == code
+    assert component["value_um_per_m"] == kept
+    assert component["iso"] == iso_name
+    assert component["iso_value_urad"] == iso_value
+
+
+@pytest.mark.parametrize(
+    "component",
+    [
+        table("EXX", [0, 500], [0.0, 1.2], backward_errors_um=[-0.5, 0.7]),
+        table("EBX", [0, 500], [0.0, 1.2], "urad", backward_errors_urad=[-0.5, 0.7]),
+        {"component": "EYY^x", "positions_mm": [0.0, 500.0], "slopes_um_per_m": [0.0, 3.0]},
+        {"component": "EAY^x", "positions_mm": [0.0, 500.0], "slopes_urad_per_m": [0.0, 3.0]},
+        {"component": "XOC", "value_um": -0.5},
+        {"component": "AOC", "value_urad": 17.25},
+        table("EZZ", [250.0], [4.0]),
+    ],
+    ids=lambda c: c["component"],
+)
+async def test_every_kind_of_component_is_kept(client, component):
+    answer = await stored(client, component)
+    assert answer.status_code == 201
+    (kept,) = answer.json()["components"]
+    assert component.items() <= kept.items()
+
+
+async def test_emoji_and_200_characters_are_a_label(client):
+    for label in ("Lauf 🌡️ nº 1 «warm»", "x" * 200, "🔥" * 200):
+        t_c = 40.0 + len(label) % 7 * 3 + (label[0] == "x")
+        answer = await client.post(PATH, json=error_map(label, t_c))
+        assert answer.status_code == 201, answer.text
+        shown = (await client.get(f"{PATH}/{answer.json()['id']}")).json()
+        assert shown["label"] == label
+
+
+async def test_the_same_map_again_is_the_map_that_is_there(client, app):
+    content = error_map("Run #9", 40.0, instrument="laser")
+    first = await client.post(PATH, json=content)
+    before = contents(app)
+    reordered = deepcopy(content)
+    reordered["components"].reverse()
+    reordered["measured_at"] = "2026-02-28T07:00:00.000+01:00"
+    for again in (content, reordered):
+        answer = await client.post(PATH, json=again)
+        assert answer.status_code == 200
+        assert answer.json() == first.json()
+        assert answer.headers["location"] == first.headers["location"]
+    assert contents(app) == before
+
+
+def _changed(change):
+    content = error_map("Run #1", 20.0)
+    change(content)
+    return content
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        _changed(lambda m: m["components"][0]["errors_um"].__setitem__(1, 1e-300)),
+        _changed(lambda m: m["components"][0]["errors_um"].__setitem__(0, -0.0)),
+        _changed(lambda m: m["components"][0]["positions_mm"].__setitem__(1, 100.00000000000001)),
+        _changed(lambda m: m["components"].pop()),
+        _changed(lambda m: m["components"][0].update(backward_errors_um=[0.0, 0.0, 0.0])),
+        _changed(lambda m: m["temperatures_c"].pop("spindle")),
+        _changed(lambda m: m["temperatures_c"].update(spindle=25.000000000000004)),
+        _changed(lambda m: m.update(measured_at="2026-02-28T06:00:00.000001Z")),
+        _changed(lambda m: m.update(instrument="another")),
+        _changed(lambda m: m.update(repeatability_um=0.0)),
+        _changed(lambda m: m.update(measuring_lines_mm={"x": [0, 0, 0]})),
+    ],
+    ids=[
+        "tiny error",
+        "sign of zero",
+        "position",
+        "component less",
+        "backward",
+        "sensor less",
+        "last bit of a temperature",
+        "microsecond",
+        "instrument",
+        "repeatability",
+        "measuring line",
+    ],
+)
+async def test_other_content_under_a_label_is_a_conflict(client, app, content):
+    before = contents(app)
+    found = problem(await client.post(PATH, json=content), 409)
+    assert "'Run #1'" in found["detail"]
+    assert contents(app) == before
+
+
+async def test_labels_are_each_machines_own(client):
+    await client.post("/v1/machines", json=MACHINE | {"id": "other"})
+    answer = await client.post("/v1/machines/other/error-maps", json=error_map("Run #1", 33.0))
+    assert answer.status_code == 201
+    map_id = answer.json()["id"]
+    problem(await client.get(f"{PATH}/{map_id}"), 404)
+    problem(await client.delete(f"{PATH}/{map_id}"), 404)
+    assert (await client.get(f"/v1/machines/other/error-maps/{map_id}")).status_code == 200
+
+
+async def test_a_map_too_near_to_another_is_refused_and_nothing_stays(client, app):
+    before = contents(app)
+    found = problem(await client.post(PATH, json=error_map("Run #2", 24.05)), 409)
+    assert "Run #2" in found["detail"]
+    assert "Run #3" in found["detail"]
+    assert "0.05 °C" in found["detail"]
+    assert contents(app) == before
+
+
+async def test_where_the_machine_asks_for_it_near_maps_are_averaged(client):
+    await client.patch(ROOM, json={"same_temperature": "mean"})
+    near = error_map("Run #2", 24.0)
+    near["components"][0]["errors_um"] = [0.0, 6.0, 30.0]
+    assert (await client.post(PATH, json=near)).status_code == 201
+    answer = await client.post(
+        f"{ROOM}/compensation", json={"temperatures_c": {"x-middle": 24.0, "z-column": 26.0}}
+    )
+    exx = by_code(answer.json())["EXX"]
+    assert exx["errors_um"] == [0.0, 5.0, 25.0]  # half of 4 and 6, of 20 and 30
+    assert exx["upper_map" if exx["weight"] else "lower_map"] == "Run #2 + Run #3"
+
+
+async def test_positions_beyond_the_travel_are_stored_with_a_warning(client):
+    answer = await stored(client, table("EXX", [-10, 600], [0, 1]))
+    assert answer.status_code == 201
+    (warning,) = answer.json()["warnings"]
+    assert "EXX" in warning
+    assert "-10 to 600 mm" in warning
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "said"),
+    [
+        ({"temperatures_c": WARM | {"x-middle": 81.0}}, "temperatures_c.x-middle", "80 °C"),
+        ({"temperatures_c": WARM | {"x-middle": 313.15}}, "temperatures_c.x-middle", "kelvin"),
+        ({"temperatures_c": WARM | {"nose": 40.0}}, "temperatures_c.nose", "x-middle"),
+        (
+            {"temperatures_c": {"z-column": 42.0}},
+            "temperatures_c",
+            "expected a temperature of x-middle in °C",
+        ),
+        ({"measuring_lines_mm": {"w": [0, 0, 0]}}, "measuring_lines_mm", "'w'"),
+    ],
+    ids=["out of range", "kelvin", "unknown sensor", "sensor missing", "measuring line"],
+)
+async def test_a_map_that_does_not_fit_its_machine_is_refused(client, app, changes, field, said):
+    before = contents(app)
+    found = problem(await client.post(PATH, json=error_map("Run #9", 40.0, **changes)), 422)
+    (error,) = found["errors"]
+    assert error["field"] == field
+    assert said in error["message"]
+    assert contents(app) == before
+
+
+async def test_an_axis_that_the_machine_lacks_is_refused(client):
+    lathe = MACHINE | {"id": "lathe", "configuration": "FZX", "axes": {}}
+    await client.post("/v1/machines", json=lathe)
+    content = error_map("Run #1", 20.0, components=[table("EYY", [0, 1], [0, 1])])
+    found = problem(await client.post("/v1/machines/lathe/error-maps", json=content), 422)
+    assert "EYY" in found["detail"]
+    assert "FZX" in found["detail"]
+
+
+async def test_a_deleted_map_is_gone_and_its_label_is_free(client):
+    first = (await client.get(PATH)).json()[0]
+    answer = await client.delete(f"{PATH}/{first['id']}")
+    assert (answer.status_code, answer.content) == (204, b"")
+    found = problem(await client.get(f"{PATH}/{first['id']}"), 404)
+    assert "Run #3" in found["detail"]
+    problem(await client.delete(f"{PATH}/{first['id']}"), 404)
+    assert [m["label"] for m in (await client.get(PATH)).json()] == ["Run #3", "Run #6"]
+    again = await client.post(PATH, json=error_map("Run #1", 18.0))
+    assert again.status_code == 201
+    assert again.json()["id"] != first["id"]
+
+
+async def test_deleting_a_map_changes_the_table_at_once(client):
+    stated = {"temperatures_c": {"x-middle": 22.0, "z-column": 24.0}}
+    run_3 = (await client.get(PATH)).json()[1]["id"]
+    before = by_code((await client.post(f"{ROOM}/compensation", json=stated)).json())["EXX"]
+    assert (before["lower_map"], before["upper_map"]) == ("Run #1", "Run #3")
+    await client.delete(f"{PATH}/{run_3}")
+    after = by_code((await client.post(f"{ROOM}/compensation", json=stated)).json())["EXX"]
+    assert (after["lower_map"], after["upper_map"]) == ("Run #1", "Run #6")
+    assert after["weight"] == pytest.approx(0.2)
+
+
+async def test_after_the_last_map_is_deleted_there_is_no_table(client):
+    for stored_map in (await client.get(PATH)).json():
+        await client.delete(f"{PATH}/{stored_map['id']}")
+    stated = {"temperatures_c": {"x-middle": 22.0, "z-column": 24.0}}
+    problem(await client.post(f"{ROOM}/compensation", json=stated), 422)
+    assert (await client.get(f"{ROOM}/models")).json()[-1]["maps"] == []
