@@ -12,7 +12,7 @@ from starlette.staticfiles import StaticFiles
 import app as package
 from app.api.error_responses import install_error_responses
 from app.api.metrics import Metrics, MetricsMiddleware
-from app.api.openapi import DESCRIPTION, TAGS, swagger_page
+from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
 from app.api.routes import compensation, error_maps, health, machines, models, readings
 from app.api.short_way import ThermapService
 from app.services.context import Context
@@ -64,6 +64,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     install_error_responses(service)
     for room in (compensation, machines, error_maps, models, readings, health):
         service.include_router(room.router)
+    document_problems(service)
     _add_documentation(service)
     return service
 

@@ -25,7 +25,7 @@ def anyio_backend():
 
 @pytest.fixture(scope="session")
 def databases(tmp_path_factory):
-    """Databases of any kind; all that were not dropped go at the end of the session."""
+    """Databases of any kind; all that are kept go at the end of the session."""
     made = Databases(tmp_path_factory.mktemp("databases"))
     yield made
     made.close()
@@ -46,7 +46,7 @@ def empty_database_url(request, databases):
     """A database without a table."""
     url = reachable(databases.empty, request.param)
     yield url
-    databases.drop(url)
+    databases.give_back(url)
 
 
 @pytest.fixture(params=KINDS)
@@ -54,29 +54,29 @@ def database_url(request, databases):
     """A database with the newest tables and nothing in them."""
     url = reachable(databases.migrated, request.param)
     yield url
-    databases.drop(url)
+    databases.give_back(url)
 
 
 @pytest.fixture(params=KINDS)
 def furnished_url(request, databases):
     """A database that has the example machine with three maps."""
-    url = reachable(lambda kind: databases.copied(kind, furnish_database), request.param)
+    url = reachable(lambda kind: databases.prepared(kind, furnish_database), request.param)
     yield url
-    databases.drop(url)
+    databases.give_back(url)
 
 
 @pytest.fixture
 def sqlite_url(databases):
     url = databases.migrated("sqlite")
     yield url
-    databases.drop(url)
+    databases.give_back(url)
 
 
 @pytest.fixture
 def postgresql_url(databases):
     url = reachable(databases.migrated, "postgresql")
     yield url
-    databases.drop(url)
+    databases.give_back(url)
 
 
 @pytest.fixture

@@ -1,7 +1,14 @@
-"""Databases to test with: migrated once a process, then copied."""
+"""Databases to test with: prepared once a process, then copied or used again.
+
+A PostgreSQL server takes tenths of a second to create and to drop a database, because
+it waits for the disk. So one that is done with is emptied, filled again as it was
+prepared, and handed to the next test.
+"""
 
 import os
 import shutil
+from collections import defaultdict
+from pathlib import Path
 from uuid import uuid4
 
 import psycopg
@@ -9,18 +16,20 @@ from sqlalchemy import make_url
 
 from app.storage.database import Database
 from app.storage.migrate import upgrade
+from app.storage.tables import Base
 
 POSTGRESQL = os.environ.get(
     "THERMAP_TEST_POSTGRESQL", "postgresql://postgres@127.0.0.1:5432/test"
 )
 
+NO_WAIT = {"options": "-c synchronous_commit=off"}
+"""PostgreSQL answers before its disk does: its durability is not what is tested here."""
+
+TABLES = [table.name for table in Base.metadata.sorted_tables]
+
 
 class NotReachable(Exception):
     """There is no such server here."""
-
-
-NO_WAIT = {"options": "-c synchronous_commit=off"}
-"""PostgreSQL answers before its disk does: its durability is not what is tested here."""
 
 
 class Databases:
@@ -28,52 +37,59 @@ class Databases:
 
     def __init__(self, folder):
         self._folder = folder
-        self._templates = {}
-        self._made = set()
+        self._files = {}
+        self._idle = defaultdict(list)
+        self._lent = {}
         self._server = None
 
     def empty(self, kind):
         """Make a database without tables; return its URL."""
-        return self._make(kind, None)
+        name = f"thermap_{uuid4().hex}"
+        if kind == "sqlite":
+            return f"sqlite:///{self._folder / name}.db"
+        self._execute(f'CREATE DATABASE "{name}"')
+        url = make_url(POSTGRESQL).set(database=name).update_query_dict(NO_WAIT)
+        return url.render_as_string(hide_password=False)
 
     def migrated(self, kind):
         """Make a database with the newest tables; return its URL."""
-        return self.copied(kind, _upgrade)
+        return self.prepared(kind, migrate)
 
-    def copied(self, kind, prepare):
-        """Make a database as `prepare`, given the URL of an empty one, once left it."""
-        if (kind, prepare) not in self._templates:
-            url = self.empty(kind)
-            prepare(url)
-            self._templates[kind, prepare] = url
-        return self._make(kind, self._templates[kind, prepare])
+    def prepared(self, kind, prepare):
+        """Make a database as `prepare`, given the URL of an empty one, leaves it."""
+        if kind == "sqlite":
+            return self._copied_file(prepare)
+        idle = self._idle[prepare]
+        database = idle.pop() if idle else Refillable(self.empty(kind), prepare)
+        self._lent[database.url] = (database, idle)
+        return database.url
 
-    def drop(self, url):
-        """Remove a database, whoever is still connected to it."""
-        self._made.discard(url)
-        parsed = make_url(url)
-        if parsed.get_backend_name() == "postgresql":
-            self._execute(f'DROP DATABASE IF EXISTS "{parsed.database}" WITH (FORCE)')
+    def give_back(self, url):
+        """Be done with a database, whoever is still connected to it."""
+        if url in self._lent:
+            database, idle = self._lent.pop(url)
+            database.refill()
+            idle.append(database)
+        elif url.startswith("sqlite"):
+            for file in Path(make_url(url).database).parent.glob(f"{Path(url).name}*"):
+                file.unlink()
+        else:
+            self._execute(f'DROP DATABASE "{make_url(url).database}" WITH (FORCE)')
 
     def close(self):
-        for url in list(self._made):
-            self.drop(url)
+        """Drop every database that is kept."""
+        for database in [d for idle in self._idle.values() for d in idle]:
+            database.close()
+            self.give_back(database.url)
         if self._server is not None:
             self._server.close()
 
-    def _make(self, kind, template):
-        name = f"thermap_{uuid4().hex}"
-        if kind == "sqlite":
-            path = self._folder / f"{name}.db"
-            if template is not None:
-                shutil.copyfile(make_url(template).database, path)
-            url = f"sqlite:///{path}"
-        else:
-            source = f' TEMPLATE "{make_url(template).database}"' if template else ""
-            self._execute(f'CREATE DATABASE "{name}"{source}')
-            url = make_url(POSTGRESQL).set(database=name).update_query_dict(NO_WAIT)
-            url = url.render_as_string(hide_password=False)
-        self._made.add(url)
+    def _copied_file(self, prepare):
+        if prepare not in self._files:
+            self._files[prepare] = self.empty("sqlite")
+            prepare(self._files[prepare])
+        url = self.empty("sqlite")
+        shutil.copyfile(make_url(self._files[prepare]).database, make_url(url).database)
         return url
 
     def _execute(self, statement):
@@ -86,7 +102,36 @@ class Databases:
         self._server.execute(statement)
 
 
-def _upgrade(url):
+class Refillable:
+    """A PostgreSQL database that can be brought back to how it was prepared."""
+
+    def __init__(self, url, prepare):
+        prepare(url)
+        self.url = url
+        plain = make_url(url).set(query={}).render_as_string(hide_password=False)
+        self._connection = psycopg.connect(plain, autocommit=True, options=NO_WAIT["options"])
+        copies = "".join(f"CREATE TABLE kept.{t} AS TABLE public.{t};" for t in TABLES)
+        self._connection.execute(f"CREATE SCHEMA kept; {copies}")
+
+    def refill(self):
+        """Throw everybody out, and everything that was stored since."""
+        fill = "".join(f"INSERT INTO public.{t} TABLE kept.{t};" for t in TABLES)
+        renumber = "".join(
+            f"SELECT setval('{t}_id_seq', (SELECT coalesce(max(id), 0) + 1 FROM {t}), false);"
+            for t in ("error_map", "reading")
+        )
+        self._connection.execute(
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+            "WHERE datname = current_database() AND pid <> pg_backend_pid();"
+        )
+        self._connection.execute(f"BEGIN; DELETE FROM machine; {fill} {renumber} COMMIT;")
+
+    def close(self):
+        self._connection.close()
+
+
+def migrate(url):
+    """Bring an empty database to the newest tables."""
     database = Database(url)
     upgrade(database)
     database.close()

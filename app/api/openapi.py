@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
+from pydantic import Field
 from starlette.responses import HTMLResponse
+
+from app.api.schemas.base import Schema
 
 DESCRIPTION = """
 Stores error maps measured in several thermal states, with the temperatures of their
@@ -25,6 +31,65 @@ TAGS = [
     {"name": "readings", "description": "Recorded temperatures."},
     {"name": "health", "description": "Whether the service is well."},
 ]
+
+
+PROBLEMS = {
+    "404": "Something that is named does not exist; the detail lists what exists",
+    "409": "What is stored contradicts it",
+    "413": "The body is too large",
+    "422": "The content cannot be right",
+    "503": "The database is away; try again later",
+}
+_NOT_OURS = ("HTTPValidationError", "ValidationError")
+
+
+class ProblemField(Schema):
+    """One field that is to blame."""
+
+    field: str = Field(description="Path of the field", examples=["temperatures_c.x-middle"])
+    message: str = Field(description="What was expected, what came, and the unit")
+
+
+class Problem(Schema):
+    """Problem details (RFC 9457), as application/problem+json."""
+
+    type: str = Field(description="Kind of problem", examples=["about:blank"])
+    title: str = Field(description="The kind in words", examples=["Invalid content"])
+    status: int = Field(description="HTTP status", examples=[422])
+    detail: str = Field(description="What is the matter, in a sentence")
+    errors: list[ProblemField] = Field(description="The fields that are to blame")
+
+
+def document_problems(service: FastAPI) -> None:
+    """Document every refusal as what it is: problem details."""
+    plain = service.openapi
+
+    def openapi() -> dict[str, Any]:
+        if service.openapi_schema is None:
+            document = plain()
+            schemas = document["components"]["schemas"]
+            for name in _NOT_OURS:
+                schemas.pop(name, None)
+            reference = "#/components/schemas/{model}"
+            for model in (ProblemField, Problem):
+                written = model.model_json_schema(ref_template=reference)
+                written.pop("$defs", None)
+                schemas[model.__name__] = written
+            content = {
+                "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
+            }
+            for path, operations in document["paths"].items():
+                if path.startswith("/v1/"):
+                    for operation in operations.values():
+                        for status, words in PROBLEMS.items():
+                            operation["responses"][status] = {
+                                "description": words,
+                                "content": content,
+                            }
+            service.openapi_schema = document
+        return service.openapi_schema
+
+    service.openapi = openapi  # type: ignore[method-assign]
 
 
 def swagger_page(title: str) -> HTMLResponse:

@@ -1,0 +1,110 @@
+"""Machine descriptions, error maps and readings from JSON files, as the HTTP contract has them.
+
+What the service answers is taken too: the fields that it adds are left away.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeAlias, TypeVar
+
+from pydantic import ValidationError
+
+from app.api.error_responses import field_error
+from app.api.schemas.base import Schema
+from app.api.schemas.error_maps import (
+    ComponentAnswer,
+    ComponentSchema,
+    ErrorMapAnswer,
+    ErrorMapSchema,
+)
+from app.api.schemas.machines import MachineAnswer, MachineSettings
+from app.api.schemas.readings import ReadingSchema
+from app.cli.delimited_text import Problems, read_text
+from app.errors import InvalidContent
+
+Content: TypeAlias = MachineSettings | ErrorMapSchema | ReadingSchema
+_Shape = TypeVar("_Shape", bound=Schema)
+
+_ADDED: Final = {
+    MachineSettings: MachineAnswer.model_fields.keys() - MachineSettings.model_fields.keys(),
+    ErrorMapSchema: ErrorMapAnswer.model_fields.keys() - ErrorMapSchema.model_fields.keys(),
+    ComponentSchema: ComponentAnswer.model_fields.keys() - ComponentSchema.model_fields.keys(),
+}
+"""Fields of an answer that nobody states."""
+
+
+def read_contract_json(file: Path) -> list[Content]:
+    """Read what a JSON file holds, one thing or a list of them, and check all of it.
+
+    Raises
+    ------
+    UnreadableFile
+        With line and column where it is no JSON, else with the field that is wrong,
+        what was expected and what came.
+    """
+    problems = Problems(file)
+    try:
+        document = json.loads(read_text(file))
+    except json.JSONDecodeError as error:
+        problems.add(f"expected JSON: {error.msg}", error.lineno, f"column {error.colno}")
+        problems.raise_if_any()
+    entries = document if isinstance(document, list) else [document]
+    if not entries:
+        problems.add("expected a machine, an error map or readings, came an empty list")
+    found = []
+    for i, entry in enumerate(entries):
+        prefix = f"entry {i + 1}: " if isinstance(document, list) else ""
+        content = _read_entry(entry, lambda message, at=prefix: problems.add(at + message))
+        if content is not None:
+            found.append(content)
+    problems.raise_if_any()
+    return found
+
+
+def _read_entry(entry: Any, complain: Callable[[str], None]) -> Content | None:
+    if isinstance(entry, dict) and "configuration" in entry:
+        return _checked(MachineSettings, entry, MachineSettings.to_machine, complain)
+    if isinstance(entry, dict) and ("components" in entry or "measured_at" in entry):
+        return _checked(ErrorMapSchema, entry, ErrorMapSchema.to_error_map, complain)
+    if isinstance(entry, dict) and "time" in entry:
+        return _checked(ReadingSchema, entry, ReadingSchema.to_reading, complain)
+    came = f"fields {', '.join(entry)}" if isinstance(entry, dict) else type(entry).__name__
+    complain(
+        "expected a machine (with configuration), an error map (with components) or a reading "
+        f"(with time and temperatures_c), came {came}"
+    )
+    return None
+
+
+def _checked(
+    shape: type[_Shape],
+    entry: Mapping[str, Any],
+    to_domain: Callable[[_Shape], object],
+    complain: Callable[[str], None],
+) -> _Shape | None:
+    """Make what the service would make of an entry, or say what it would refuse."""
+    try:
+        content = shape.model_validate(_as_stated(shape, entry))
+        to_domain(content)
+    except ValidationError as error:
+        for found in map(field_error, error.errors()):
+            complain(f"{found.field}: {found.message}")
+        return None
+    except InvalidContent as error:
+        complain(error.detail)
+        return None
+    return content
+
+
+def _as_stated(shape: type[Schema], entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave away what an answer has beyond what is stated."""
+    kept = {name: value for name, value in entry.items() if name not in _ADDED.get(shape, ())}
+    if shape is ErrorMapSchema and isinstance(kept.get("components"), list):
+        kept["components"] = [
+            _as_stated(ComponentSchema, component) if isinstance(component, dict) else component
+            for component in kept["components"]
+        ]
+    return kept

@@ -1,0 +1,217 @@
+"""thermap import: machine descriptions, error maps and readings from files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.api.schemas.error_maps import ErrorMapSchema
+from app.api.schemas.machines import MachineAnswer, MachineSettings, settings_of
+from app.api.schemas.readings import ReadingSchema
+from app.cli.contract_json import read_contract_json
+from app.cli.csv_error_map import Stated, read_csv_error_map
+from app.cli.delimited_text import UnreadableFile
+from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
+from app.client import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
+from app.client.connection import DEFAULT_URL
+from app.errors import Conflict, ThermapError, list_names
+
+
+class NotImported(ThermapError):
+    """The service refused a file's content."""
+
+
+@dataclass(slots=True)
+class ImportedFile:
+    """What one file holds, checked."""
+
+    file: Path
+    machines: list[MachineSettings] = field(default_factory=list)
+    error_maps: list[ErrorMapSchema] = field(default_factory=list)
+    readings: list[ReadingSchema] = field(default_factory=list)
+    machine: str = ""
+    remarks: Sequence[str] = ()
+
+    @property
+    def needs_machine(self) -> bool:
+        """Whether something in it belongs to a machine that has to be named."""
+        return bool(self.error_maps or self.readings)
+
+
+def import_files(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE…", help="JSON of the HTTP contract, or CSV.")
+    ],
+    machine: Annotated[
+        str | None,
+        typer.Option(
+            "--machine", "-m", envvar="THERMAP_MACHINE", help="The machine that they belong to."
+        ),
+    ] = None,
+    label: Annotated[
+        str | None, typer.Option(envvar="THERMAP_LABEL", help="A CSV map's name.")
+    ] = None,
+    measured_at: Annotated[
+        str | None,
+        typer.Option(envvar="THERMAP_MEASURED_AT", help="When a CSV map was measured, ISO 8601."),
+    ] = None,
+    temperature: TemperatureOption = None,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Store machines, error maps and readings from files; all are checked before any is sent.
+
+    JSON: a machine, an error map, readings, or lists of them. CSV: an error map with
+    the columns component, position_mm, error_um (or error_urad, slope_um_per_m,
+    value_um_per_m …), optional backward_error_um, and comment lines above them:
+    `# label: Run #1`, `# measured_at: 2026-03-01T06:00:00Z`,
+    `# temperature x-middle: 20.1` (°C). Options go before what a file says.
+
+    What is there already with the same content stays as it is.
+
+    Example: `thermap import machine.json run-1.csv run-3.csv run-6.csv`
+    """
+    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
+    stated = Stated(label, measured_at, temperatures_c)
+    imported = _read_all(files, stated, machine)
+    with connect(url) as thermap:
+        _check_with_service(thermap, imported)
+        for i, one in enumerate(imported):
+            try:
+                _send(thermap, one)
+            except NotListeningError:
+                raise
+            except (ThermapClientError, Conflict) as error:
+                rest = [str(later.file) for later in imported[i + 1 :]]
+                unsent = f" (not sent after it: {list_names(rest)})" if rest else ""
+                raise NotImported(f"{one.file}: {error.detail}{unsent}") from error
+
+
+def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> list[ImportedFile]:
+    """Read every file, machines first, and complain of all that is wrong in any."""
+    tables = [file for file in files if file.suffix.lower() != ".json"]
+    if stated.label and len(tables) > 1:
+        raise typer.BadParameter("names one map, came several CSV files", param_hint="--label")
+    imported: list[ImportedFile] = []
+    problems: list[str] = []
+    for file in files:
+        try:
+            imported.append(_read_csv(file, stated) if file in tables else _read_json(file))
+        except UnreadableFile as error:
+            problems.append(error.detail)
+    if problems:
+        raise UnreadableFile("\n".join(["nothing was sent:", *problems]))
+    described = [settings.id for one in imported for settings in one.machines]
+    for one in imported:
+        _name_machine(one, machine, described)
+    return sorted(imported, key=lambda one: not one.machines)
+
+
+def _read_csv(file: Path, stated: Stated) -> ImportedFile:
+    found = read_csv_error_map(file, stated)
+    return ImportedFile(
+        file, error_maps=[found.error_map], machine=found.machine or "", remarks=found.remarks
+    )
+
+
+def _read_json(file: Path) -> ImportedFile:
+    one = ImportedFile(file)
+    for content in read_contract_json(file):
+        if isinstance(content, MachineSettings):
+            one.machines.append(content)
+        elif isinstance(content, ErrorMapSchema):
+            one.error_maps.append(content)
+        else:
+            one.readings.append(content)
+    return one
+
+
+def _name_machine(one: ImportedFile, machine: str | None, described: Sequence[str]) -> None:
+    """Decide whose maps these are: the file's word, --machine, or the only machine described."""
+    if not one.needs_machine:
+        return
+    if one.machine and machine and one.machine != machine:
+        raise typer.BadParameter(
+            f"{one.file} says that it belongs to {one.machine!r}, came {machine!r}",
+            param_hint="--machine",
+        )
+    own = [settings.id for settings in one.machines]
+    candidates = [one.machine, machine, *(own if len(own) == 1 else []), *described]
+    named = [candidate for candidate in candidates if candidate]
+    if not named or (len({*described}) > 1 and named[0] == described[0] and len(own) != 1):
+        raise typer.BadParameter(
+            f"{one.file} does not say which machine it belongs to", param_hint="--machine"
+        )
+    one.machine = named[0]
+
+
+def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]) -> None:
+    """Refuse what the machines cannot take, before anything is sent."""
+    described = {settings.id: settings for one in imported for settings in one.machines}
+    wanted = {one.machine for one in imported if one.needs_machine}
+    machines = {id_: described.get(id_) or thermap.machine(id_) for id_ in sorted(wanted)}
+    for one in imported:
+        if one.needs_machine:
+            known = [sensor.name for sensor in machines[one.machine].sensors]
+            for name in _sensors_in(one):
+                if name not in known:
+                    raise NotImported(
+                        f"nothing was sent: {one.file}: machine {one.machine!r} has no sensor "
+                        f"{name!r}; it has {list_names(known)}"
+                    )
+
+
+def _sensors_in(one: ImportedFile) -> Iterator[str]:
+    for stated in (*one.error_maps, *one.readings):
+        yield from stated.temperatures_c
+
+
+def _send(thermap: ThermapClient, one: ImportedFile) -> None:
+    for remark in one.remarks:
+        typer.echo(f"{one.file}: note: {remark}", err=True)
+    for settings in one.machines:
+        typer.echo(f"{one.file}: {_send_machine(thermap, settings)}")
+    known = {m.label for m in thermap.error_maps(one.machine)} if one.error_maps else set()
+    for error_map in one.error_maps:
+        typer.echo(f"{one.file}: {_send_map(thermap, one.machine, error_map, known)}")
+    if one.readings:
+        done = thermap.store_readings(one.machine, one.readings)
+        typer.echo(
+            f"{one.file}: {done.stored} readings stored, {done.duplicates} were there already"
+        )
+
+
+def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:
+    try:
+        present = thermap.machine(settings.id)
+    except UnknownThingError:
+        thermap.create_machine(settings)
+        return f"machine {settings.id} stored"
+    if _settings(present) != MachineSettings.model_validate(settings_of(settings.to_machine())):
+        raise Conflict(
+            f"machine {settings.id} is there with other settings; "
+            f"PATCH {thermap.base_url}/v1/machines/{settings.id} changes them"
+        )
+    return f"machine {settings.id} was there already"
+
+
+def _settings(present: MachineAnswer) -> MachineSettings:
+    """Leave away what only a stored machine has."""
+    stated = {name: getattr(present, name) for name in MachineSettings.model_fields}
+    return MachineSettings.model_validate(stated)
+
+
+def _send_map(
+    thermap: ThermapClient, machine: str, error_map: ErrorMapSchema, known: set[str]
+) -> str:
+    stored = thermap.store_error_map(machine, error_map)
+    for warning in stored.warnings:
+        typer.echo(f"note: {warning}", err=True)
+    if stored.label in known:
+        return f"error map {stored.label!r} was there already, number {stored.id}"
+    known.add(stored.label)
+    version = thermap.machine(machine).active_model
+    return f"error map {stored.label!r} stored as number {stored.id}, model version {version}"

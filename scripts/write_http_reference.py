@@ -1,0 +1,96 @@
+"""Write docs/http.md from the service's own OpenAPI: every route, and every field with its unit.
+
+A test holds that the page is what this script writes, so that no route or field
+changes without being seen.
+
+    python scripts/write_http_reference.py
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from app.main import create_app
+from app.settings import Settings
+
+PAGE = Path(__file__).parent.parent / "docs" / "http.md"
+
+HEAD = """# HTTP reference
+
+Written by `scripts/write_http_reference.py` from the service's OpenAPI document, which
+the service serves at `/openapi.json` and shows at `/docs`.
+
+Base path `/v1`, JSON throughout, times UTC ISO 8601. Units are in the fields' names.
+Refusals are `application/problem+json` (`Problem`). Fields marked * are required.
+"""
+
+
+def openapi_document() -> dict[str, Any]:
+    """Ask a service on an empty database for its document."""
+    with tempfile.TemporaryDirectory() as folder:
+        service = create_app(Settings(database_url=f"sqlite:///{folder}/empty.db"))
+        try:
+            return service.openapi()
+        finally:
+            service.state.context.database.close()
+
+
+def write_page(document: dict[str, Any]) -> str:
+    """Write the page."""
+    parts = [HEAD, "## Routes\n", *_routes(document), "## Shapes\n", *_shapes(document)]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _routes(document: dict[str, Any]) -> Iterator[str]:
+    for path, operations in sorted(document["paths"].items()):
+        for method, operation in operations.items():
+            yield f"### {method.upper()} {path}\n"
+            yield f"{operation['summary']}. {operation.get('description', '')}\n"
+            for parameter in operation.get("parameters", []):
+                words = parameter.get("description", "")
+                yield f"- `{parameter['name']}` ({parameter['in']}): {words}"
+            body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+            if body:
+                yield f"- body: {_kind(body['schema'])}"
+            for status, answer in sorted(operation["responses"].items()):
+                if not status.startswith(("4", "5")):
+                    content = answer.get("content", {}).get("application/json", {})
+                    yield f"- {status}: {_kind(content.get('schema', {})) or '–'}"
+            yield ""
+
+
+def _shapes(document: dict[str, Any]) -> Iterator[str]:
+    for name, schema in sorted(document["components"]["schemas"].items()):
+        yield f"### {name}\n"
+        yield f"{schema.get('description', '')}\n"
+        required = set(schema.get("required", []))
+        for field, described in schema.get("properties", {}).items():
+            star = "*" if field in required else ""
+            yield f"- `{field}`{star}: {_kind(described)}. {described.get('description', '')}"
+        if "enum" in schema:
+            yield f"One of {', '.join(f'`{value}`' for value in schema['enum'])}."
+        yield ""
+
+
+def _kind(schema: dict[str, Any]) -> str:
+    """Say what a schema takes, in a few words."""
+    if "$ref" in schema:
+        return schema["$ref"].rsplit("/", 1)[-1]
+    for several in ("anyOf", "oneOf", "allOf"):
+        if several in schema:
+            return " or ".join(dict.fromkeys(_kind(one) for one in schema[several]))
+    if schema.get("type") == "array":
+        return f"list of {_kind(schema.get('items', {})) or 'anything'}"
+    if schema.get("type") == "object" and isinstance(schema.get("additionalProperties"), dict):
+        return f"name to {_kind(schema['additionalProperties'])}"
+    if schema.get("format") == "date-time":
+        return "time"
+    return str(schema.get("type", ""))
+
+
+if __name__ == "__main__":
+    PAGE.write_text(write_page(openapi_document()), encoding="utf-8")
+    print(f"wrote {PAGE}")

@@ -1,0 +1,130 @@
+"""Maps from measured thermal states of one run of a lathe, replayed temperatures of others.
+
+Six states of run 20200817 (2000 1/min, room from 20 to 30 °C, the widest range at that
+speed) become maps of EXX and EZZ with one position each. Their sensors are those
+that the service's own correlation proposes. Other runs' temperatures go through the
+service as readings; predictions at the times of the measured displacements are
+compared with them. Each run is zeroed at its own start, and so is its prediction.
+
+What is asserted is what was found with these data, which says as much about the lathe
+as about the service: one static sensor follows Z of a run at the same speed and room
+temperature, and makes a run at half the speed worse, because speed is no temperature.
+"""
+
+from datetime import UTC, datetime, timedelta
+
+import httpx
+import numpy as np
+import pytest
+
+from tests.measured.lathe import FOLDER, SENSORS, read_run
+
+pytestmark = [
+    pytest.mark.anyio,
+    pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no measured runs of the lathe at {FOLDER}"),
+]
+MAPPED_RUN = "20200817"
+STATES = 6
+
+
+def start_of(run):
+    return datetime.strptime(run.date, "%Y%m%d").replace(tzinfo=UTC)
+
+
+def states_of(run):
+    """Six rows evenly spaced in time."""
+    return np.linspace(0, len(run.time_min) - 1, STATES).astype(int)
+
+
+async def store_maps(client, run):
+    machine = {
+        "id": "lathe",
+        "name": "GV1-1203",
+        "configuration": "FZX",
+        "sensors": [{"name": name, "resolution_c": 0.05, "max_age_s": 3600} for name in SENSORS],
+    }
+    assert (await client.post("/v1/machines", json=machine)).status_code == 201
+    for row in states_of(run):
+        error_map = {
+            "label": f"{run.date} {run.time_min[row]:.0f} min",
+            "measured_at": (start_of(run) + timedelta(minutes=run.time_min[row])).isoformat(),
+            "temperatures_c": {n: values[row] for n, values in run.temperatures_c.items()},
+            "components": [
+                {"component": code, "positions_mm": [0], "errors_um": [values[row]]}
+                for code, values in run.displacement_um.items()
+            ],
+        }
+        answer = await client.post("/v1/machines/lathe/error-maps", json=error_map)
+        assert answer.status_code == 201, answer.text
+
+
+async def assign_by_correlation(client):
+    """PUT for each component the sensor with the largest |r|; return the assignment."""
+    answer = (await client.post("/v1/machines/lathe/sensor-assignment/correlate")).json()
+    best = {
+        c["component"]: max(c["correlations"], key=lambda s: abs(s["r"] or 0.0))["sensor"]
+        for c in answer["components"]
+    }
+    put = await client.put("/v1/machines/lathe/sensor-assignment", json=best)
+    assert put.status_code == 200, put.text
+    return best
+
+
+async def residuals(client, run):
+    """Post a run's temperatures, predict at its times; return measured and residual [µm]."""
+    times = [
+        (start_of(run) + timedelta(minutes=float(minutes))).isoformat() for minutes in run.time_min
+    ]
+    readings = [
+        {"time": t, "temperatures_c": {n: v[i] for n, v in run.temperatures_c.items()}}
+        for i, t in enumerate(times)
+    ]
+    answer = await client.post("/v1/machines/lathe/readings", json=readings)
+    assert answer.status_code == 201, answer.text
+    found = {}
+    for code, measured in run.displacement_um.items():
+        asked = [{"time": t, "component": code, "position_mm": 0} for t in times]
+        answer = await client.post("/v1/machines/lathe/predictions", json={"observations": asked})
+        predicted = np.array(answer.json()["predicted_um"], dtype=float)
+        found[code] = (measured, measured - (predicted - predicted[0]))
+    return found
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.fixture
+async def lathe(new_app, sqlite_url):
+    service = new_app(sqlite_url)
+    transport = httpx.ASGITransport(app=service)
+    async with httpx.AsyncClient(transport=transport, base_url="http://thermap") as client:
+        await store_maps(client, read_run(MAPPED_RUN))
+        yield client
+
+
+async def test_replayed_runs_of_the_lathe(lathe):
+    assignment = await assign_by_correlation(lathe)
+    mapped = read_run(MAPPED_RUN)
+    rows = states_of(mapped)
+    for date in ("20200701", "20200615", "20200818"):
+        run = read_run(date)
+        for code, (measured, residual) in (await residuals(lathe, run)).items():
+            sensor = assignment[code]
+            order = np.argsort(mapped.temperatures_c[sensor][rows])
+            predicted = np.interp(
+                run.temperatures_c[sensor],
+                mapped.temperatures_c[sensor][rows][order],
+                mapped.displacement_um[code][rows][order],
+            )
+            expected = measured - (predicted - predicted[0])
+            np.testing.assert_allclose(residual, expected, atol=1e-9)
+            print(f"{date} {code} {sensor}: {rms(measured):.1f} -> {rms(residual):.1f} µm")
+
+
+async def test_same_speed_is_followed_and_another_speed_is_not(lathe):
+    await assign_by_correlation(lathe)
+    measured, residual = (await residuals(lathe, read_run("20200701")))["EZZ"]
+    assert rms(residual) < 0.4 * rms(measured)
+    measured, residual = (await residuals(lathe, read_run("20200818")))["EZZ"]
+    assert rms(residual) > 2 * rms(measured)

@@ -1,0 +1,156 @@
+"""The house: who may import whom, what is pure, and what docstrings promise."""
+
+import ast
+import inspect
+import importlib
+import pkgutil
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import app
+
+PACKAGE = Path(app.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+FLOORS = [
+    {"units", "errors", "arrays"},
+    {"geometry"},
+    {"thermal"},
+    {"compensation", "measurement", "demo"},
+    {"identification"},
+    {"storage", "live", "controllers", "settings"},
+    {"services"},
+    {"api"},
+    {"client"},
+    {"cli"},
+    {"main", "__main__"},
+]
+"""A room imports from floors below its own; from its own floor only itself."""
+
+MAY_ALSO = {("cli", "main")}
+"""The command line starts the service."""
+
+PURE = {"units", "errors", "arrays", "geometry", "thermal", "compensation", "demo"}
+"""No clock, no database, no HTTP: time and temperatures come in as arguments."""
+
+PURE_LIBRARIES = {"numpy", "scipy", "app"} | (
+    set(sys.stdlib_module_names)
+    - {"time", "os", "pathlib", "random", "sqlite3", "socket", "threading", "asyncio", "http"}
+)
+
+
+def room_of(path):
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0].removesuffix(".py")
+
+
+def floor_of(room):
+    return next(i for i, rooms in enumerate(FLOORS) if room in rooms)
+
+
+def imports_of(path):
+    """Name every module that a file imports, whole paths."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            found.add(node.module)
+    return found
+
+
+def test_every_room_has_a_floor():
+    for path in MODULES:
+        if room_of(path) != "__init__":
+            floor_of(room_of(path))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_down_only(path):
+    room = room_of(path)
+    if room == "__init__":
+        assert not {m for m in imports_of(path) if m.startswith("app")}
+        return
+    for module in imports_of(path):
+        parts = module.split(".")
+        if parts[0] != "app" or len(parts) == 1:
+            continue
+        other = parts[1]
+        allowed = other == room or floor_of(other) < floor_of(room) or (room, other) in MAY_ALSO
+        assert allowed, f"{room} may not import {module}"
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in MODULES if room_of(p) in PURE], ids=lambda p: str(p.relative_to(PACKAGE))
+)
+def test_pure_rooms_know_no_clock_and_no_world(path):
+    roots = {module.split(".")[0] for module in imports_of(path)}
+    assert roots <= PURE_LIBRARIES, f"{path} imports {roots - PURE_LIBRARIES}"
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        assert not (isinstance(node, ast.Attribute) and node.attr in {"now", "utcnow", "today"}), (
+            f"{path} reads the clock"
+        )
+
+
+def test_storage_alone_speaks_sql():
+    for path in MODULES:
+        if room_of(path) not in {"storage"}:
+            sql = {
+                m for m in imports_of(path) if m.startswith(("sqlalchemy", "psycopg", "sqlite3"))
+            }
+            assert sql <= {"sqlalchemy.exc", "sqlalchemy.orm"}, f"{path} imports {sql}"
+
+
+def test_migrations_import_only_the_tables_metadata():
+    folder = PACKAGE.parent / "migrations"
+    for path in folder.rglob("*.py"):
+        ours = {m for m in imports_of(path) if m.startswith("app")}
+        assert ours <= ({"app.storage.tables"} if path.name == "env.py" else set())
+
+
+def public_functions():
+    for info in pkgutil.walk_packages(app.__path__, "app."):
+        if info.name.split(".")[1] not in PURE:
+            continue
+        module = importlib.import_module(info.name)
+        for name, thing in vars(module).items():
+            if name.startswith("_") or getattr(thing, "__module__", None) != info.name:
+                continue
+            if inspect.isfunction(thing):
+                yield f"{info.name}.{name}", thing
+            if inspect.isclass(thing):
+                for method, function in vars(thing).items():
+                    if inspect.isfunction(function) and not method.startswith("_"):
+                        yield f"{info.name}.{name}.{method}", function
+
+
+@pytest.mark.parametrize(("name", "function"), public_functions(), ids=lambda x: str(x)[:80])
+def test_docstrings_of_pure_functions(name, function):
+    text = inspect.getdoc(function)
+    assert text, f"{name} has no docstring"
+    first = text.split("\n\n")[0].strip()
+    assert first.endswith((".", "?")), f"{name}: the first paragraph is no sentence"
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.M | re.S)
+    if section:
+        described = set(re.findall(r"^([a-z_0-9]+(?:, [a-z_0-9]+)*)(?: :.*)?$", section[1], re.M))
+        named = {one for names in described for one in names.split(", ")}
+        taken = set(inspect.signature(function).parameters) - {"self", "cls"}
+        assert taken <= named, f"{name} does not describe {taken - named}"
+        for parameter in taken:
+            array = re.search(rf"^{parameter} :.*ndarray.*$", section[1], re.M)
+            assert not array or "shape" in array[0], f"{name}: {parameter} has no shape"
+
+
+def test_factors_of_thousand_stand_in_units_alone():
+    for path in MODULES:
+        if room_of(path) in PURE - {"units"}:
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                assert not (
+                    isinstance(node, ast.BinOp)
+                    and isinstance(node.right, ast.Constant)
+                    and node.right.value in (1000, 1000.0, 1e-3, 1e6, 1e-6)
+                ), f"{path}:{node.lineno} converts a unit by hand"
