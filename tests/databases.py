@@ -26,6 +26,7 @@ NO_WAIT = {"options": "-c synchronous_commit=off"}
 """PostgreSQL answers before its disk does: its durability is not what is tested here."""
 
 TABLES = [table.name for table in Base.metadata.sorted_tables]
+NUMBERED = [t.name for t in Base.metadata.sorted_tables if t.autoincrement_column is not None]
 
 
 class NotReachable(Exception):
@@ -115,16 +116,17 @@ class Refillable:
 
     def refill(self):
         """Throw everybody out, and everything that was stored since."""
+        clear = "".join(f"DELETE FROM public.{t};" for t in reversed(TABLES))
         fill = "".join(f"INSERT INTO public.{t} TABLE kept.{t};" for t in TABLES)
         renumber = "".join(
             f"SELECT setval('{t}_id_seq', (SELECT coalesce(max(id), 0) + 1 FROM {t}), false);"
-            for t in ("error_map", "reading")
+            for t in NUMBERED
         )
         self._connection.execute(
             "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
             "WHERE datname = current_database() AND pid <> pg_backend_pid();"
         )
-        self._connection.execute(f"BEGIN; DELETE FROM machine; {fill} {renumber} COMMIT;")
+        self._connection.execute(f"BEGIN; {clear} {fill} {renumber} COMMIT;")
 
     def close(self):
         self._connection.close()

@@ -128,7 +128,7 @@ def public_functions():
                         yield f"{info.name}.{name}.{method}", function
 
 
-@pytest.mark.parametrize(("name", "function"), public_functions(), ids=lambda x: str(x)[:80])
+@pytest.mark.parametrize(("name", "function"), list(public_functions()), ids=lambda x: str(x)[:80])
 def test_docstrings_of_pure_functions(name, function):
     text = inspect.getdoc(function)
     assert text, f"{name} has no docstring"

@@ -26,7 +26,7 @@ def named_objects():
             yield pytest.param(name, id=f"{page.name}:{name}")
 
 
-@pytest.mark.parametrize("name", named_objects())
+@pytest.mark.parametrize("name", list(named_objects()))
 def test_named_objects_exist(name):
     parts = name.split(".")
     for cut in range(len(parts), 0, -1):
@@ -49,7 +49,7 @@ def named_files():
             yield pytest.param(ROOT / name.split("::")[0], id=f"{page.name}:{name}")
 
 
-@pytest.mark.parametrize("path", named_files())
+@pytest.mark.parametrize("path", list(named_files()))
 def test_named_files_exist(path):
     assert path.exists()
 
@@ -60,7 +60,7 @@ def named_tests():
         yield pytest.param(*name.split("::"), id=name)
 
 
-@pytest.mark.parametrize(("file", "test"), named_tests())
+@pytest.mark.parametrize(("file", "test"), list(named_tests()))
 def test_named_tests_exist(file, test):
     assert f"def {test}(" in (ROOT / file).read_text(encoding="utf-8")
 

@@ -57,45 +57,51 @@ def read_contract_json(file: Path) -> list[Content]:
     found = []
     for i, entry in enumerate(entries):
         prefix = f"entry {i + 1}: " if isinstance(document, list) else ""
-        content = _read_entry(entry, lambda message, at=prefix: problems.add(at + message))
-        if content is not None:
-            found.append(content)
+        try:
+            found.append(_read_entry(entry))
+        except _Refused as refused:
+            for message in refused.messages:
+                problems.add(prefix + message)
     problems.raise_if_any()
     return found
 
 
-def _read_entry(entry: Any, complain: Callable[[str], None]) -> Content | None:
+class _Refused(Exception):
+    """What is wrong with one entry."""
+
+    def __init__(self, *messages: str) -> None:
+        super().__init__(*messages)
+        self.messages = messages
+
+
+def _read_entry(entry: Any) -> Content:
     if isinstance(entry, dict) and "configuration" in entry:
-        return _checked(MachineSettings, entry, MachineSettings.to_machine, complain)
+        return _checked(MachineSettings, entry, MachineSettings.to_machine)
     if isinstance(entry, dict) and ("components" in entry or "measured_at" in entry):
-        return _checked(ErrorMapSchema, entry, ErrorMapSchema.to_error_map, complain)
+        return _checked(ErrorMapSchema, entry, ErrorMapSchema.to_error_map)
     if isinstance(entry, dict) and "time" in entry:
-        return _checked(ReadingSchema, entry, ReadingSchema.to_reading, complain)
+        return _checked(ReadingSchema, entry, ReadingSchema.to_reading)
     came = f"fields {', '.join(entry)}" if isinstance(entry, dict) else type(entry).__name__
-    complain(
+    raise _Refused(
         "expected a machine (with configuration), an error map (with components) or a reading "
         f"(with time and temperatures_c), came {came}"
     )
-    return None
 
 
 def _checked(
     shape: type[_Shape],
     entry: Mapping[str, Any],
     to_domain: Callable[[_Shape], object],
-    complain: Callable[[str], None],
-) -> _Shape | None:
+) -> _Shape:
     """Make what the service would make of an entry, or say what it would refuse."""
     try:
         content = shape.model_validate(_as_stated(shape, entry))
         to_domain(content)
     except ValidationError as error:
-        for found in map(field_error, error.errors()):
-            complain(f"{found.field}: {found.message}")
-        return None
+        found = map(field_error, error.errors())
+        raise _Refused(*(f"{e.field}: {e.message}" for e in found)) from None
     except InvalidContent as error:
-        complain(error.detail)
-        return None
+        raise _Refused(error.detail) from None
     return content
 
 

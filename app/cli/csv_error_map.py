@@ -17,6 +17,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,7 +41,9 @@ from app.units import Unit
 _VALUE_COLUMN: Final = re.compile(
     r"(?P<backward>backward_)?(errors?|slopes?|values?)(_(?P<unit>um|urad|um_per_m|urad_per_m))?"
 )
-_HEADING_KEYS: Final = "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"
+_HEADING_KEYS: Final = (
+    "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,9 +299,7 @@ def _read_value(
     return text.number(row, proper.index, component.unit.symbol)
 
 
-def _other_units(
-    text: DelimitedText, columns: _Columns, names: Mapping[str, str]
-) -> Iterator[str]:
+def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str]) -> Iterator[str]:
     """Say which components were read in another unit than the only column's name says."""
     if len(columns.forward) > 1:
         return
@@ -316,7 +317,7 @@ def _make_component(
     component = parse_component(name)[0]
     ordered = sorted(points, key=lambda p: (p.position_mm or 0.0, p.row.line))
     before = len(text.problems.found)
-    for earlier, later in zip(ordered, ordered[1:], strict=False):
+    for earlier, later in pairwise(ordered):
         if earlier.position_mm == later.position_mm:
             at = "" if later.position_mm is None else f" at {later.position_mm:g} mm"
             text.problems.add(

@@ -146,8 +146,8 @@ def plain_heading(heading: str) -> str:
     >>> plain_heading("Error [µm]"), plain_heading("error_um/m"), plain_heading("Position (mm)")
     ('error_um', 'error_um_per_m', 'position_mm')
     """
-    ascii_units = heading.lower().replace("µ", "u").replace("μ", "u").replace("/", "_per_")
-    return re.sub(r"[\s\[\]()]+", "_", ascii_units).strip("_")
+    ascii_units = heading.lower().replace("µ", "u").replace("μ", "u").replace("°", "")
+    return re.sub(r"[\s\[\]()]+", "_", ascii_units.replace("/", "_per_")).strip("_")
 
 
 def left_out(headings: Iterable[str]) -> str:

@@ -68,7 +68,7 @@ def import_files(
     the columns component, position_mm, error_um (or error_urad, slope_um_per_m,
     value_um_per_m …), optional backward_error_um, and comment lines above them:
     `# label: Run #1`, `# measured_at: 2026-03-01T06:00:00Z`,
-    `# temperature x-middle: 20.1` (°C). Options go before what a file says.
+    `# temperature x-middle: 20.1` (°C). Options overrule a file.
 
     What is there already with the same content stays as it is.
 
@@ -138,14 +138,11 @@ def _name_machine(one: ImportedFile, machine: str | None, described: Sequence[st
             f"{one.file} says that it belongs to {one.machine!r}, came {machine!r}",
             param_hint="--machine",
         )
-    own = [settings.id for settings in one.machines]
-    candidates = [one.machine, machine, *(own if len(own) == 1 else []), *described]
-    named = [candidate for candidate in candidates if candidate]
-    if not named or (len({*described}) > 1 and named[0] == described[0] and len(own) != 1):
+    if not (one.machine or machine or len(described) == 1):
         raise typer.BadParameter(
             f"{one.file} does not say which machine it belongs to", param_hint="--machine"
         )
-    one.machine = named[0]
+    one.machine = one.machine or machine or described[0]
 
 
 def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]) -> None:
@@ -165,8 +162,10 @@ def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]
 
 
 def _sensors_in(one: ImportedFile) -> Iterator[str]:
-    for stated in (*one.error_maps, *one.readings):
-        yield from stated.temperatures_c
+    for error_map in one.error_maps:
+        yield from error_map.temperatures_c
+    for reading in one.readings:
+        yield from reading.temperatures_c
 
 
 def _send(thermap: ThermapClient, one: ImportedFile) -> None:

@@ -22,12 +22,17 @@ UrlOption = Annotated[
     str, typer.Option("--url", envvar=URL_VARIABLE, metavar="URL", help="Where the service is.")
 ]
 HostOption = Annotated[
-    str, typer.Option("--host", envvar="THERMAP_HOST", help="Address to listen on.")
+    str, typer.Option("--host", envvar="THERMAP_HOST", metavar="HOST", help="Address to listen on.")
 ]
 PortOption = Annotated[
     int,
     typer.Option(
-        "--port", envvar="THERMAP_PORT", min=0, max=65535, help="Port; 0 takes any free one."
+        "--port",
+        envvar="THERMAP_PORT",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="Port; 0 takes any free one.",
     ),
 ]
 TemperatureOption = Annotated[

@@ -34,28 +34,35 @@ def serve(
             metavar="URL",
             default_factory=lambda: sqlite_url("thermap.db"),
             show_default="thermap.db in your folder for data",
-            help="sqlite:///FILE or postgresql://USER@HOST/DATABASE.",
+            help="sqlite:///FILE or postgresql://HOST/NAME.",
         ),
     ],
     max_body_bytes: Annotated[
         int,
-        typer.Option(envvar="THERMAP_MAX_BODY_BYTES", min=1, help="Largest body of a request."),
+        typer.Option(
+            envvar="THERMAP_MAX_BODY_BYTES", metavar="N", min=1, help="Largest body of a request."
+        ),
     ] = _FIELDS["max_body_bytes"].default,
     refresh_s: Annotated[
         float,
         typer.Option(
             envvar="THERMAP_REFRESH_S",
+            metavar="SECONDS",
             help="How often the database is looked at for others' changes, in s.",
         ),
     ] = _FIELDS["refresh_s"].default,
     log_level: Annotated[
         Literal["debug", "info", "warning", "error", "critical"],
-        typer.Option(envvar="THERMAP_LOG_LEVEL", help="What is logged, on stderr."),
+        typer.Option(
+            envvar="THERMAP_LOG_LEVEL",
+            metavar="LEVEL",
+            help="debug, info, warning, error or critical.",
+        ),
     ] = _FIELDS["log_level"].default,
 ) -> None:
     """Run the service until Ctrl-C or SIGTERM.
 
-    Example: `thermap serve --port 8000 --database-url postgresql://thermap@db/thermap`
+    Example: `thermap serve --port 8001 --database-url sqlite:///shop.db`
     """
     settings = checked_settings(
         host=host,

@@ -46,13 +46,14 @@ class ComponentRow:
     remark: str = ""
 
 
-def chosen_positions(count: int, shown: int = POSITIONS_SHOWN) -> list[int]:
-    """Choose positions evenly, both ends among them.
+def evenly_chosen(count: int, shown: int = POSITIONS_SHOWN) -> list[int]:
+    """Choose indices evenly, both ends among them.
 
-    >>> chosen_positions(21), chosen_positions(3), chosen_positions(1)
+    >>> evenly_chosen(21), evenly_chosen(3), evenly_chosen(1)
     ([0, 5, 10, 15, 20], [0, 1, 2], [0])
     """
-    return np.unique(np.linspace(0, count - 1, min(count, shown)).round().astype(int)).tolist()
+    chosen = np.linspace(0, count - 1, min(count, shown)).round()
+    return sorted({int(i) for i in chosen})
 
 
 def signed(value: float) -> str:
@@ -135,7 +136,7 @@ def _origin(entry: ComponentCompensationAnswer) -> Text:
 
 def _numbers(entries: Sequence[ComponentCompensationAnswer], layout: str) -> Table:
     positions = entries[0].positions_mm or []
-    chosen = chosen_positions(len(positions)) if positions else [0]
+    chosen = evenly_chosen(len(positions)) if positions else [0]
     rows = [row for entry in entries for row in _component_rows(entry, chosen)]
     headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
     argument = f"{entries[0].axis} in mm" if positions else ""

@@ -200,6 +200,14 @@ def test_the_order_in_which_maps_are_given_does_not_matter_to_a_bit(stack, seed,
         assert (mine.weight, mine.status) == (theirs.weight, theirs.status)
 
 
+def test_the_order_in_which_a_map_states_its_components_does_not_matter_either():
+    tables = [table("SXY", [1.0]), table("EYX", [2.0], [0]), table("EXX", [3.0], [0])]
+    for stated in (tables, tables[::-1]):
+        model = compiled([error_map("a", 20.0, *stated), error_map("b", 30.0, *tables)])
+        assert [g.codes for g in model.groups] == [["EXX", "EYX", "SXY"]]
+        assert model.errors_at({"x-middle": 25.0})[0].values.tolist() == [3.0, 2.0, 1.0]
+
+
 def test_the_order_does_not_matter_where_maps_are_averaged_either():
     """Means of three tables at one temperature: a sum in another order has other last bits."""
     rng = np.random.default_rng(11)

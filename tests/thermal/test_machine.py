@@ -66,6 +66,12 @@ def test_the_range_and_what_looks_like_kelvin(value, accepted, kelvin):
     assert sensor.looks_like_kelvin(value) is kelvin
 
 
+def test_what_is_believable_in_celsius_is_not_taken_for_kelvin():
+    """A furnace's sensor up to 400 °C: 300 may be either, so it is what was said."""
+    assert not Sensor("furnace", max_c=400.0).looks_like_kelvin(300.0)
+    assert Sensor("furnace", max_c=400.0).looks_like_kelvin(500.0)
+
+
 def test_the_sentence_on_kelvin_says_what_was_meant():
     assert Sensor("spindle").expectation(295.25) == (
         "expected a temperature of spindle from -50 to 150 °C, came 295.25, which would be "

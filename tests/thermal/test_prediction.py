@@ -120,6 +120,21 @@ def test_a_stand_in_without_any_readings_may_be_left_out():
     assert np.isnan(nothing.values).all()
 
 
+def test_a_stand_in_that_cools_while_the_sensor_warms_has_its_own_order():
+    """y-front 40, 34, 30 °C in Runs 1, 2, 3: at 31 °C three quarters from Run 2 to Run 3."""
+    maps = [
+        error_map(f"Run #{i}", {"x-middle": x, "y-front": y}, table("EXX", [error], [0]))
+        for i, (x, y, error) in enumerate(
+            [(20.0, 40.0, 0.0), (24.0, 34.0, 8.0), (32.0, 30.0, 20.0)], start=1
+        )
+    ]
+    temperatures = at_x_middle(*[np.nan] * 3, **{"y-front": [31.0, 37.0, 34.0]})
+    found = predicted(compiled(maps), "EXX", temperatures, np.zeros(3))
+    assert found.values.tolist() == [17.0, 4.0, 8.0]
+    for y, error in zip([31.0, 37.0, 34.0], found.values, strict=True):
+        assert errors_of(compiled(maps), "EXX", {"y-front": y}).tolist() == [error]
+
+
 def test_a_component_that_the_model_lacks_is_refused_with_the_reason():
     maps = [
         error_map("Run #1", 20.0, table("EYX", [0.0], [0]), table("EXX", [0.0], [0])),

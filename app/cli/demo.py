@@ -1,0 +1,107 @@
+"""thermap demo: the service with an example machine that lives."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+from rich.live import Live
+
+from app.api.schemas.compensation import CurrentCompensationAnswer
+from app.cli.demo_machine import reading_at, set_up
+from app.cli.demo_view import argument_view, live_view, short_line
+from app.cli.listening import (
+    checked_settings,
+    database_words,
+    leaving_on_signals,
+    listening,
+    make_service,
+    serving,
+    url_of,
+)
+from app.cli.options import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, connect
+from app.client import ThermapClient
+from app.demo.remaining_error import remaining_errors
+from app.settings import sqlite_url
+
+READING_EVERY_S: Final = 1.0
+LINE_EVERY_S: Final = 10.0
+
+
+def demo(
+    *,
+    host: HostOption = DEFAULT_HOST,
+    port: PortOption = DEFAULT_PORT,
+    database_url: Annotated[
+        str,
+        typer.Option(
+            envvar="THERMAP_DEMO_DATABASE_URL",
+            metavar="URL",
+            default_factory=lambda: sqlite_url("thermap-demo.db"),
+            show_default="thermap-demo.db in your folder for data",
+            help="A database of the demo's own.",
+        ),
+    ],
+    no_serve: Annotated[
+        bool,
+        typer.Option(
+            "--no-serve",
+            envvar="THERMAP_DEMO_NO_SERVE",
+            help="Use the service that listens there already.",
+        ),
+    ] = False,
+) -> None:
+    """Run the service with a simulated machine that warms up and cools down.
+
+    It stores Runs 1, 3 and 6 of the example, shows what compensation leaves of the
+    other runs (µm), then sends a reading every second (°C) and shows the compensation
+    table as it changes. Everything about the machine is simulated.
+
+    Example: `thermap demo --port 8001`
+    """
+    with leaving_on_signals(), ExitStack() as running:
+        if no_serve:
+            url = f"http://{host}:{port}"
+        else:
+            settings = checked_settings(host=host, port=port, database_url=database_url)
+            opened = running.enter_context(listening(settings.host, settings.port, "demo"))
+            url = url_of(opened)
+            running.enter_context(serving(make_service(settings), opened, settings.log_level))
+            typer.echo(f"thermap demo listens on {url}, to read and try: {url}/docs")
+            typer.echo(f"database {database_words(settings.database_url)}\n")
+        thermap = running.enter_context(connect(url))
+        machine = set_up(thermap)
+        console = Console(highlight=False)
+        console.print(argument_view(remaining_errors()))
+        console.print()
+        _show(_live_tables(thermap, machine), console)
+
+
+def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompensationAnswer]:
+    """Send a reading every whole second and give the table that follows from it."""
+    while True:
+        thermap.store_readings(machine, reading_at(datetime.now(UTC)))
+        tagged = thermap.current_table(machine)
+        assert tagged is not None  # without an ETag there is always a table
+        yield tagged.table
+        time.sleep(READING_EVERY_S - time.time() % READING_EVERY_S)
+
+
+def _show(tables: Iterator[CurrentCompensationAnswer], console: Console) -> None:
+    """On a terminal the table that changes; in a pipe the table once, then a line now and then."""
+    first = next(tables)
+    if console.is_terminal:
+        with Live(live_view(first, console), console=console, auto_refresh=False) as live:
+            for table in tables:
+                live.update(live_view(table, console), refresh=True)
+    console.print(live_view(first, console))
+    told = time.monotonic()
+    for table in tables:
+        if time.monotonic() - told >= LINE_EVERY_S:
+            told += LINE_EVERY_S
+            typer.echo(short_line(table))

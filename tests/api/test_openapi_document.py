@@ -1,0 +1,140 @@
+"""The OpenAPI document says of every field what it is and in which unit."""
+
+import json
+import re
+
+import pytest
+
+from app.units import unit_of_field
+
+NO_UNIT = {"weight", "r", "confidence_95"}
+"""Numbers without a unit: shares and correlations."""
+
+UNITS = re.compile(r"\[(mm|µm|µrad|µm/m|µrad/m|°C|°C/min|s|1/min)[\];]")
+
+
+@pytest.fixture(scope="module")
+def document(databases):
+    from app.main import create_app
+    from app.settings import Settings
+
+    service = create_app(Settings(database_url=databases.migrated("sqlite")))
+    service.state.context.database.close()
+    return json.loads(json.dumps(service.openapi()))
+
+
+def fields(document):
+    """Every schema's fields: (schema, field, its description of itself)."""
+    return [
+        (name, field, content)
+        for name, schema in document["components"]["schemas"].items()
+        for field, content in schema.get("properties", {}).items()
+    ]
+
+
+def operations(document):
+    return [
+        (f"{method.upper()} {path}", operation)
+        for path, item in document["paths"].items()
+        for method, operation in item.items()
+    ]
+
+
+def has_floats(document, content):
+    """Whether a field holds numbers other than counts, at any depth but in other schemas."""
+    if isinstance(content, dict):
+        return content.get("type") == "number" or any(
+            has_floats(document, v) for k, v in content.items() if k != "$ref"
+        )
+    return isinstance(content, list) and any(has_floats(document, v) for v in content)
+
+
+def test_there_is_something_to_look_at(document):
+    assert len(fields(document)) > 100
+    assert len(operations(document)) > 20
+
+
+def test_every_field_says_what_it_is(document):
+    silent = [f"{s}.{f}" for s, f, content in fields(document) if not content.get("description")]
+    assert silent == []
+
+
+def test_every_number_says_its_unit(document):
+    silent = [
+        f"{schema}.{field}"
+        for schema, field, content in fields(document)
+        if has_floats(document, content)
+        and field not in NO_UNIT
+        and unit_of_field(field) is None
+        and not UNITS.search(content.get("description", ""))
+        and "state" not in field  # any numbers that the shop knows
+    ]
+    assert silent == []
+
+
+def test_a_unit_in_a_description_is_that_of_the_name(document):
+    wrong = []
+    for schema, field, content in fields(document):
+        promised = unit_of_field(field)
+        stated = UNITS.search(content.get("description", ""))
+        if promised and stated and stated[1] != promised:
+            wrong.append(f"{schema}.{field}: {stated[0]}")
+    # Predictions of angles and squareness have one field with those of lengths.
+    assert wrong == []
+
+
+def test_every_schema_says_what_it_is(document):
+    silent = [n for n, s in document["components"]["schemas"].items() if not s.get("description")]
+    assert silent == []
+
+
+def test_every_operation_has_a_summary_a_description_and_a_tag(document):
+    for name, operation in operations(document):
+        assert operation.get("summary"), name
+        assert operation.get("description"), name
+        assert operation.get("tags"), name
+
+
+def test_every_parameter_says_what_it_is(document):
+    silent = [
+        f"{name}: {parameter['name']}"
+        for name, operation in operations(document)
+        for parameter in operation.get("parameters", [])
+        if not parameter.get("description")
+    ]
+    assert silent == []
+
+
+def test_errors_are_documented_as_they_are_answered(document):
+    wrong = [
+        f"{name} {status}"
+        for name, operation in operations(document)
+        for status, response in operation["responses"].items()
+        if int(status) >= 400
+        and list(response.get("content", {})) != ["application/problem+json"]
+        and "readyz" not in name
+    ]
+    assert wrong == []
+
+
+def test_every_route_of_the_contract_is_there(document):
+    room = "/v1/machines/{machine}"
+    contract = {
+        "/v1/machines": {"get", "post"},
+        room: {"get", "patch", "delete"},
+        f"{room}/error-maps": {"get", "post"},
+        f"{room}/error-maps/{{map_id}}": {"get", "delete"},
+        f"{room}/sensor-assignment": {"get", "put"},
+        f"{room}/sensor-assignment/correlate": {"post"},
+        f"{room}/models": {"get"},
+        f"{room}/models/{{version}}": {"get"},
+        f"{room}/models/{{version}}/activate": {"post"},
+        f"{room}/compensation": {"get", "post"},
+        f"{room}/readings": {"get", "post"},
+        f"{room}/predictions": {"post"},
+        "/healthz": {"get"},
+        "/readyz": {"get"},
+        "/metrics": {"get"},
+    }
+    there = {path: set(item) for path, item in document["paths"].items()}
+    assert contract.items() <= there.items()
