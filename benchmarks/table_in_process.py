@@ -20,7 +20,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from app.demo.error_maps import run_map
 from app.demo.machine import example_machine
-from app.thermal.compiled_model import compile_model
+from app.thermal.compile_model import compile_model
 from benchmarks.example import STORED_RUNS, TEMPERATURES_C
 
 ROUNDS = 7

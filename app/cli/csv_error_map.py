@@ -304,10 +304,11 @@ def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str
     if len(columns.forward) > 1:
         return
     only = columns.forward[0]
-    for code, name in names.items():
-        unit: Unit = parse_component(name)[0].unit
-        if only.unit is not None and unit != only.unit:
-            yield f"{code} in the column {text.headings[only.index]} is read in {unit.symbol}"
+    for unit in Unit:
+        codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
+        if codes and only.unit is not None and unit != only.unit:
+            heading = text.headings[only.index]
+            yield f"in the column {heading}, {', '.join(codes)} are read in {unit.symbol}"
 
 
 def _make_component(

@@ -54,6 +54,7 @@ def live_view(table: CurrentCompensationAnswer, console: Console) -> RenderableT
         table_view(
             table,
             console.width,
+            hint="/docs leads to all",
             compensation_only=console.is_terminal and console.height < _TALL_ROWS,
         ),
     )

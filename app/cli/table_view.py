@@ -7,10 +7,10 @@ both ends among them; the unit and the sign stand in every row.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -27,11 +27,12 @@ from app.geometry.components import COMPONENTS
 POSITIONS_SHOWN: Final = 5
 SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"
 _PLAIN: Final = frozenset({"interpolated", "at-map"})
-_WIDE: Final = 116
-"""Columns from which errors and compensation stand side by side."""
+_NAME, _CHAPTER, _WORD, _UNIT, _NUMBER = 7, 8, 12, 6, 7
+"""Widths of the columns, the same in every group; numbers may need more."""
 
-_NAME, _WORD, _UNIT, _NUMBER = 8, 12, 6, 8
-"""Widths of the columns, the same in every group."""
+
+_NumberColumns: TypeAlias = Sequence[Mapping[str, Any]]
+"""How rich is to make the columns of numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,11 @@ def signed(value: float) -> str:
 
 
 def table_view(
-    answer: CompensationAnswer, width: int, *, compensation_only: bool = False
+    answer: CompensationAnswer,
+    width: int,
+    *,
+    compensation_only: bool = False,
+    hint: str = "--json has all",
 ) -> RenderableType:
     """Lay a table out for a terminal.
 
@@ -76,11 +81,13 @@ def table_view(
     answer
         The service's answer.
     width
-        Columns of the terminal; from 116 on errors and compensation stand side by side.
+        Columns of the terminal; where they suffice, errors and compensation stand
+        side by side, else one above the other.
     compensation_only
         Leave the errors out where they would take rows of their own.
+    hint
+        Where the positions are that are left out.
     """
-    layout = "wide" if width >= _WIDE else "short" if compensation_only else "tall"
     parts: list[RenderableType] = [_heading(answer)]
     if isinstance(answer, CurrentCompensationAnswer):
         parts.append(_sensors(answer))
@@ -89,9 +96,9 @@ def table_view(
         entries = list(group)
         parts.append(Text())
         parts.append(_origin(entries[0]))
-        parts.append(_numbers(entries, layout))
+        parts.append(_numbers(entries, width, compensation_only))
     parts.append(Text())
-    parts.append(Text(SIGN + _left_out(answer), style="dim"))
+    parts.append(Text(SIGN + _left_out(answer, hint), style="dim"))
     return Group(*parts)
 
 
@@ -134,48 +141,46 @@ def _origin(entry: ComponentCompensationAnswer) -> Text:
     return text
 
 
-def _numbers(entries: Sequence[ComponentCompensationAnswer], layout: str) -> Table:
+def _numbers(
+    entries: Sequence[ComponentCompensationAnswer], width: int, compensation_only: bool
+) -> Table:
+    """Lay a group's numbers out under their positions."""
     positions = entries[0].positions_mm or []
     chosen = evenly_chosen(len(positions)) if positions else [0]
-    rows = [row for entry in entries for row in _component_rows(entry, chosen)]
     headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
-    argument = f"{entries[0].axis} in mm" if positions else ""
+    rows = [row for entry in entries for row in _component_rows(entry, chosen)]
+    numbers = [signed(v) for row in rows for v in (*row.errors, *row.compensation)]
+    number_width = max(_NUMBER, *map(len, numbers), *map(len, headings))
+    wide = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
-    table.add_column(argument, width=_NAME)
-    if layout == "wide":
-        table.add_column("", width=_NAME)
-        _add_wide(table, rows, headings)
-    elif layout == "short":
-        table.add_column("", width=_WORD)
-        _add_short(table, rows, headings)
-    else:
-        table.add_column("", width=_WORD)
-        _add_tall(table, rows, headings)
+    table.show_header = bool(positions) or (compensation_only and not wide)
+    table.add_column(f"{entries[0].axis} in mm" if positions else "", width=_NAME)
+    add = _add_wide if wide else _add_short if compensation_only else _add_tall
+    add(table, rows, [{"header": heading, "min_width": number_width} for heading in headings])
     return table
 
 
-def _add_numbers(table: Table, headings: Iterable[str]) -> None:
-    for heading in headings:
-        table.add_column(heading, min_width=_NUMBER, justify="right", no_wrap=True)
-
-
-def _add_wide(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str]) -> None:
+def _add_wide(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
     """Errors to the left, compensation to the right."""
+    table.add_column("", width=_CHAPTER)
     table.add_column("", width=_UNIT)
-    for word in ("error", "comp."):
-        table.add_column("", width=6)
-        _add_numbers(table, headings)
-        table.columns[-len(headings) - 1].header = word
+    for _ in ("error", "comp."):
+        table.add_column("", width=5)
+        _add_numbers(table, numbers)
     table.add_column("")
     for row in rows:
         errors, compensation = map(signed, row.errors), map(signed, row.compensation)
-        table.add_row(row.code, row.chapter, row.unit, "", *errors, "", *compensation, row.remark)
+        table.add_row(
+            row.code, row.chapter, row.unit, "error", *errors, "comp.", *compensation, row.remark
+        )
 
 
-def _add_tall(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str]) -> None:
+def _add_tall(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
     """Two rows a component."""
+    table.columns[0].width = _CHAPTER
+    table.add_column("", width=_WORD)
     table.add_column("", width=_UNIT)
-    _add_numbers(table, headings)
+    _add_numbers(table, numbers)
     table.add_column("")
     for row in rows:
         table.add_row(row.code, "error", row.unit, *map(signed, row.errors), row.remark)
@@ -183,13 +188,18 @@ def _add_tall(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str
         table.add_row(row.chapter, "compensation", row.unit, *compensation, style="cyan")
 
 
-def _add_short(table: Table, rows: Iterable[ComponentRow], headings: Sequence[str]) -> None:
+def _add_short(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
     """One row a component, without its errors."""
-    table.columns[-1].header = "compensation"
+    table.add_column("compensation", width=_WORD)
     table.add_column("", width=_UNIT)
-    _add_numbers(table, headings)
+    _add_numbers(table, numbers)
     for row in rows:
         table.add_row(row.code, row.chapter, row.unit, *map(signed, row.compensation))
+
+
+def _add_numbers(table: Table, numbers: _NumberColumns) -> None:
+    for column in numbers:
+        table.add_column(justify="right", no_wrap=True, **column)
 
 
 def _component_rows(
@@ -220,8 +230,8 @@ def _at(values: Sequence[float], chosen: Iterable[int]) -> list[float]:
     return [values[i] for i in chosen]
 
 
-def _left_out(answer: CompensationAnswer) -> str:
+def _left_out(answer: CompensationAnswer, hint: str) -> str:
     most = max((len(entry.positions_mm or ()) for entry in answer.components), default=0)
     if most <= POSITIONS_SHOWN:
         return ""
-    return f". {POSITIONS_SHOWN} of {most} positions; --json has all"
+    return f". {POSITIONS_SHOWN} of {most} positions; {hint}"

@@ -15,7 +15,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.demo.error_maps import run_map
 from app.demo.machine import example_machine
-from app.thermal.compiled_model import compile_model
+from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ErrorMap
 
 COMPARED_RUNS: Final = (2, 4, 5)

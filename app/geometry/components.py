@@ -207,6 +207,12 @@ _BY_OTHER_NAME: Final[dict[str, tuple[Component, int]]] = {
     **{c.chapter.replace("_", "").lower(): (c, 1) for c in COMPONENTS.values() if c.chapter},
     **{c.iso.lower(): (c, c.iso_sign) for c in COMPONENTS.values() if c.iso},
     **{f"e{c.iso}".lower(): (c, c.iso_sign) for c in COMPONENTS.values() if c.iso},
+    # ISO 230-1 writes a zero where Hsieh writes the letter O: X0C.
+    **{
+        c.code.replace("O", "0").lower(): (c, 1)
+        for c in COMPONENTS.values()
+        if c.kind is Kind.ROTARY_LOCATION
+    },
 }
 
 
@@ -217,7 +223,8 @@ def parse_component(name: str) -> tuple[Component, int]:
     ----------
     name
         ISO 230-1 code (`EXX`), the chapter's notation (`D_x(x)`, `Dx(x)`,
-        `D_y^x(y)`, `S_xy`) or ISO's squareness (`C0Y`, `A0Z`, `B0Z`).
+        `D_y^x(y)`, `S_xy`), ISO's squareness (`C0Y`, `A0Z`, `B0Z`), or a rotary-axis
+        location with ISO's zero (`X0C`).
 
     Returns
     -------

@@ -14,7 +14,8 @@ from app.storage.model_versions import active_version
 from app.storage.readings import recent_readings
 from app.storage.records import ModelVersion, StoredMachine
 from app.storage.tables import MachineRow
-from app.thermal.compiled_model import CompiledModel, compile_model
+from app.thermal.compile_model import compile_model
+from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
 
 

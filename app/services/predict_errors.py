@@ -90,6 +90,7 @@ def predict_errors(
         else:
             positions = np.array([o.position_mm or 0.0 for o in asked])
             predicted = predict_component(model, code, here, positions, directions)
+            answer.warnings.extend(_beyond_table(model, code, positions))
         for i, value, status in zip(chosen, predicted.values, predicted.status, strict=True):
             answer.values[i] = None if np.isnan(value).any() else value.tolist()
             answer.status[i] = str(status)
@@ -149,6 +150,21 @@ def _check_positions(machine: Machine, observations: Sequence[Observation]) -> N
                     f"expected {axis} within the axis' travel of {travel.min_mm:g} to "
                     f"{travel.max_mm:g} mm, came {position:g} mm",
                 )
+
+
+def _beyond_table(model: CompiledModel, code: str, positions_mm: FloatArray) -> list[str]:
+    """Say that positions lie outside a component's table, where its end values hold."""
+    found = model.find(code)
+    if found is None or found[1].positions_mm.size < 2:
+        return []
+    low, high = found[1].positions_mm[[0, -1]]
+    beyond = int(np.count_nonzero((positions_mm < low) | (positions_mm > high)))
+    if not beyond:
+        return []
+    return [
+        f"{beyond} positions of {code} lie outside its table of {low:g} to {high:g} mm: "
+        "its end values hold there"
+    ]
 
 
 def _measuring_lines(version: ModelVersion) -> Mapping[str, tuple[float, float, float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from statistics import median_low
 from typing import NamedTuple
 
 import numpy as np
@@ -180,11 +181,11 @@ def _judge_stuck(
     if unchanged_s < sensor.stuck_after_s:
         return state
     movements = _movements_since(machine, sensor.name, history, since_s)
-    if not movements or np.median(movements) < CLEARLY * sensor.resolution_c:
+    if not movements or median_low(movements) < CLEARLY * sensor.resolution_c:
         return state
     detail = (
         f"{sensor.name} is stuck: exactly {values[-1]:g} °C for {unchanged_s:.0f} s while its "
-        f"neighbours moved by {np.median(movements):.2g} °C"
+        f"neighbours moved by {median_low(movements):.2g} °C"
     )
     return SensorState(sensor.name, Health.STUCK, state.temperature_c, state.age_s, detail)
 

@@ -4,7 +4,7 @@ import app.demo
 from app.demo import error_maps, machine, true_errors, warm_up
 from app.demo.error_maps import run_map
 from app.demo.machine import SENSORS, example_machine, positions_mm
-from app.thermal.compiled_model import compile_model
+from app.thermal.compile_model import compile_model
 
 
 def test_it_is_the_chapters_configuration_with_its_four_sensors():

@@ -169,6 +169,11 @@ def test_fields_end_in_the_unit_as_the_http_contract_has_them(code, given, answe
     assert component.compensation_field == compensation
 
 
+@pytest.mark.parametrize("code", ["XOC", "YOC", "AOC", "BOC", "YOA", "ZOA", "BOA", "COA"])
+def test_rotary_axis_locations_are_read_with_isos_zero_too(code):
+    assert parse_component(code.replace("O", "0")) == (COMPONENTS[code], 1)
+
+
 @pytest.mark.parametrize(
     "name", ["", "E", "EXQ", "EXX^x", "EXX^", "EXX^yy", "D_x()", "S_yx", "C0Z", "X0Y", "EXXX", "^x"]
 )

@@ -18,7 +18,7 @@ from app.errors import (
 )
 from app.geometry.components import COMPONENTS
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import compile_model
+from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange, SameTemperature, Sensor
 from tests.thermal.example_maps import (
     error_map,
@@ -597,6 +597,24 @@ def test_their_mean_on_demand():
     clamped, _ = state_of(model, "EXX", 20.0)
     assert clamped.values.tolist() == [2.0, 4.0]
     assert clamped.status is Status.CLAMPED
+
+
+def test_a_mean_does_not_grow_beyond_the_resolution():
+    """Maps 0.06 °C apart: each state takes in what is within 0.1 °C of its first map."""
+    maps = maps_of("EXX", [20.0 + 0.06 * i for i in range(100)], [[float(i)] for i in range(100)])
+    model = compiled(maps, same_temperature=SameTemperature.MEAN)
+    (group,) = model.groups
+    assert len(group.labels) == 50
+    np.testing.assert_allclose(group.scales[0].temperatures_c, 20.03 + 0.12 * np.arange(50))
+
+
+def test_a_narrowed_range_of_positions_is_said():
+    maps = [
+        error_map("a", 20.0, table("EXX", [0.0, 2.0], [0, 100])),
+        error_map("b", 30.0, table("EXX", [4.0, 6.0], [20, 80])),
+    ]
+    (note,) = compiled(maps).notes
+    assert note == "EXX is given from 20 to 80 mm, where all its maps have it"
 
 
 def test_the_mean_of_maps_on_different_positions_and_of_their_stand_ins_temperature():

@@ -8,7 +8,7 @@ from app.errors import InvalidContent, NotEnoughMaps
 from app.geometry.chain import Chain
 from app.geometry.volumetric_error import volumetric_error
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import compile_model
+from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange
 from app.thermal.prediction import NO_READING, OUTSIDE_MAPS, predict_component, predict_points
 from tests.thermal.example_maps import error_map, errors_of, machine, maps_of, table
