@@ -601,7 +601,8 @@ def test_their_mean_on_demand():
 
 def test_a_mean_does_not_grow_beyond_the_resolution():
     """Maps 0.06 °C apart: each state takes in what is within 0.1 °C of its first map."""
-    maps = maps_of("EXX", [20.0 + 0.06 * i for i in range(100)], [[float(i)] for i in range(100)])
+    temperatures_c = [20.0 + 0.06 * i for i in range(100)]
+    maps = maps_of("EXX", temperatures_c, [[float(i)] for i in range(100)], [0.0])
     model = compiled(maps, same_temperature=SameTemperature.MEAN)
     (group,) = model.groups
     assert len(group.labels) == 50

@@ -178,7 +178,7 @@ def test_a_sensor_that_stands_still_while_its_neighbours_move_is_stuck():
     assert health(states) == {"a": "stuck", "b": "ok", "c": "ok"}
     assert states["a"].temperature_c == 21.5
     assert states["a"].detail == (
-        "a is stuck: exactly 21.5 °C for 7200 s while its neighbours moved by 8 °C"
+        "a is stuck: exactly 21.5 °C for 7200 s while its neighbours moved by 6 °C"
     )
 
 
