@@ -62,7 +62,8 @@ class InvalidContent(ThermapError):
     def inside(self, prefix: str) -> InvalidContent:
         """Return the same error with its fields named from one level further out."""
         errors = [FieldError(f"{prefix}.{e.field}", e.message) for e in self.errors]
-        return type(self)(self.detail, errors or [FieldError(prefix, self.detail)])
+        errors = errors or [FieldError(prefix, self.detail)]
+        return type(self)("; ".join(f"{e.field}: {e.message}" for e in errors), errors)
 
 
 class UnknownComponent(InvalidContent):

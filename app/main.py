@@ -10,6 +10,7 @@ from starlette.responses import HTMLResponse, RedirectResponse
 from starlette.staticfiles import StaticFiles
 
 import app as package
+from app.api.body_limit import BodyLimitMiddleware
 from app.api.error_responses import install_error_responses
 from app.api.metrics import Metrics, MetricsMiddleware
 from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
@@ -34,7 +35,11 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     """
     settings = settings or Settings()
     context = Context(Database(settings.database_url))
-    upgrade(context.database)
+    try:
+        upgrade(context.database)
+    except BaseException:
+        context.database.close()
+        raise
     follower = DatabaseFollower(context, settings.refresh_s)
 
     @asynccontextmanager
@@ -56,10 +61,10 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
-        max_body_size=settings.max_body_bytes,
     )
     service.state.context = context
     service.state.metrics = Metrics(context.live)
+    service.add_middleware(BodyLimitMiddleware, max_body_bytes=settings.max_body_bytes)
     service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
     install_error_responses(service)
     for room in (compensation, machines, error_maps, models, readings, health):

@@ -27,7 +27,7 @@ class Settings(BaseSettings):
     host: str = Field("127.0.0.1", description="Address to listen on")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on")
     max_body_bytes: int = Field(
-        64 * 1024 * 1024, gt=0, description="Largest body of a request [bytes]"
+        64 * 1024 * 1024, ge=4096, description="Largest body of a request [bytes]"
     )
     refresh_s: float = Field(
         1.0, gt=0, description="How often the database is looked at for others' changes [s]"

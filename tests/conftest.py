@@ -1,21 +1,16 @@
 """What all tests share: databases made fast by copying, the service, its clock, and a client."""
 
-import os
-from dataclasses import replace
+from contextlib import ExitStack
 
 import pytest
 from hypothesis import settings
 
-from app.main import create_app
-from app.settings import Settings
-from tests.databases import Databases, NotReachable
-from tests.service_examples import Clock, client_of, furnish_database
+from tests.databases import KINDS, Databases, reachable
+from tests.service_examples import Clock, client_of, furnish_database, running
 
 # The same examples in every run, and no clock in the verdict.
 settings.register_profile("thermap", derandomize=True, deadline=None, database=None)
 settings.load_profile("thermap")
-
-KINDS = ("sqlite", "postgresql")
 
 
 @pytest.fixture(scope="session")
@@ -29,16 +24,6 @@ def databases(tmp_path_factory):
     made = Databases(tmp_path_factory.mktemp("databases"))
     yield made
     made.close()
-
-
-def reachable(make, kind):
-    """Make a database, or skip the test where its server is not there."""
-    try:
-        return make(kind)
-    except NotReachable as away:
-        if os.environ.get("THERMAP_REQUIRE_SERVICES"):
-            pytest.fail(str(away))
-        pytest.skip(str(away))
 
 
 @pytest.fixture(params=KINDS)
@@ -88,17 +73,8 @@ def clock():
 @pytest.fixture
 def new_app(clock):
     """Make services on any database; closed at the end of the test."""
-    made = []
-
-    def make(url, **options):
-        service = create_app(Settings(database_url=url, **options))
-        service.state.context = replace(service.state.context, now=clock)
-        made.append(service)
-        return service
-
-    yield make
-    for service in made:
-        service.state.context.database.close()
+    with ExitStack() as services:
+        yield lambda url, **options: services.enter_context(running(url, clock, **options))
 
 
 @pytest.fixture

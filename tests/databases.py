@@ -12,15 +12,16 @@ from pathlib import Path
 from uuid import uuid4
 
 import psycopg
+import pytest
 from sqlalchemy import make_url
 
 from app.storage.database import Database
 from app.storage.migrate import upgrade
 from app.storage.tables import Base
 
-POSTGRESQL = os.environ.get(
-    "THERMAP_TEST_POSTGRESQL", "postgresql://postgres@127.0.0.1:5432/test"
-)
+KINDS = ("sqlite", "postgresql")
+
+POSTGRESQL = os.environ.get("THERMAP_TEST_POSTGRESQL", "postgresql://postgres@127.0.0.1:5432/test")
 
 NO_WAIT = {"options": "-c synchronous_commit=off"}
 """PostgreSQL answers before its disk does: its durability is not what is tested here."""
@@ -31,6 +32,16 @@ NUMBERED = [t.name for t in Base.metadata.sorted_tables if t.autoincrement_colum
 
 class NotReachable(Exception):
     """There is no such server here."""
+
+
+def reachable(make, kind):
+    """Make a database, or skip the test where its server is not there."""
+    try:
+        return make(kind)
+    except NotReachable as away:
+        if os.environ.get("THERMAP_REQUIRE_SERVICES"):
+            pytest.fail(str(away))
+        return pytest.skip(str(away))
 
 
 class Databases:

@@ -5,6 +5,7 @@ be computed by hand: see `error_map`.
 """
 
 import asyncio
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -100,6 +101,17 @@ def reading(time, t_c, **changes):
     return {"time": iso(time), "temperatures_c": temperatures(t_c), "state": {}} | changes
 
 
+@contextmanager
+def running(url, clock=None, **options):
+    """Make a service whose clock moves only when it is told to; its database is closed after."""
+    service = create_app(Settings(database_url=url, **options))
+    service.state.context = replace(service.state.context, now=clock or Clock())
+    try:
+        yield service
+    finally:
+        service.state.context.database.close()
+
+
 def client_of(service):
     """Make a client; the service's own exceptions come back as its answers."""
     transport = httpx.ASGITransport(app=service, raise_app_exceptions=False)
@@ -108,15 +120,13 @@ def client_of(service):
 
 def furnish_database(url):
     """Store the example machine with its maps in an empty database."""
-    service = create_app(Settings(database_url=url))
-    service.state.context = replace(service.state.context, now=Clock())
 
     async def store():
         async with client_of(service) as client:
             await furnish(client)
 
-    asyncio.run(store())
-    service.state.context.database.close()
+    with running(url) as service:
+        asyncio.run(store())
 
 
 async def furnish(client, machine=MACHINE, maps=MAPS):

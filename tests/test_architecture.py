@@ -128,8 +128,12 @@ def public_functions():
                         yield f"{info.name}.{name}.{method}", function
 
 
-@pytest.mark.parametrize(("name", "function"), list(public_functions()), ids=lambda x: str(x)[:80])
-def test_docstrings_of_pure_functions(name, function):
+PUBLIC_FUNCTIONS = dict(public_functions())
+
+
+@pytest.mark.parametrize("name", PUBLIC_FUNCTIONS)
+def test_docstrings_of_pure_functions(name):
+    function = PUBLIC_FUNCTIONS[name]
     text = inspect.getdoc(function)
     assert text, f"{name} has no docstring"
     first = text.split("\n\n")[0].strip()

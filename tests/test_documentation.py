@@ -22,7 +22,7 @@ def test_http_reference_is_what_the_service_says():
 
 def named_objects():
     for page in PAGES:
-        for name in set(re.findall(r"`(app(?:\.\w+)+)`", page.read_text(encoding="utf-8"))):
+        for name in sorted(set(re.findall(r"`(app(?:\.\w+)+)`", page.read_text(encoding="utf-8")))):
             yield pytest.param(name, id=f"{page.name}:{name}")
 
 
@@ -43,9 +43,9 @@ def test_named_objects_exist(name):
 def named_files():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        for name in set(re.findall(r"\]\((?!http)([^)#]+)", text)):
+        for name in sorted(set(re.findall(r"\]\((?!http)([^)#]+)", text))):
             yield pytest.param(page.parent / name, id=f"{page.name}:{name}")
-        for name in set(re.findall(r"`((?:tests|docs|benchmarks|scripts)/[\w/.-]+)", text)):
+        for name in sorted(set(re.findall(r"`((?:tests|docs|benchmarks|scripts)/[\w/.-]+)", text))):
             yield pytest.param(ROOT / name.split("::")[0], id=f"{page.name}:{name}")
 
 

@@ -16,4 +16,6 @@ def get_context(request: Request) -> Context:
 
 
 ContextDep = Annotated[Context, Depends(get_context)]
+MapPath = Annotated[int, Path(description="The map's number", examples=[1])]
+VersionPath = Annotated[int, Path(description="Number of the version", examples=[3])]
 MachinePath = Annotated[str, Path(description="The machine's id", examples=["mcfv5050"])]

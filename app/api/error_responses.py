@@ -14,6 +14,7 @@ from sqlalchemy.exc import IntegrityError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from app.api.schemas.base import way_of
 from app.errors import (
     Conflict,
     FieldError,
@@ -42,6 +43,12 @@ _TITLES = {
     415: "Wrong type of content",
 }
 
+_WHERE = ("body", "query", "path", "header")
+"""Where in a request a field was; the first part of a path, but of no field's name."""
+
+_WAYS = ("[key]", way_of("one"), way_of("more"))
+"""Parts of pydantic's paths that are no fields."""
+
 _SHOWN = 20
 """Errors listed in one answer: a list of 10,000 readings can have 10,000."""
 
@@ -58,8 +65,8 @@ def problem(
         "type": "about:blank",
         "title": title,
         "status": status,
-        "detail": detail,
-        "errors": [{"field": e.field, "message": e.message} for e in errors],
+        "detail": _sayable(detail),
+        "errors": [{"field": _sayable(e.field), "message": _sayable(e.message)} for e in errors],
     }
     return Response(
         orjson.dumps(content),
@@ -96,14 +103,19 @@ async def _invalid_request(_request: Request, error: Exception) -> Response:
 
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
+    if error.status_code == 400:
+        return _unreadable(error)
     title = _TITLES.get(error.status_code, "Error")
     detail = str(error.detail)
     if error.status_code == 404:
         detail = f"there is nothing at {request.url.path}; /docs lists what there is"
-    if error.status_code == 413:
-        limit = request.app.max_body_size
-        detail = f"expected a body of at most {limit} bytes; send it in parts"
     return problem(error.status_code, title, detail, headers=error.headers)
+
+
+def _unreadable(error: HTTPException) -> Response:
+    """Refuse a body that the framework gave up on: no UTF-8, or nested without end."""
+    message = f"expected JSON in UTF-8, came what cannot be read as such: {error.__cause__}"
+    return problem(422, "Invalid content", f"body: {message}", [FieldError("body", message)])
 
 
 async def _overtaken(_request: Request, _error: Exception) -> Response:
@@ -121,7 +133,9 @@ async def _unexpected(request: Request, error: Exception) -> Response:
 
 def field_error(error: Mapping[str, Any]) -> FieldError:
     """Say of one of pydantic's errors what was expected, what came, and the unit."""
-    path = [str(part) for part in error["loc"] if part not in ("body", "query", "path")]
+    path = [str(part) for part in error["loc"] if part not in _WAYS]
+    if path and path[0] in _WHERE:
+        del path[0]
     if error["type"] == "json_invalid":
         return FieldError("body", f"expected JSON, came text that is none: {_reason(error)}")
     if error["type"] == "extra_forbidden":
@@ -133,14 +147,48 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     in_unit = f" in {unit}" if unit else ""
     if error["type"] == "missing":
         return FieldError(field, f"expected a value{in_unit}, came nothing")
-    expected = error["msg"]
-    for words in ("Value error, ", "Input should be ", "Input should ", "valid "):
-        expected = expected.removeprefix(words).replace(f"a {words}", "a ")
-    return FieldError(field, f"expected {expected}{in_unit}, came {_shorten(error.get('input'))}")
+    context = error.get("ctx", {})
+    if error["type"] in ("too_short", "too_long"):
+        came = f"{context['actual_length']} entries"
+    else:
+        came = _shorten(error.get("input"))
+    return FieldError(field, f"expected {_expected(error, context)}{in_unit}, came {came}")
+
+
+_EXPECTED = {
+    "too_short": "at least {min_length} entries",
+    "too_long": "at most {max_length} entries",
+    "string_too_short": "text of at least {min_length} characters",
+    "string_too_long": "text of at most {max_length} characters",
+    "string_type": "text",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "list_type": "a list",
+    "dict_type": "an object with names and values",
+    "model_attributes_type": "an object",
+    "model_type": "an object",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+}
+
+
+def _expected(error: Mapping[str, Any], context: Mapping[str, Any]) -> str:
+    """Say in a few words what one of pydantic's errors expected."""
+    known = _EXPECTED.get(error["type"])
+    if known is not None:
+        return known.format(**context)
+    return str(error["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
 
 
 def _reason(error: Mapping[str, Any]) -> str:
     return str(error.get("ctx", {}).get("error", error["msg"]))
+
+
+def _sayable(text: str) -> str:
+    """Write half characters, which UTF-8 does not have, as what they are."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _shorten(value: object) -> str:

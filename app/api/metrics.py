@@ -9,6 +9,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.live.registry import LiveRegistry
 
+METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+"""Others are counted together: a client may invent as many as it likes."""
+
 BUCKETS_S = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
 
 
@@ -76,5 +79,6 @@ class MetricsMiddleware:
             await self.app(scope, receive, watching)
         finally:
             route = getattr(scope.get("route"), "path", "unknown")
-            method = scope["method"] if route != "unknown" else "unknown"
+            known = route != "unknown" and scope["method"] in METHODS
+            method = scope["method"] if known else "unknown"
             self.metrics.count(route, method, status, perf_counter() - started)

@@ -28,7 +28,9 @@ class ExplainingCommands(TyperGroup):
             return super().invoke(ctx)
         except NotListeningError as error:
             _fail(f"{error.detail}: start one with `thermap serve`")
-        except (ThermapClientError, ThermapError) as error:
+        except ThermapClientError as error:
+            _fail(error.sentence)
+        except ThermapError as error:
             _fail(error.detail)
 
 

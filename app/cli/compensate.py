@@ -18,6 +18,7 @@ from app.cli.options import (
 )
 from app.cli.table_view import table_view
 from app.client import ThermapClient, calls
+from app.client.call import Call
 from app.client.connection import DEFAULT_URL
 
 
@@ -52,7 +53,7 @@ def compensate(
         )
     with connect(url) as thermap:
         if json:
-            call: calls.Call[Any] = calls.current_table(machine, etag=None)
+            call: Call[Any] = calls.current_table(machine, etag=None)
             if temperatures_c:
                 call = calls.compensation(machine, temperatures_c, numbers)
             sys.stdout.write(thermap.content(call).decode() + "\n")

@@ -101,7 +101,8 @@ def _checked(
         found = map(field_error, error.errors())
         raise _Refused(*(f"{e.field}: {e.message}" for e in found)) from None
     except InvalidContent as error:
-        raise _Refused(error.detail) from None
+        placed = [f"{e.field}: {e.message}" for e in error.errors]
+        raise _Refused(*(placed or [error.detail])) from None
     return content
 
 

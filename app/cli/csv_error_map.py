@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import datetime
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +24,7 @@ from pydantic import ValidationError
 
 from app.api.error_responses import field_error
 from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
+from app.cli.csv_comments import Stated, read_comments
 from app.cli.delimited_text import (
     DelimitedText,
     Problems,
@@ -33,26 +33,13 @@ from app.cli.delimited_text import (
     plain_heading,
     read_delimited,
 )
-from app.cli.options import read_number
-from app.errors import InvalidContent, UnknownComponent
+from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import Component, parse_component
 from app.units import Unit
 
 _VALUE_COLUMN: Final = re.compile(
     r"(?P<backward>backward_)?(errors?|slopes?|values?)(_(?P<unit>um|urad|um_per_m|urad_per_m))?"
 )
-_HEADING_KEYS: Final = (
-    "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Stated:
-    """What the command line says of a map; it goes before what the file says."""
-
-    label: str | None = None
-    measured_at: str | None = None
-    temperatures_c: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,73 +94,12 @@ def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
     problems = Problems(file)
     text = read_delimited(file, problems)
     remarks: list[str] = []
-    facts = _read_comments(text, stated, remarks)
+    facts = read_comments(text, stated, remarks)
     components = _read_components(text, remarks)
     problems.raise_if_any()
     machine = facts.pop("machine", None)
     error_map = _checked_map(facts | {"components": components}, problems)
     return CsvErrorMap(error_map, machine, remarks)
-
-
-def _read_comments(text: DelimitedText, stated: Stated, remarks: list[str]) -> dict[str, Any]:
-    """Read `# key: value` lines, and complain of what is missing."""
-    problems = text.problems
-    facts: dict[str, Any] = {"temperatures_c": {}}
-    for line, comment in text.comments:
-        name, colon, value = (part.strip() for part in comment.partition(":"))
-        key, _, subject = name.partition(" ")
-        key, subject = key.lower(), subject.strip()
-        if not colon:
-            continue
-        if key in ("label", "machine", "instrument", "measured_at") and not subject:
-            facts[key] = value
-        elif key in ("temperature", "temperature_c") and subject:
-            number = read_number(value.removesuffix("C").removesuffix("°"))
-            if number is None:
-                problems.add(f"expected the temperature of {subject} in °C, came {value!r}", line)
-            else:
-                facts["temperatures_c"][subject] = number
-        elif key == "repeatability_um" and not subject:
-            facts[key] = read_number(value)
-            if facts[key] is None:
-                problems.add(f"expected a repeatability in µm, came {value!r}", line)
-        else:
-            remarks.append(f"line {line}: {name!r} is not read; what is: {_HEADING_KEYS}")
-    facts["temperatures_c"].update(stated.temperatures_c)
-    facts |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
-    _complain_of_missing(facts, problems)
-    return facts
-
-
-def _complain_of_missing(facts: Mapping[str, Any], problems: Problems) -> None:
-    wanted = {
-        "label": ("a label", "# label: Run #1", "--label"),
-        "measured_at": (
-            "a time with its zone",
-            "# measured_at: 2026-03-01T06:00:00Z",
-            "--measured-at",
-        ),
-        "temperatures_c": (
-            "every sensor's temperature in °C",
-            "# temperature x-middle: 20.1",
-            "--temperature",
-        ),
-    }
-    for key, (what, comment, option) in wanted.items():
-        if not facts.get(key):
-            problems.add(f"expected {what}, came none: write `{comment}` or give {option}")
-    if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
-        problems.add(
-            "expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
-            f"came {facts['measured_at']!r}"
-        )
-
-
-def _has_zone(text: str) -> bool:
-    try:
-        return datetime.fromisoformat(text).tzinfo is not None
-    except ValueError:
-        return False
 
 
 def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentSchema]:
@@ -188,7 +114,7 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentS
         if point is not None:
             points.setdefault(component.code, []).append(point)
             names.setdefault(component.code, row.cells[columns.component])
-    if not points:
+    if not text.rows:
         text.problems.add("expected lines of values, came none")
     remarks.extend(_other_units(text, columns, names))
     return [
@@ -237,7 +163,7 @@ def _read_point(
     if len(text.problems.found) > before:
         return None
     if error is None:
-        column = _column_for(columns.forward, component)
+        column = (*_columns_for(columns.forward, component), columns.forward[0])[0]
         text.complain(
             row,
             column.index,
@@ -268,35 +194,31 @@ def _complain_of_position(
         )
 
 
-def _column_for(columns: Sequence[_ValueColumn], component: Component) -> _ValueColumn:
-    """Find the column of a component's unit; the only column serves every unit."""
-    return next((c for c in columns if c.unit == component.unit), columns[0])
+def _columns_for(columns: Sequence[_ValueColumn], component: Component) -> Sequence[_ValueColumn]:
+    """Find the columns of a component's unit; the only column serves every unit."""
+    fitting = [column for column in columns if column.unit == component.unit]
+    return fitting or (columns if len(columns) == 1 else [])
 
 
 def _read_value(
     text: DelimitedText, row: Row, columns: Sequence[_ValueColumn], component: Component
 ) -> float | None:
     """Read the one value of a row, and complain where it stands in another unit's column."""
-    if not columns:
-        return None
-    proper = _column_for(columns, component)
-    for column in columns:
-        if column is not proper and row.cells[column.index]:
-            text.complain(
-                row,
-                column.index,
-                f"expected {component.code} in {component.unit.symbol} "
-                f"({text.headings[proper.index]}), came {row.cells[column.index]!r} here",
-            )
-    if len(columns) > 1 and proper.unit not in (component.unit, None):
+    fitting = _columns_for(columns, component)
+    filled = [column for column in columns if row.cells[column.index]]
+    value = None
+    for i, column in enumerate(filled):
+        if column in fitting and i == 0:
+            value = text.number(row, column.index, component.unit.symbol)
+            continue
+        names = [text.headings[c.index] for c in fitting] or [f"error_{component.unit}"]
         text.complain(
             row,
-            proper.index,
-            f"expected a column error_{component.unit} for {component.code} "
-            f"in {component.unit.symbol}, came none",
+            column.index,
+            f"expected {component.code} in {component.unit.symbol} once, in the column "
+            f"{' or '.join(names)}, came {row.cells[column.index]!r}",
         )
-        return None
-    return text.number(row, proper.index, component.unit.symbol)
+    return value
 
 
 def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str]) -> Iterator[str]:
@@ -308,7 +230,7 @@ def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str
         codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
         if codes and only.unit is not None and unit != only.unit:
             heading = text.headings[only.index]
-            yield f"in the column {heading}, {', '.join(codes)} are read in {unit.symbol}"
+            yield f"values of {list_names(codes)} in {heading} are read in {unit.symbol}"
 
 
 def _make_component(

@@ -17,7 +17,7 @@ from app.cli.demo_machine import reading_at, set_up
 from app.cli.demo_view import argument_view, live_view, short_line
 from app.cli.listening import (
     checked_settings,
-    database_words,
+    database_of,
     leaving_on_signals,
     listening,
     make_service,
@@ -68,12 +68,15 @@ def demo(
         if no_serve:
             url = f"http://{host}:{port}"
         else:
-            settings = checked_settings(host=host, port=port, database_url=database_url)
+            settings = checked_settings(
+                host=host, port=port, database_url=database_url, log_level="warning"
+            )
             opened = running.enter_context(listening(settings.host, settings.port, "demo"))
             url = url_of(opened)
-            running.enter_context(serving(make_service(settings), opened, settings.log_level))
+            service = make_service(settings)
+            running.enter_context(serving(service, opened, settings.log_level))
             typer.echo(f"thermap demo listens on {url}, to read and try: {url}/docs")
-            typer.echo(f"database {database_words(settings.database_url)}\n")
+            typer.echo(f"database {database_of(service)}\n")
         thermap = running.enter_context(connect(url))
         machine = set_up(thermap)
         console = Console(highlight=False)

@@ -13,8 +13,8 @@ from app.api.schemas.compensation import CurrentCompensationAnswer
 from app.cli.table_view import signed, table_view
 from app.demo.remaining_error import RemainingError
 
-_TALL_ROWS = 46
-"""Rows of a terminal in which errors fit above their compensation."""
+_TALL_ROWS, _AIRY_ROWS = 41, 29
+"""Rows of a terminal in which errors fit above their compensation; in which blank lines do."""
 
 
 def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
@@ -54,6 +54,7 @@ def live_view(table: CurrentCompensationAnswer, console: Console) -> RenderableT
         table_view(
             table,
             console.width,
+            tight=console.is_terminal and console.height < _AIRY_ROWS,
             hint="/docs leads to all",
             compensation_only=console.is_terminal and console.height < _TALL_ROWS,
         ),

@@ -13,7 +13,8 @@ from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineAnswer, MachineSettings, settings_of
 from app.api.schemas.readings import ReadingSchema
 from app.cli.contract_json import read_contract_json
-from app.cli.csv_error_map import Stated, read_csv_error_map
+from app.cli.csv_comments import Stated
+from app.cli.csv_error_map import read_csv_error_map
 from app.cli.delimited_text import UnreadableFile
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
 from app.client import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
@@ -87,7 +88,8 @@ def import_files(
             except (ThermapClientError, Conflict) as error:
                 rest = [str(later.file) for later in imported[i + 1 :]]
                 unsent = f" (not sent after it: {list_names(rest)})" if rest else ""
-                raise NotImported(f"{one.file}: {error.detail}{unsent}") from error
+                why = error.sentence if isinstance(error, ThermapClientError) else error.detail
+                raise NotImported(f"{one.file}: {why}{unsent}") from error
 
 
 def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> list[ImportedFile]:

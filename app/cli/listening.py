@@ -17,7 +17,6 @@ import typer
 import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
-from sqlalchemy import make_url
 
 from app.errors import InvalidContent, ThermapError
 from app.main import create_app
@@ -89,12 +88,10 @@ def url_of(opened: socket.socket) -> str:
     return f"http://{reachable or (f'[{host}]' if ':' in host else host)}:{port}"
 
 
-def database_words(database_url: str) -> str:
-    """Name a database as a person would: the file, or the URL without its password."""
-    url = make_url(database_url)
-    if url.get_backend_name() == "sqlite":
-        return str(url.database)
-    return url.render_as_string(hide_password=True)
+def database_of(service: FastAPI) -> str:
+    """Name a service's database as a person would: the file, or the URL without its password."""
+    name: str = service.state.context.database.name
+    return name.removeprefix("sqlite:///")
 
 
 def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:

@@ -32,6 +32,8 @@ from app.client.connection import DEFAULT_URL
 from app.errors import list_names
 
 _LONGEST_SLEEP_S = 0.2
+_WARY = timedelta(minutes=2)
+"""How long after other readings a different one seems to have jumped."""
 
 
 def replay(
@@ -86,7 +88,7 @@ def replay(
     or `x-middle_c`, °C); other columns are left out.
 
     Readings are stamped as they are sent. Where that would make sensors seem to jump
-    they keep their recorded spacing, the last one now. With --fast they keep their
+    they keep their recorded spacing and end now. With --fast they keep their
     recorded times. The service refuses times in the future.
 
     Example: `thermap replay mcfv5050 warm-up.csv --speed 60`
@@ -118,10 +120,10 @@ def _announce(thermap: ThermapClient, machine: str, file: Path, plan: Plan) -> N
     typer.echo(f"{file}: {len(plan.readings)} readings {plan.stamps}{reason}", err=True)
     if plan.stamps is not Stamps.AS_SENT:
         typer.echo(f"from {first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC", err=True)
-    if thermap.readings(machine, since=first, limit=1):
+    if thermap.readings(machine, since=first - _WARY, limit=1):
         typer.echo(
-            f"note: {machine} has other readings from {first:%Y-%m-%d %H:%M:%S} UTC on; "
-            "these go between them",
+            f"note: {machine} has other readings from about that time on; where they differ, "
+            "its sensors will seem to jump and there is no live table",
             err=True,
         )
 

@@ -7,15 +7,15 @@ So where that would happen the readings keep their recorded spacing instead.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
-from itertools import pairwise
 
 from app.api.schemas.machines import SensorSchema
 from app.api.schemas.readings import ReadingSchema
 from app.cli.csv_recording import Recording
+from app.live.reading_window import LIMIT
 from app.thermal.sensor_health import CLEARLY
 
 
@@ -23,7 +23,7 @@ class Stamps(StrEnum):
     """Which times the readings are given."""
 
     AS_SENT = "stamped as they are sent"
-    MOVED = "with their recorded spacing, the last one now"
+    MOVED = "with their recorded spacing, the last one as it is sent"
     RECORDED = "with their recorded times"
 
 
@@ -39,7 +39,7 @@ class Plan:
 
 def plan_replay(
     recording: Recording,
-    sensors: Iterable[SensorSchema],
+    sensors: Sequence[SensorSchema],
     *,
     now: datetime,
     speed: float,
@@ -70,7 +70,9 @@ def plan_replay(
     if stamps is Stamps.AS_SENT:
         times = [now + timedelta(seconds=due) for due in due_s]
     else:
-        origin = _origin(recording, stamps, now, start)
+        # Sent slower than recorded, all but the first would be in the future.
+        end = now + timedelta(seconds=due_s[-1]) if speed >= 1.0 else now
+        origin = _origin(recording, stamps, end, start)
         times = [origin + timedelta(seconds=t - zero_s) for t in recording.times_s]
     readings = [
         ReadingSchema(time=time, temperatures_c=dict(values), state={})
@@ -81,7 +83,7 @@ def plan_replay(
 
 def _choose_stamps(
     recording: Recording,
-    sensors: Iterable[SensorSchema],
+    sensors: Sequence[SensorSchema],
     speed: float,
     start: datetime | None,
     recorded_times: bool,
@@ -89,8 +91,9 @@ def _choose_stamps(
     as_recorded = Stamps.RECORDED if recording.is_dated or start else Stamps.MOVED
     if recorded_times or start or speed == 0.0:
         return as_recorded, ""
+    spacing_s = 2.0 * max((s.stuck_after_s for s in sensors), default=0.0) / LIMIT
     for sensor in sensors:
-        if _seems_to_jump(recording, sensor, speed):
+        if _seems_to_jump(recording, sensor, speed, spacing_s):
             return Stamps.MOVED, (
                 f"at {speed:g} times the recorded speed {sensor.name} would seem to jump "
                 f"(more than {sensor.max_rate_c_per_min:g} °C/min)"
@@ -99,19 +102,24 @@ def _choose_stamps(
 
 
 def _origin(
-    recording: Recording, stamps: Stamps, now: datetime, start: datetime | None
+    recording: Recording, stamps: Stamps, end: datetime, start: datetime | None
 ) -> datetime:
-    """Time of the first reading."""
+    """Time of the first reading; `end` is when the last one is sent."""
     if stamps is Stamps.MOVED:
-        return now - timedelta(seconds=recording.duration_s)
+        return end - timedelta(seconds=recording.duration_s)
     if recording.is_dated:
         return datetime.fromtimestamp(recording.times_s[0], UTC)
     assert start is not None  # without dates, only a stated start gives recorded times
     return start + timedelta(seconds=recording.times_s[0])
 
 
-def _seems_to_jump(recording: Recording, sensor: SensorSchema, speed: float) -> bool:
-    """Whether a sensor's change, so much faster, is more than the service believes."""
+def _seems_to_jump(
+    recording: Recording, sensor: SensorSchema, speed: float, spacing_s: float
+) -> bool:
+    """Whether a sensor's change, so much faster, is more than the service believes.
+
+    Of readings that come closer than `spacing_s` the service keeps only some.
+    """
     allowance_c = CLEARLY * sensor.resolution_c
     rate_c_per_s = sensor.max_rate_c_per_min / 60.0
     known = [
@@ -119,7 +127,10 @@ def _seems_to_jump(recording: Recording, sensor: SensorSchema, speed: float) -> 
         for time_s, values in zip(recording.times_s, recording.temperatures_c, strict=True)
         if sensor.name in values
     ]
-    return any(
-        abs(later[1] - earlier[1]) > allowance_c + rate_c_per_s * (later[0] - earlier[0])
-        for earlier, later in pairwise(known)
-    )
+    kept_s, kept_c = known[0] if known else (0.0, 0.0)
+    for time_s, value_c in known:
+        if abs(value_c - kept_c) > allowance_c + rate_c_per_s * (time_s - kept_s):
+            return True
+        if time_s - kept_s >= spacing_s:
+            kept_s, kept_c = time_s, value_c
+    return False

@@ -10,7 +10,7 @@ import typer
 import app as package
 from app.cli.listening import (
     checked_settings,
-    database_words,
+    database_of,
     leaving_on_signals,
     listening,
     make_service,
@@ -77,6 +77,6 @@ def serve(
         service = make_service(settings)
         typer.echo(f"thermap {package.__version__} listens on {url_of(opened)}")
         typer.echo(f"  to read and try   {url_of(opened)}/docs")
-        typer.echo(f"  database          {database_words(settings.database_url)}")
+        typer.echo(f"  database          {database_of(service)}")
         typer.echo("  Ctrl-C stops it")
         server_for(service, settings.log_level).run([opened])

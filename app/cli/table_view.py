@@ -47,10 +47,10 @@ class ComponentRow:
     remark: str = ""
 
 
-def evenly_chosen(count: int, shown: int = POSITIONS_SHOWN) -> list[int]:
+def evenly_chosen(count: int, shown: int) -> list[int]:
     """Choose indices evenly, both ends among them.
 
-    >>> evenly_chosen(21), evenly_chosen(3), evenly_chosen(1)
+    >>> evenly_chosen(21, 5), evenly_chosen(3, 5), evenly_chosen(1, 5)
     ([0, 5, 10, 15, 20], [0, 1, 2], [0])
     """
     chosen = np.linspace(0, count - 1, min(count, shown)).round()
@@ -72,6 +72,7 @@ def table_view(
     width: int,
     *,
     compensation_only: bool = False,
+    tight: bool = False,
     hint: str = "--json has all",
 ) -> RenderableType:
     """Lay a table out for a terminal.
@@ -85,6 +86,8 @@ def table_view(
         side by side, else one above the other.
     compensation_only
         Leave the errors out where they would take rows of their own.
+    tight
+        Leave out blank lines and the explanation of the sign.
     hint
         Where the positions are that are left out.
     """
@@ -92,20 +95,25 @@ def table_view(
     if isinstance(answer, CurrentCompensationAnswer):
         parts.append(_sensors(answer))
     parts.extend(Text(f"! {warning}", style="yellow") for warning in answer.warnings)
-    for _, group in groupby(answer.components, key=_rests_on):
-        entries = list(group)
-        parts.append(Text())
-        parts.append(_origin(entries[0]))
-        parts.append(_numbers(entries, width, compensation_only))
-    parts.append(Text())
-    parts.append(Text(SIGN + _left_out(answer, hint), style="dim"))
+    blank = [] if tight else [Text()]
+    for entries in _by_origin(answer.components):
+        parts.extend([*blank, _origin(entries[0])])
+        for _, group in groupby(entries, key=lambda entry: (entry.axis, entry.positions_mm)):
+            parts.append(_numbers(list(group), width, compensation_only))
+    if not tight:
+        parts.append(Text("\n" + SIGN + _left_out(answer, _shown(width), hint), style="dim"))
     return Group(*parts)
 
 
-def _rests_on(entry: ComponentCompensationAnswer) -> tuple[object, ...]:
-    positions = tuple(entry.positions_mm or ())
-    origin = (entry.sensor, entry.stand_in_for, entry.lower_map, entry.upper_map)
-    return (*origin, entry.weight, entry.status, entry.axis, positions)
+def _by_origin(
+    components: Iterable[ComponentCompensationAnswer],
+) -> Iterable[list[ComponentCompensationAnswer]]:
+    """Put together what rests on the same sensor, maps and weight."""
+    groups: dict[tuple[object, ...], list[ComponentCompensationAnswer]] = {}
+    for entry in components:
+        maps = (entry.lower_map, entry.upper_map, entry.weight, entry.status)
+        groups.setdefault((entry.sensor, entry.stand_in_for, *maps), []).append(entry)
+    return groups.values()
 
 
 def _heading(answer: CompensationAnswer) -> Text:
@@ -132,7 +140,7 @@ def _sensors(answer: CurrentCompensationAnswer) -> Text:
 
 
 def _origin(entry: ComponentCompensationAnswer) -> Text:
-    stands_in = f" (stands in for {entry.stand_in_for})" if entry.stand_in_for else ""
+    stands_in = f" for {entry.stand_in_for}" if entry.stand_in_for else ""
     text = Text.assemble(
         (f"{entry.sensor} {entry.temperature_c:.2f} °C{stands_in}", "bold"),
         f", {entry.lower_map} to {entry.upper_map}, weight {entry.weight:.2f}, ",
@@ -146,18 +154,24 @@ def _numbers(
 ) -> Table:
     """Lay a group's numbers out under their positions."""
     positions = entries[0].positions_mm or []
-    chosen = evenly_chosen(len(positions)) if positions else [0]
+    chosen = evenly_chosen(len(positions), _shown(width)) if positions else [0]
     headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
     rows = [row for entry in entries for row in _component_rows(entry, chosen)]
     numbers = [signed(v) for row in rows for v in (*row.errors, *row.compensation)]
     number_width = max(_NUMBER, *map(len, numbers), *map(len, headings))
     wide = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
     table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
-    table.show_header = bool(positions) or (compensation_only and not wide)
+    table.show_header = bool(positions)
     table.add_column(f"{entries[0].axis} in mm" if positions else "", width=_NAME)
     add = _add_wide if wide else _add_short if compensation_only else _add_tall
     add(table, rows, [{"header": heading, "min_width": number_width} for heading in headings])
     return table
+
+
+def _shown(width: int) -> int:
+    """Say how many positions fit beside the words of a row."""
+    beside = (width - (_CHAPTER + _WORD + _UNIT + 3)) // (_NUMBER + 1)
+    return min(max(beside, 2), POSITIONS_SHOWN)
 
 
 def _add_wide(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
@@ -230,8 +244,8 @@ def _at(values: Sequence[float], chosen: Iterable[int]) -> list[float]:
     return [values[i] for i in chosen]
 
 
-def _left_out(answer: CompensationAnswer, hint: str) -> str:
+def _left_out(answer: CompensationAnswer, shown: int, hint: str) -> str:
     most = max((len(entry.positions_mm or ()) for entry in answer.components), default=0)
-    if most <= POSITIONS_SHOWN:
+    if most <= shown:
         return ""
-    return f". {POSITIONS_SHOWN} of {most} positions; {hint}"
+    return f". {shown} of {most} positions; {hint}"

@@ -17,7 +17,8 @@ from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAns
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings
 from app.client import calls
-from app.client.calls import Answer, Call, Content, TaggedTable
+from app.client.call import Answer, Call, Content
+from app.client.calls import TaggedTable
 from app.client.connection import explaining, httpx_options, service_url, without_password
 
 

@@ -5,18 +5,15 @@ Both clients send these; neither knows a path or a body.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import datetime
-from functools import cache
 from itertools import islice
-from typing import Any, Final, Generic, TypeAlias, TypeVar, cast
+from typing import Any, Final
 from urllib.parse import quote
 
 import httpx
-import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel
 
 from app.api.routes.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.compensation import CompensationAnswer, CurrentCompensationAnswer
@@ -25,56 +22,11 @@ from app.api.schemas.machines import MachineAnswer
 from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings
-from app.client.errors import error_of, unreadable
-
-Answer = TypeVar("Answer")
-
-Content: TypeAlias = BaseModel | Mapping[str, Any]
-"""What a body may be: one of the schemas, or a mapping with the same fields."""
+from app.client.call import Call, Content, nothing, reader_of
+from app.client.errors import error_of
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
-
-
-@dataclass(frozen=True, slots=True)
-class Call(Generic[Answer]):
-    """One request and how its answer is read.
-
-    `answered_by` lists the statuses beyond success that carry an answer and no problem.
-    """
-
-    method: str
-    path: str
-    read: Callable[[httpx.Response], Answer]
-    body: Any = None
-    query: Mapping[str, Any] = field(default_factory=dict)
-    headers: Mapping[str, str] = field(default_factory=dict)
-    answered_by: frozenset[int] = frozenset()
-
-    def request(self) -> dict[str, Any]:
-        """Write the arguments of httpx' `request`."""
-        sent: dict[str, Any] = {"method": self.method, "url": self.path, "headers": self.headers}
-        if self.query:
-            sent["params"] = {k: _text(v) for k, v in self.query.items() if v is not None}
-        if self.body is not None:
-            sent["content"] = json.dumps(_plain(self.body), default=_plain).encode()
-            sent["headers"] = {**self.headers, "Content-Type": "application/json"}
-        return sent
-
-    def checked(self, response: httpx.Response) -> httpx.Response:
-        """Return the response, or raise the error that it carries."""
-        if response.is_success or response.status_code in self.answered_by:
-            return response
-        raise error_of(response)
-
-    def answer(self, response: httpx.Response) -> Answer:
-        """Read the answer, or raise the error that the response carries."""
-        try:
-            return self.read(self.checked(response))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"])) or "body"
-            raise unreadable(response, f"{where}: {first['msg']}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +42,7 @@ class TaggedTable:
 
 def health() -> Call[HealthAnswer]:
     """GET /healthz."""
-    return Call("GET", "/healthz", _read(HealthAnswer))
+    return Call("GET", "/healthz", reader_of(HealthAnswer))
 
 
 def ready() -> Call[ReadyAnswer]:
@@ -108,27 +60,27 @@ def metrics() -> Call[str]:
 
 def create_machine(settings: Content) -> Call[MachineAnswer]:
     """POST /v1/machines."""
-    return Call("POST", "/v1/machines", _read(MachineAnswer), settings)
+    return Call("POST", "/v1/machines", reader_of(MachineAnswer), settings)
 
 
 def machines() -> Call[list[MachineAnswer]]:
     """GET /v1/machines."""
-    return Call("GET", "/v1/machines", _read(list[MachineAnswer]))
+    return Call("GET", "/v1/machines", reader_of(list[MachineAnswer]))
 
 
 def machine(machine_id: str) -> Call[MachineAnswer]:
     """GET /v1/machines/{machine}."""
-    return Call("GET", _of(machine_id), _read(MachineAnswer))
+    return Call("GET", _of(machine_id), reader_of(MachineAnswer))
 
 
 def change_machine(machine_id: str, changes: Content) -> Call[MachineAnswer]:
     """PATCH /v1/machines/{machine}."""
-    return Call("PATCH", _of(machine_id), _read(MachineAnswer), changes)
+    return Call("PATCH", _of(machine_id), reader_of(MachineAnswer), changes)
 
 
 def delete_machine(machine_id: str) -> Call[None]:
     """DELETE /v1/machines/{machine}."""
-    return Call("DELETE", _of(machine_id), _nothing)
+    return Call("DELETE", _of(machine_id), nothing)
 
 
 # -- error maps ----------------------------------------------------------------------------
@@ -136,22 +88,22 @@ def delete_machine(machine_id: str) -> Call[None]:
 
 def store_error_map(machine_id: str, error_map: Content) -> Call[ErrorMapAnswer]:
     """POST …/error-maps."""
-    return Call("POST", _of(machine_id, "error-maps"), _read(ErrorMapAnswer), error_map)
+    return Call("POST", _of(machine_id, "error-maps"), reader_of(ErrorMapAnswer), error_map)
 
 
 def error_maps(machine_id: str) -> Call[list[ErrorMapAnswer]]:
     """GET …/error-maps."""
-    return Call("GET", _of(machine_id, "error-maps"), _read(list[ErrorMapAnswer]))
+    return Call("GET", _of(machine_id, "error-maps"), reader_of(list[ErrorMapAnswer]))
 
 
 def error_map(machine_id: str, map_id: int) -> Call[ErrorMapAnswer]:
     """GET …/error-maps/{id}."""
-    return Call("GET", _of(machine_id, "error-maps", map_id), _read(ErrorMapAnswer))
+    return Call("GET", _of(machine_id, "error-maps", map_id), reader_of(ErrorMapAnswer))
 
 
 def delete_error_map(machine_id: str, map_id: int) -> Call[None]:
     """DELETE …/error-maps/{id}."""
-    return Call("DELETE", _of(machine_id, "error-maps", map_id), _nothing)
+    return Call("DELETE", _of(machine_id, "error-maps", map_id), nothing)
 
 
 # -- sensor assignment and models ----------------------------------------------------------
@@ -159,35 +111,35 @@ def delete_error_map(machine_id: str, map_id: int) -> Call[None]:
 
 def sensor_assignment(machine_id: str) -> Call[dict[str, str]]:
     """GET …/sensor-assignment."""
-    return Call("GET", _of(machine_id, "sensor-assignment"), _read(dict[str, str]))
+    return Call("GET", _of(machine_id, "sensor-assignment"), reader_of(dict[str, str]))
 
 
 def assign_sensors(
     machine_id: str, assignment: AssignmentSchema | Mapping[str, str]
 ) -> Call[dict[str, str]]:
     """PUT …/sensor-assignment."""
-    return Call("PUT", _of(machine_id, "sensor-assignment"), _read(dict[str, str]), assignment)
+    return Call("PUT", _of(machine_id, "sensor-assignment"), reader_of(dict[str, str]), assignment)
 
 
 def correlate_sensors(machine_id: str) -> Call[CorrelationAnswer]:
     """POST …/sensor-assignment/correlate."""
     path = _of(machine_id, "sensor-assignment", "correlate")
-    return Call("POST", path, _read(CorrelationAnswer))
+    return Call("POST", path, reader_of(CorrelationAnswer))
 
 
 def models(machine_id: str) -> Call[list[ModelAnswer]]:
     """GET …/models."""
-    return Call("GET", _of(machine_id, "models"), _read(list[ModelAnswer]))
+    return Call("GET", _of(machine_id, "models"), reader_of(list[ModelAnswer]))
 
 
 def model(machine_id: str, version: int) -> Call[ModelAnswer]:
     """GET …/models/{version}."""
-    return Call("GET", _of(machine_id, "models", version), _read(ModelAnswer))
+    return Call("GET", _of(machine_id, "models", version), reader_of(ModelAnswer))
 
 
 def activate_model(machine_id: str, version: int) -> Call[ModelAnswer]:
     """POST …/models/{version}/activate."""
-    return Call("POST", _of(machine_id, "models", version, "activate"), _read(ModelAnswer))
+    return Call("POST", _of(machine_id, "models", version, "activate"), reader_of(ModelAnswer))
 
 
 # -- live ----------------------------------------------------------------------------------
@@ -200,7 +152,7 @@ def store_readings(
     path = _of(machine_id, "readings")
     remaining = iter([readings] if isinstance(readings, BaseModel | Mapping) else readings)
     while part := list(islice(remaining, READINGS_A_CALL)):
-        yield Call("POST", path, _read(StoredReadings), part)
+        yield Call("POST", path, reader_of(StoredReadings), part)
 
 
 def add_up(parts: Iterable[StoredReadings]) -> StoredReadings:
@@ -224,7 +176,7 @@ def readings(
 ) -> Call[list[ReadingSchema]]:
     """GET …/readings."""
     query = {"from": since, "to": until, "every_s": every_s, "limit": limit}
-    return Call("GET", _of(machine_id, "readings"), _read(list[ReadingSchema]), query=query)
+    return Call("GET", _of(machine_id, "readings"), reader_of(list[ReadingSchema]), query=query)
 
 
 def compensation(
@@ -232,7 +184,7 @@ def compensation(
 ) -> Call[CompensationAnswer]:
     """POST …/compensation."""
     body = {"temperatures_c": temperatures_c, "state": state or {}}
-    return Call("POST", _of(machine_id, "compensation"), _read(CompensationAnswer), body)
+    return Call("POST", _of(machine_id, "compensation"), reader_of(CompensationAnswer), body)
 
 
 def current_table(machine_id: str, etag: str | None) -> Call[TaggedTable | None]:
@@ -253,10 +205,7 @@ def predict(
     body: dict[str, Any] = {"observations": list(observations)}
     if model_version is not None:
         body["model_version"] = model_version
-    return Call("POST", _of(machine_id, "predictions"), _read(PredictionAnswer), body)
-
-
-# -- writing and reading -------------------------------------------------------------------
+    return Call("POST", _of(machine_id, "predictions"), reader_of(PredictionAnswer), body)
 
 
 def _of(machine_id: str, *further: str | int) -> str:
@@ -270,58 +219,14 @@ def _of(machine_id: str, *further: str | int) -> str:
     return "/".join(["/v1/machines", quote(machine_id, safe=""), *map(str, further)])
 
 
-@cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
-
-
-def _read(kind: type[Answer]) -> Callable[[httpx.Response], Answer]:
-    """Make the reader of a JSON answer; fields that a newer service adds are passed over."""
-
-    def read(response: httpx.Response) -> Answer:
-        adapter = _adapter(cast("Any", kind))
-        found: Answer = adapter.validate_json(response.content, extra="ignore")
-        return found
-
-    return read
-
-
 def _read_ready(response: httpx.Response) -> ReadyAnswer:
     if response.headers.get("content-type", "") != "application/json":
         raise error_of(response)
-    return _read(ReadyAnswer)(response)
+    return reader_of(ReadyAnswer)(response)
 
 
 def _read_tagged(response: httpx.Response) -> TaggedTable | None:
     if response.status_code == httpx.codes.NOT_MODIFIED:
         return None
-    table = _read(CurrentCompensationAnswer)(response)
+    table = reader_of(CurrentCompensationAnswer)(response)
     return TaggedTable(table, response.headers.get("etag", ""))
-
-
-def _nothing(_response: httpx.Response) -> None:
-    return None
-
-
-def _text(value: Any) -> str:
-    return value.isoformat() if isinstance(value, datetime) else str(value)
-
-
-def _plain(value: Any) -> Any:
-    """Write what JSON does not know: schemas, arrays, times.
-
-    Of a schema only the fields that were stated are sent: the service has the
-    defaults, and in a PATCH the others are to stay. NaN goes out as NaN, for the
-    service to refuse; null would be accepted where a field may be empty.
-    """
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json", exclude_unset=True)
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, datetime):
-        return value.isoformat()
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, Iterable) and not isinstance(value, str | bytes):
-        return list(value)
-    raise TypeError(f"expected something that JSON can carry, came {type(value).__name__}")

@@ -22,7 +22,7 @@ from typing import Any, Final
 import httpx
 import orjson
 
-from app.errors import FieldError
+from app.errors import FieldError, list_names
 
 
 class ThermapClientError(Exception):
@@ -45,6 +45,12 @@ class ThermapClientError(Exception):
         self.detail = detail
         self.status = status
         self.errors: Sequence[FieldError] = tuple(errors)
+
+    @property
+    def sentence(self) -> str:
+        """The detail, and the fields that are to blame where it does not name them."""
+        unnamed = [error.field for error in self.errors if error.field not in self.detail]
+        return f"{self.detail} (at {list_names(unnamed, 3)})" if unnamed else self.detail
 
 
 class UnknownThingError(ThermapClientError):

@@ -57,9 +57,7 @@ def correlate_sensors(context: Context, machine_id: str) -> list[Proposal]:
     return propose_assignment(machine, [m.error_map for m in version.maps], version.assignment)
 
 
-def _machine_and_version(
-    context: Context, machine_id: str
-) -> tuple[Machine, ModelVersion | None]:
+def _machine_and_version(context: Context, machine_id: str) -> tuple[Machine, ModelVersion | None]:
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         return stored_machine(row).machine, active_version(session, row)

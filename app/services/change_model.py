@@ -86,5 +86,3 @@ def next_version(
     return insert_version(
         change.session, change.row, [m.id for m in stored_maps], full, reason, context.now()
     )
-
-

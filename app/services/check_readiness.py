@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from app.errors import StorageUnavailable
 from app.services.context import Context
-from app.storage.machines import count_and_revisions
+from app.storage.machines import count_machines
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ def check_readiness(context: Context) -> Readiness:
     in_memory = len(context.live)
     try:
         with context.database.reading() as session:
-            machines, _ = count_and_revisions(session)
+            machines = count_machines(session)
     except StorageUnavailable as error:
         return Readiness(error.detail, in_memory, in_memory)
     return Readiness("ok", machines, in_memory)

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import logging
+from collections import defaultdict
 from datetime import datetime
 from threading import Event, Thread
 
-from app.errors import StorageUnavailable, ThermapError, UnknownThing
+from app.errors import StorageUnavailable, UnknownThing
+from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
 from app.services.load_machine import load_machine
-from app.storage.machines import count_and_revisions, revisions
-from app.storage.readings import newest_id, stored_since
+from app.storage.machines import revisions, sum_of_machines
+from app.storage.readings import newest_id, numbered_readings
+from app.thermal.reading import Reading
 
 log = logging.getLogger("thermap")
+
+LOOK_BACK = 10_000
+"""Readings before the newest at the start among which some may still be on their way."""
+
+Stamp = tuple[datetime, int]
 
 
 class DatabaseFollower:
@@ -27,8 +35,9 @@ class DatabaseFollower:
         self._every_s = every_s
         self._stop = Event()
         self._thread = Thread(target=self._run, name="database-follower", daemon=True)
-        self._seen_revisions: tuple[int, int] | None = None
-        self._seen_reading: int | None = None
+        self._sum: object = None
+        self._unseen: UnseenNumbers | None = None
+        self._broken: dict[str, Stamp] = {}
 
     def start(self) -> None:
         """Begin."""
@@ -43,48 +52,60 @@ class DatabaseFollower:
         """Look once: note whether the database is there, and load what has changed."""
         live = self._context.live
         try:
-            with self._context.database.reading() as session:
-                seen = count_and_revisions(session)
-                wanted = revisions(session) if seen != self._seen_revisions else None
-                newest = newest_id(session)
-                fresh = (
-                    stored_since(session, self._seen_reading)
-                    if self._seen_reading is not None and newest > self._seen_reading
-                    else []
-                )
+            self._follow()
             live.database_away_since = None
         except StorageUnavailable:
             if live.database_away_since is None:
                 live.database_away_since = self._context.now()
                 log.warning("the database is away; live tables go on from memory")
-            return
-        if wanted is not None:
-            self._load(wanted)
-        for machine_id, reading in fresh:
-            live.add_readings(machine_id, [reading])
-        self._seen_revisions = seen
-        self._seen_reading = newest
 
-    def _load(self, wanted: dict[str, tuple[datetime, int]]) -> None:
-        live = self._context.live
-        have = live.stamps()
-        for machine_id in have.keys() - wanted.keys():
-            live.forget(machine_id)
+    def _follow(self) -> None:
+        have = self._context.live.stamps()
+        with self._context.database.reading() as session:
+            total = sum_of_machines(session)
+            wanted = revisions(session) if total != self._sum else None
+            unseen = self._unseen or UnseenNumbers(newest_id(session) - LOOK_BACK)
+            fresh = numbered_readings(session, unseen.highest, unseen.gaps)
+        if wanted is not None:
+            self._load(have, wanted)
+        self._sum = total
+        self._add(fresh)
+        unseen.saw((number for number, _, _ in fresh), self._context.now())
+        self._unseen = unseen
+
+    def _load(self, have: dict[str, Stamp], wanted: dict[str, Stamp]) -> None:
+        for machine_id, (born, _) in have.items():
+            if machine_id not in wanted or wanted[machine_id][0] != born:
+                self._context.live.forget(machine_id)
         for machine_id, stamp in wanted.items():
             if self._stop.is_set():
                 return
-            if have.get(machine_id) != stamp:
-                try:
-                    load_machine(self._context, machine_id)
-                except UnknownThing:
-                    live.forget(machine_id)
+            if have.get(machine_id) != stamp and self._broken.get(machine_id) != stamp:
+                self._load_one(machine_id, stamp)
+
+    def _load_one(self, machine_id: str, stamp: Stamp) -> None:
+        """Load a machine; one that cannot be loaded keeps none of the others from it."""
+        try:
+            load_machine(self._context, machine_id)
+        except UnknownThing:
+            self._context.live.forget(machine_id)
+        except StorageUnavailable:
+            raise
+        except Exception:
+            self._broken[machine_id] = stamp
+            log.exception("machine %r cannot be loaded", machine_id)
+
+    def _add(self, fresh: list[tuple[int, str, Reading]]) -> None:
+        by_machine: dict[str, list[Reading]] = defaultdict(list)
+        for _, machine_id, reading in fresh:
+            by_machine[machine_id].append(reading)
+        for machine_id, readings in by_machine.items():
+            self._context.live.add_readings(machine_id, readings)
 
     def _run(self) -> None:
         while not self._stop.is_set():
             try:
                 self.look()
-            except ThermapError as error:
-                log.warning("could not follow the database: %s", error.detail)
             except Exception:
                 log.exception("could not follow the database")
             self._stop.wait(self._every_s)

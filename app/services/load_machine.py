@@ -6,6 +6,7 @@ from datetime import timedelta
 
 from sqlalchemy.orm import Session
 
+from app.errors import Conflict, UnknownThing
 from app.live.reading_window import LIMIT, window_s
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
@@ -58,7 +59,16 @@ def as_live(
 
 
 def compile_version(machine: Machine, version: ModelVersion | None) -> CompiledModel:
-    """Compile a version's maps with its assignment; InvalidContent, Conflict as `compile_model`."""
+    """Compile a version's maps with its assignment.
+
+    Raises
+    ------
+    InvalidContent, Conflict
+        As `compile_model`; also where the machine has lost a sensor of the assignment.
+    """
     if version is None:
         return compile_model(machine, [], {})
-    return compile_model(machine, [m.error_map for m in version.maps], version.assignment)
+    try:
+        return compile_model(machine, [m.error_map for m in version.maps], version.assignment)
+    except UnknownThing as unknown:
+        raise Conflict(f"model version {version.version}: {unknown.detail}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import closing
 from datetime import datetime
 
 from app.services.context import Context
@@ -69,7 +70,8 @@ def show_readings(
     """List readings in order of time, at most one for each `every_s` seconds."""
     with context.database.reading() as session:
         find_machine(session, machine_id)
-        return _spaced(list_readings(session, machine_id, since, until), every_s, limit)
+        with closing(list_readings(session, machine_id, since, until)) as readings:
+            return _spaced(readings, every_s, limit)
 
 
 def _spaced(readings: Iterable[Reading], every_s: float, limit: int) -> list[Reading]:

@@ -24,6 +24,15 @@ from app.errors import InvalidContent, StorageUnavailable
 BUSY_TIMEOUT_S = 15.0
 CONNECT_TIMEOUT_S = 5
 
+_GIVE_UP = {
+    "connect_timeout": CONNECT_TIMEOUT_S,
+    "tcp_user_timeout": CONNECT_TIMEOUT_S * 1000,
+    "keepalives_idle": CONNECT_TIMEOUT_S,
+    "keepalives_interval": 1,
+    "keepalives_count": CONNECT_TIMEOUT_S,
+}
+"""A network that swallows everything, without this, keeps a request for a quarter of an hour."""
+
 
 class Database:
     """One database, reached through transactions for reading or for writing.
@@ -74,7 +83,7 @@ def _make_engine(url: str) -> Engine:
             pool_size=10,
             max_overflow=30,
             pool_timeout=CONNECT_TIMEOUT_S,
-            connect_args={"connect_timeout": CONNECT_TIMEOUT_S},
+            connect_args=_GIVE_UP,
         )
     if parsed.get_backend_name() != "sqlite":
         raise InvalidContent.of_field(

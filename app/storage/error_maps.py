@@ -56,9 +56,7 @@ def find_error_map(session: Session, machine_id: str, map_id: int) -> ErrorMapRo
     rows = {row.id: row for row in _in_use(session, machine_id)}
     if map_id not in rows:
         existing = list_names(f"{row.id} ({row.label})" for row in rows.values())
-        raise UnknownThing(
-            f"machine {machine_id!r} has no error map {map_id}; it has: {existing}"
-        )
+        raise UnknownThing(f"machine {machine_id!r} has no error map {map_id}; it has: {existing}")
     return rows[map_id]
 
 

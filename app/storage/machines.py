@@ -32,12 +32,11 @@ def find_machine(session: Session, machine_id: str, *, lock: bool = False) -> Ma
     UnknownThing
         With the machines that exist.
     """
-    row = session.get(MachineRow, machine_id, with_for_update=lock or None)
+    can_be = "\0" not in machine_id  # PostgreSQL cannot even be asked for it
+    row = session.get(MachineRow, machine_id, with_for_update=lock or None) if can_be else None
     if row is None:
         existing = session.scalars(select(MachineRow.id).order_by(MachineRow.id).limit(20)).all()
-        raise UnknownThing(
-            f"there is no machine {machine_id!r}; there are: {list_names(existing)}"
-        )
+        raise UnknownThing(f"there is no machine {machine_id!r}; there are: {list_names(existing)}")
     return row
 
 
@@ -52,12 +51,25 @@ def update_machine(row: MachineRow, machine: Machine) -> None:
     row.revision += 1
 
 
-def count_and_revisions(session: Session) -> tuple[int, int]:
-    """Count machines and add up their revisions: changes whenever any machine does."""
-    count, total = session.execute(
-        select(func.count(MachineRow.id), func.coalesce(func.sum(MachineRow.revision), 0))
+def count_machines(session: Session) -> int:
+    """Count all machines."""
+    return session.scalar(select(func.count(MachineRow.id))) or 0
+
+
+def sum_of_machines(session: Session) -> tuple[int, int, datetime | None]:
+    """Sum machines up into what changes whenever any of them does, goes or comes.
+
+    Number, sum of the revisions, latest birth: the last because a machine that is
+    deleted and made again counts for as much as before.
+    """
+    count, total, latest = session.execute(
+        select(
+            func.count(MachineRow.id),
+            func.coalesce(func.sum(MachineRow.revision), 0),
+            func.max(MachineRow.created_at),
+        )
     ).one()
-    return int(count), int(total)
+    return int(count), int(total), latest
 
 
 def revisions(session: Session) -> dict[str, tuple[datetime, int]]:

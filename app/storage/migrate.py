@@ -53,7 +53,8 @@ def current_revision(connection: Connection) -> str | None:
 def alembic_config(connection: Connection | None = None) -> Config:
     """Point Alembic at the migrations that travel with the package."""
     config = Config()
-    config.set_main_option("script_location", str(_migrations_folder()))
+    folder = str(_migrations_folder()).replace("%", "%%")  # Alembic reads % as a placeholder's
+    config.set_main_option("script_location", folder)
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
     return config

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from app.errors import UnknownThing, list_names
 from app.storage.error_maps import stored_map
 from app.storage.records import ModelVersion, StoredMap
-from app.storage.tables import MachineRow, ModelVersionMapRow, ModelVersionRow
+from app.storage.tables import LARGEST_INTEGER, MachineRow, ModelVersionMapRow, ModelVersionRow
 
 
 def insert_version(
@@ -61,7 +61,8 @@ def find_version(session: Session, machine_id: str, version: int) -> ModelVersio
     UnknownThing
         With the versions that exist.
     """
-    row = session.get(ModelVersionRow, (machine_id, version))
+    can_be = 0 < version <= LARGEST_INTEGER
+    row = session.get(ModelVersionRow, (machine_id, version)) if can_be else None
     if row is None:
         existing = session.scalars(
             select(ModelVersionRow.version)

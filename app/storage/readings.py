@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import func, or_, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
@@ -61,15 +61,20 @@ def list_readings(
     since: datetime | None = None,
     until: datetime | None = None,
     limit: int | None = None,
-) -> Iterable[Reading]:
-    """Go through a machine's readings in order of time, both ends included."""
+) -> Generator[Reading, None, None]:
+    """Go through a machine's readings in order of time, both ends included.
+
+    Whoever stops before the end closes it.
+    """
     query = select(ReadingRow).where(ReadingRow.machine_id == machine_id)
     if since is not None:
         query = query.where(ReadingRow.time >= since)
     if until is not None:
         query = query.where(ReadingRow.time <= until)
     ordered = query.order_by(ReadingRow.time).limit(limit).execution_options(yield_per=1000)
-    return (_reading(row) for row in session.scalars(ordered))
+    with session.scalars(ordered) as rows:
+        for row in rows:
+            yield _reading(row)
 
 
 def recent_readings(
@@ -95,10 +100,13 @@ def newest_id(session: Session) -> int:
     return session.scalar(select(func.max(ReadingRow.id))) or 0
 
 
-def stored_since(session: Session, reading_id: int) -> list[tuple[str, Reading]]:
-    """List readings stored after the one of this number, with their machines."""
-    query = select(ReadingRow).where(ReadingRow.id > reading_id).order_by(ReadingRow.time)
-    return [(row.machine_id, _reading(row)) for row in session.scalars(query)]
+def numbered_readings(
+    session: Session, above: int, gaps: Iterable[tuple[int, int]]
+) -> list[tuple[int, str, Reading]]:
+    """List readings with a number above this one or in a gap (first, last), with their machines."""
+    wanted = or_(ReadingRow.id > above, *(ReadingRow.id.between(*gap) for gap in gaps))
+    rows = session.scalars(select(ReadingRow).where(wanted))
+    return [(row.id, row.machine_id, _reading(row)) for row in rows]
 
 
 def _reading(row: ReadingRow) -> Reading:

@@ -39,4 +39,3 @@ class ModelVersion:
     assignment: Mapping[str, str]
     effects: Sequence[object]
     maps: Sequence[StoredMap]
-

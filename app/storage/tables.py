@@ -28,6 +28,9 @@ from sqlalchemy.types import TypeDecorator
 
 from app.arrays import FloatArray
 
+LARGEST_INTEGER = 2**31 - 1
+"""The largest number of a column of type Integer; databases refuse to be asked for more."""
+
 
 class UtcDateTime(TypeDecorator[datetime]):
     """A time, stored and returned as UTC; a time without a zone is refused."""
@@ -189,10 +192,13 @@ class ModelVersionMapRow(Base):
 
 
 class ReadingRow(Base):
-    """Live temperatures and the machine's state at one time."""
+    """Live temperatures and the machine's state at one time.
+
+    Processes follow each other by the numbers, so none is ever used again.
+    """
 
     __tablename__ = "reading"
-    __table_args__ = (UniqueConstraint("machine_id", "time"),)
+    __table_args__ = (UniqueConstraint("machine_id", "time"), {"sqlite_autoincrement": True})
 
     id: Mapped[int] = mapped_column(
         BigInteger().with_variant(Integer(), "sqlite"), primary_key=True

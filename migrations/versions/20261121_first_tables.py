@@ -85,6 +85,7 @@ def upgrade() -> None:
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_reading")),
         sa.UniqueConstraint("machine_id", "time", name=op.f("uq_reading_machine_id_time")),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "error_map_component",

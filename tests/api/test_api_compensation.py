@@ -6,6 +6,9 @@ way from Run #3 (24 °C) to Run #6 (30 °C), and at 5.5 °C above 20 °C the err
 """
 
 import pytest
+
+from app.api.schemas.compensation import CompensationAnswer
+from app.geometry.components import COMPONENTS
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -18,9 +21,6 @@ from tests.service_examples import (
     problem,
     table,
 )
-
-from app.api.schemas.compensation import CompensationAnswer
-from app.geometry.components import COMPONENTS
 
 pytestmark = pytest.mark.anyio
 

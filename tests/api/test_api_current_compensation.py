@@ -3,18 +3,19 @@
 from datetime import timedelta
 
 import pytest
+
+from app.api.schemas.compensation import CurrentCompensationAnswer
 from tests.service_examples import (
     MACHINE,
     ROOM,
     START,
     by_code,
+    client_of,
     error_map,
     iso,
     problem,
     reading,
 )
-
-from app.api.schemas.compensation import CurrentCompensationAnswer
 
 pytestmark = pytest.mark.anyio
 
@@ -47,7 +48,9 @@ async def test_the_table_at_the_latest_reading(client, clock):
     await feed(client, reading(START - timedelta(seconds=60), 25.4), reading(START, 25.5))
     clock.advance(4.5)
     document = await current(client)
-    stated = await client.post(PATH, json={"temperatures_c": reading(START, 25.5)["temperatures_c"]})
+    stated = await client.post(
+        PATH, json={"temperatures_c": reading(START, 25.5)["temperatures_c"]}
+    )
     assert document["components"] == stated.json()["components"]
     assert document["computed_at"] == iso(clock.time)
     assert document["reading_time"] == iso(START)
@@ -56,7 +59,12 @@ async def test_the_table_at_the_latest_reading(client, clock):
     assert document["warnings"] == []
     assert document["sensors"] == [
         {"sensor": name, "health": "ok", "temperature_c": t_c, "age_s": 4.5, "detail": ""}
-        for name, t_c in (("x-middle", 25.5), ("y-front", 24.5), ("z-column", 27.5), ("spindle", 30.5))
+        for name, t_c in (
+            ("x-middle", 25.5),
+            ("y-front", 24.5),
+            ("z-column", 27.5),
+            ("spindle", 30.5),
+        )
     ]
 
 
@@ -240,8 +248,6 @@ async def test_readings_come_back_after_a_restart(client, app, new_app, clock):
     await feed(client, *rising)
     before = await current(client)
     assert sensors_of(before)["x-middle"]["health"] == "stuck"
-    from tests.service_examples import client_of
-
     restarted = new_app(app.state.context.database.engine.url.render_as_string(False))
     async with client_of(restarted) as again:
         assert await current(again) == before

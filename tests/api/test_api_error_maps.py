@@ -3,6 +3,7 @@
 from copy import deepcopy
 
 import pytest
+
 from tests.service_examples import (
     MACHINE,
     MAPS,

@@ -3,10 +3,10 @@
 import re
 
 import pytest
-from tests.service_examples import ROOM, client_of, problem
 
 import app as package
 from app.services.follow_database import DatabaseFollower
+from tests.service_examples import ROOM, client_of, problem
 
 pytestmark = pytest.mark.anyio
 
@@ -97,7 +97,9 @@ async def test_another_method_is_a_problem_that_names_those_that_exist(
     assert set(answer.headers["allow"].replace(" ", "").split(",")) <= allowed
 
 
-@pytest.mark.parametrize("path", ["/v1", "/v1/machine", f"{ROOM}/nothing", f"{ROOM}/error-maps/1/x"])
+@pytest.mark.parametrize(
+    "path", ["/v1", "/v1/machine", f"{ROOM}/nothing", f"{ROOM}/error-maps/1/x"]
+)
 async def test_an_unknown_path_is_a_problem(client, path):
     assert path in problem(await client.get(path), 404)["detail"]
 

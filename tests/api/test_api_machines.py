@@ -1,6 +1,7 @@
 """Machines over HTTP."""
 
 import pytest
+
 from tests.service_examples import MACHINE, ROOM, START, contents, error_map, iso, problem
 
 pytestmark = pytest.mark.anyio

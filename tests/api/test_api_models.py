@@ -1,6 +1,7 @@
 """Sensor assignment and model versions over HTTP."""
 
 import pytest
+
 from tests.service_examples import (
     MACHINE,
     MAPS,

@@ -7,6 +7,7 @@ quarter of that time x-middle has 25.5 °C; see `error_map` for the errors.
 from datetime import timedelta
 
 import pytest
+
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -113,9 +114,7 @@ async def test_a_gap_longer_than_a_sensor_allows_is_not_bridged(client):
         await _again(client)
         await client.post(f"{ROOM}/readings", json=two)
         middle = iso(START - timedelta(seconds=seconds / 2))
-        document = await predict(
-            client, {"time": middle, "component": "EXX", "position_mm": 100}
-        )
+        document = await predict(client, {"time": middle, "component": "EXX", "position_mm": 100})
         assert document["predicted_um"] == [7.0 if bridged else None]
         assert document["status"] == ["interpolated" if bridged else "no-reading"]
 
@@ -185,10 +184,8 @@ async def test_with_measuring_lines_the_arm_counts_from_the_line(client):
         content = error_map(f"On a line at {t}", t, measuring_lines_mm={"x": [0, 0, 50]})
         await client.post(f"{ROOM}/error-maps", json=content)
     await client.post(f"{ROOM}/readings", json=reading(START, 25.5))
-    on_line, above = (
-        (await predict(client, {"time": iso(START), "point_mm": [100, 0, z]}))["predicted_um"][0]
-        for z in (50, 150)
-    )
+    points = [{"time": iso(START), "point_mm": [100, 0, z]} for z in (50, 150)]
+    on_line, above = (await predict(client, *points))["predicted_um"]
     assert on_line[0] == pytest.approx(5.5)
     assert above[0] == pytest.approx(5.5 + 11 * 0.1)
 

@@ -3,6 +3,7 @@
 from datetime import timedelta
 
 import pytest
+
 from tests.service_examples import ROOM, START, contents, iso, problem, reading
 
 pytestmark = pytest.mark.anyio

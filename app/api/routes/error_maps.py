@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
-from app.api.dependencies import ContextDep, MachinePath
+from app.api.dependencies import ContextDep, MachinePath, MapPath
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
 from app.services.show_machines import show_error_map, show_error_maps, show_machine
 from app.services.store_error_map import remarks, store_error_map
@@ -37,13 +37,13 @@ def get_error_maps(context: ContextDep, machine: MachinePath) -> list[ErrorMapAn
 
 
 @router.get("/{map_id}", summary="Show an error map", response_model_exclude_none=True)
-def get_error_map(context: ContextDep, machine: MachinePath, map_id: int) -> ErrorMapAnswer:
+def get_error_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> ErrorMapAnswer:
     """Show one map."""
     stored, in_active_model = show_error_map(context, machine, map_id)
     return ErrorMapAnswer.of(stored, in_active_model, [])
 
 
 @router.delete("/{map_id}", status_code=204, summary="Delete an error map")
-def delete_error_map(context: ContextDep, machine: MachinePath, map_id: int) -> None:
+def delete_error_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> None:
     """Take a map out of use: the next model version is without it, older ones keep it."""
     withdraw_map(context, machine, map_id)

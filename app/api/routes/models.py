@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from app.api.dependencies import ContextDep, MachinePath
+from app.api.dependencies import ContextDep, MachinePath, VersionPath
 from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
 from app.services.activate_model import activate_model
 from app.services.assign_sensors import assign_sensors, correlate_sensors, sensor_assignment
@@ -41,12 +41,12 @@ def get_models(context: ContextDep, machine: MachinePath) -> list[ModelAnswer]:
 
 
 @router.get("/models/{version}", summary="Show a model version")
-def get_model(context: ContextDep, machine: MachinePath, version: int) -> ModelAnswer:
+def get_model(context: ContextDep, machine: MachinePath, version: VersionPath) -> ModelAnswer:
     """Show one version with its maps and assignment."""
     return ModelAnswer.of(*show_model(context, machine, version))
 
 
 @router.post("/models/{version}/activate", summary="Activate a model version")
-def post_activate(context: ContextDep, machine: MachinePath, version: int) -> ModelAnswer:
+def post_activate(context: ContextDep, machine: MachinePath, version: VersionPath) -> ModelAnswer:
     """Compute tables with this version from now on."""
     return ModelAnswer.of(activate_model(context, machine, version), version)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -22,35 +23,74 @@ class Schema(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+_DATE_AND_HOUR = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+_EARLIEST = datetime(1900, 1, 1, tzinfo=UTC)
+_LATEST = datetime(3000, 1, 1, tzinfo=UTC)
+
+
 def _only_text(value: Any) -> Any:
-    if isinstance(value, str | datetime):
+    """Refuse numbers, also those in text, which pydantic reads as seconds since 1970."""
+    if isinstance(value, datetime) or (isinstance(value, str) and _DATE_AND_HOUR.match(value)):
         return value
     raise ValueError("a time as ISO 8601 text, such as 2026-03-01T06:00:00Z")
 
 
 def _to_utc(value: datetime) -> datetime:
+    """Keep clear of the calendar's ends, beyond which one cannot reckon."""
+    if not _EARLIEST <= value < _LATEST:
+        raise ValueError("a time from the year 1900 to 2999")
     return value.astimezone(UTC)
+
+
+def _no_control_characters(text: str) -> str:
+    if _CONTROL.search(text):
+        raise ValueError("text without control characters such as nul")
+    return text
+
+
+def way_of(name: str) -> str:
+    """Mark one way of stating something, which the path of a wrong field leaves out."""
+    return f"({name})"
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number: no text, no booleans, no NaN."""
 
+Millimetres = Annotated[Number, Field(ge=-1e6, le=1e6)]
+"""A length or a position, within a kilometre [mm]."""
+
+Integer = Annotated[int, Field(strict=True)]
+"""A whole number: no text, no booleans."""
+
 Numbers = Annotated[list[Number], Field(min_length=1, max_length=100_000)]
 """One or more finite numbers."""
+
+Positions = Annotated[list[Millimetres], Field(min_length=1, max_length=100_000)]
+"""One or more positions [mm]."""
+
+Point = Annotated[list[Millimetres], Field(min_length=3, max_length=3)]
+"""A point or an offset x, y, z [mm]."""
 
 UtcTime = Annotated[AwareDatetime, BeforeValidator(_only_text), AfterValidator(_to_utc)]
 """A time with a zone, kept as UTC."""
 
 Name = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
+    AfterValidator(_no_control_characters),
 ]
 """A name of 1 to 200 characters."""
+
+_StateName = Annotated[
+    str, StringConstraints(min_length=1, max_length=200), AfterValidator(_no_control_characters)
+]
 
 Temperatures = Annotated[dict[str, Number], Field(examples=[{"x-middle": 24.1, "z-column": 27.3}])]
 """Sensor name to temperature [°C]."""
 
 MachineState = Annotated[
-    dict[str, Number],
+    dict[_StateName, Number],
     Field(
         default_factory=dict,
         description="Any numbers that the shop knows of the machine's state",

@@ -35,9 +35,7 @@ class ComponentCompensationAnswer(Schema):
     error_um_per_m: Number | None = Field(None, description="Squareness [µm/m]")
     error_um: Number | None = Field(None, description="Rotary-axis position error [µm]")
     error_urad: Number | None = Field(None, description="Rotary-axis direction error [µrad]")
-    compensation_um: list[Number] | Number | None = Field(
-        None, description="Minus the error [µm]"
-    )
+    compensation_um: list[Number] | Number | None = Field(None, description="Minus the error [µm]")
     compensation_urad: list[Number] | Number | None = Field(
         None, description="Minus the error [µrad]"
     )
@@ -57,9 +55,7 @@ class ComponentCompensationAnswer(Schema):
         None, description="Minus the backward error [µm]"
     )
     backward_compensation_urad: list[Number] | None = Field(None, description="The same [µrad]")
-    backward_compensation_um_per_m: list[Number] | None = Field(
-        None, description="The same [µm/m]"
-    )
+    backward_compensation_um_per_m: list[Number] | None = Field(None, description="The same [µm/m]")
     backward_compensation_urad_per_m: list[Number] | None = Field(
         None, description="The same [µrad/m]"
     )

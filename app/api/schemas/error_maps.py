@@ -6,14 +6,21 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field
 
-from app.api.schemas.base import Name, Number, Numbers, Schema, Temperatures, UtcTime
+from app.api.schemas.base import (
+    Name,
+    Number,
+    Numbers,
+    Point,
+    Positions,
+    Schema,
+    Temperatures,
+    UtcTime,
+)
 from app.arrays import FloatArray
 from app.errors import InvalidContent, UnknownComponent
 from app.geometry.components import Component, parse_component
 from app.storage.records import StoredMap
 from app.thermal.error_map import ComponentTable, ErrorMap
-
-Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class ComponentSchema(Schema):
@@ -29,7 +36,7 @@ class ComponentSchema(Schema):
         description="ISO 230-1 code (EXX, SXY, EYY^x) or the chapter's notation (D_x(x), S_xy)",
         examples=["EXX"],
     )
-    positions_mm: Numbers | None = Field(
+    positions_mm: Positions | None = Field(
         None,
         description="Positions on the component's axis [mm], strictly increasing",
         examples=[[0, 50, 100]],
@@ -76,9 +83,7 @@ class ComponentSchema(Schema):
         fitting = {"component", component.input_field}
         if component.is_table:
             fitting |= {"positions_mm", f"backward_{component.input_field}"}
-        other = sorted(
-            f for f in self.model_fields_set - fitting if getattr(self, f) is not None
-        )
+        other = sorted(f for f in self.model_fields_set - fitting if getattr(self, f) is not None)
         if other:
             raise InvalidContent.of_field(
                 other[0],
@@ -90,9 +95,7 @@ class ComponentSchema(Schema):
 class ComponentAnswer(ComponentSchema):
     """One component of a stored map."""
 
-    chapter: str | None = Field(
-        None, description="The chapter's notation", examples=["D_x(x)"]
-    )
+    chapter: str | None = Field(None, description="The chapter's notation", examples=["D_x(x)"])
     iso: str | None = Field(None, description="ISO 230-1 name of a squareness", examples=["C0Y"])
     iso_value_urad: Number | None = Field(None, description="Its value in ISO's sign [µrad]")
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, StringConstraints
 
-from app.api.schemas.base import Name, Number, Schema, UtcTime
+from app.api.schemas.base import Millimetres, Name, Number, Schema, UtcTime
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
 from app.storage.records import StoredMachine
@@ -28,13 +28,17 @@ MachineId = Annotated[
 ]
 
 _USUAL = Sensor("")
+_A_YEAR_S = 366 * 86_400
+
+Margin = Annotated[Number, Field(ge=0, le=1000)]
+"""How far extrapolation may go [°C]."""
 
 
 class TravelSchema(Schema):
     """The travel of an axis."""
 
-    min_mm: Number = Field(description="Lower end of the travel [mm]", examples=[0])
-    max_mm: Number = Field(description="Upper end of the travel [mm]", examples=[500])
+    min_mm: Millimetres = Field(description="Lower end of the travel [mm]", examples=[0])
+    max_mm: Millimetres = Field(description="Upper end of the travel [mm]", examples=[500])
 
 
 class SensorSchema(Schema):
@@ -49,20 +53,24 @@ class SensorSchema(Schema):
         ),
         examples=["y-front"],
     )
-    min_c: Number = Field(_USUAL.min_c, description="Lowest believable temperature [°C]")
-    max_c: Number = Field(_USUAL.max_c, description="Highest believable temperature [°C]")
-    max_age_s: Annotated[Number, Field(gt=0)] = Field(
+    min_c: Annotated[Number, Field(ge=-273.15)] = Field(
+        _USUAL.min_c, description="Lowest believable temperature [°C]"
+    )
+    max_c: Annotated[Number, Field(le=10_000)] = Field(
+        _USUAL.max_c, description="Highest believable temperature [°C]"
+    )
+    max_age_s: Annotated[Number, Field(gt=0, le=_A_YEAR_S)] = Field(
         _USUAL.max_age_s,
         description="Age above which a value is stale; longest gap bridged in time [s]",
     )
-    resolution_c: Annotated[Number, Field(gt=0)] = Field(
+    resolution_c: Annotated[Number, Field(gt=0, le=1000)] = Field(
         _USUAL.resolution_c, description="Temperatures closer than this are the same [°C]"
     )
     stuck_after_s: Annotated[Number, Field(gt=0, le=86400)] = Field(
         _USUAL.stuck_after_s,
         description="Without any change for this long while its neighbours move, it is stuck [s]",
     )
-    max_rate_c_per_min: Annotated[Number, Field(gt=0)] = Field(
+    max_rate_c_per_min: Annotated[Number, Field(gt=0, le=1e6)] = Field(
         _USUAL.max_rate_c_per_min,
         description="A change faster than this is no temperature [°C/min]",
     )
@@ -88,7 +96,7 @@ class MachineSettings(Schema):
     out_of_range: OutOfRange = Field(
         OutOfRange.CLAMP, description="What happens at temperatures outside the maps"
     )
-    extrapolation_margin_c: Annotated[Number, Field(ge=0)] = Field(
+    extrapolation_margin_c: Margin = Field(
         5.0, description="How far `extrapolate` may go beyond the maps [°C]"
     )
     same_temperature: SameTemperature = Field(
@@ -137,7 +145,7 @@ class MachinePatch(Schema):
     )
     sensors: list[SensorSchema] | None = Field(None, description="All sensors, replacing the old")
     out_of_range: OutOfRange | None = Field(None, description="Policy outside the maps")
-    extrapolation_margin_c: Annotated[Number, Field(ge=0)] | None = Field(
+    extrapolation_margin_c: Margin | None = Field(
         None, description="How far `extrapolate` may go [°C]"
     )
     same_temperature: SameTemperature | None = Field(

@@ -6,8 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from app.api.schemas.base import MachineState, Number, Schema, UtcTime
-from app.api.schemas.error_maps import Point
+from app.api.schemas.base import (
+    Integer,
+    MachineState,
+    Millimetres,
+    Number,
+    Point,
+    Schema,
+    UtcTime,
+)
 from app.errors import InvalidContent, UnknownComponent
 from app.geometry.components import parse_component
 from app.services.predict_errors import Observation
@@ -20,7 +27,7 @@ class ObservationSchema(Schema):
 
     time: UtcTime = Field(description="When, with a zone", examples=["2026-03-01T06:00:00Z"])
     component: str | None = Field(None, description="Component", examples=["EZZ"])
-    position_mm: Number | None = Field(None, description="Position on its axis [mm]")
+    position_mm: Millimetres | None = Field(None, description="Position on its axis [mm]")
     direction: Literal["+", "-"] | None = Field(
         None, description="Direction of approach; the mean of both where it is not stated"
     )
@@ -62,7 +69,7 @@ class PredictionRequest(Schema):
     observations: Annotated[list[ObservationSchema], Field(min_length=1, max_length=100_000)] = (
         Field(description="Where and when")
     )
-    model_version: int | None = Field(None, description="Version; the active one if not stated")
+    model_version: Integer | None = Field(None, description="Version; the active one if not stated")
 
     def to_observations(self) -> list[Observation]:
         """Make the observations; InvalidContent names the one that is wrong."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
-from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime
+from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime, way_of
 from app.thermal.reading import Reading
 
 
@@ -35,8 +35,18 @@ class ReadingSchema(Schema):
         )
 
 
+def _one_or_more(body: object) -> str:
+    return way_of("more") if isinstance(body, list) else way_of("one")
+
+
 Readings = Annotated[list[ReadingSchema], Field(min_length=1, max_length=10_000)]
 """One to 10,000 readings."""
+
+OneOrMoreReadings = Annotated[
+    Annotated[ReadingSchema, Tag(way_of("one"))] | Annotated[Readings, Tag(way_of("more"))],
+    Discriminator(_one_or_more),
+]
+"""A reading, or a list of them."""
 
 
 class StoredReadings(Schema):

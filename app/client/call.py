@@ -1,0 +1,106 @@
+"""One request to the service: how its body is written, and how its answer is read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cache
+from typing import Any, Generic, TypeAlias, TypeVar, cast
+
+import httpx
+import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from app.client.errors import error_of, unreadable
+
+Answer = TypeVar("Answer")
+
+Content: TypeAlias = BaseModel | Mapping[str, Any]
+"""What a body may be: one of the schemas, or a mapping with the same fields."""
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Generic[Answer]):
+    """One request and how its answer is read.
+
+    `answered_by` lists the statuses beyond success that carry an answer and no problem.
+    """
+
+    method: str
+    path: str
+    read: Callable[[httpx.Response], Answer]
+    body: Any = None
+    query: Mapping[str, Any] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    answered_by: frozenset[int] = frozenset()
+
+    def request(self) -> dict[str, Any]:
+        """Write the arguments of httpx' `request`."""
+        sent: dict[str, Any] = {"method": self.method, "url": self.path, "headers": self.headers}
+        if self.query:
+            sent["params"] = {k: _text(v) for k, v in self.query.items() if v is not None}
+        if self.body is not None:
+            sent["content"] = json.dumps(_plain(self.body), default=_plain).encode()
+            sent["headers"] = {**self.headers, "Content-Type": "application/json"}
+        return sent
+
+    def checked(self, response: httpx.Response) -> httpx.Response:
+        """Return the response, or raise the error that it carries."""
+        if response.is_success or response.status_code in self.answered_by:
+            return response
+        raise error_of(response)
+
+    def answer(self, response: httpx.Response) -> Answer:
+        """Read the answer, or raise the error that the response carries."""
+        try:
+            return self.read(self.checked(response))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"])) or "body"
+            raise unreadable(response, f"{where}: {first['msg']}") from error
+
+
+def reader_of(kind: type[Answer]) -> Callable[[httpx.Response], Answer]:
+    """Make the reader of a JSON answer; fields that a newer service adds are passed over."""
+
+    def read(response: httpx.Response) -> Answer:
+        adapter = _adapter(cast("Any", kind))
+        found: Answer = adapter.validate_json(response.content, extra="ignore")
+        return found
+
+    return read
+
+
+def nothing(_response: httpx.Response) -> None:
+    """Read an answer that has no content."""
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+def _text(value: Any) -> str:
+    return value.isoformat() if isinstance(value, datetime) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    """Write what JSON does not know: schemas, arrays, times.
+
+    Of a schema only the fields that were stated are sent: the service has the
+    defaults, and in a PATCH the others are to stay. NaN goes out as NaN, for the
+    service to refuse; null would be accepted where a field may be empty.
+    """
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", exclude_unset=True)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Iterable) and not isinstance(value, str | bytes):
+        return list(value)
+    raise TypeError(f"expected something that JSON can carry, came {type(value).__name__}")

@@ -1,0 +1,61 @@
+"""Which numbers of readings may still appear: a database gives them before it commits."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from datetime import datetime, timedelta
+
+PATIENCE = timedelta(seconds=60)
+"""A number that has been left out for longer belongs to a transaction that failed."""
+
+MOST_GAPS = 200
+"""Gaps that are kept: the newest."""
+
+
+class UnseenNumbers:
+    """The numbers above the highest that was seen, and for a while those left out below it.
+
+    A transaction gets its numbers at its beginning and shows them at its end. So a lower
+    number may appear after a higher one; or never, if the transaction was rolled back.
+    """
+
+    def __init__(self, highest: int) -> None:
+        self.highest = highest
+        self._gaps: list[tuple[int, int, datetime]] = []
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """First and last number of each gap below the highest."""
+        return [(first, last) for first, last, _ in self._gaps]
+
+    def saw(self, numbers: Iterable[int], now: datetime) -> None:
+        """Take note of all the unseen numbers that there are now.
+
+        >>> from datetime import UTC
+        >>> unseen = UnseenNumbers(highest=3)
+        >>> unseen.saw([4, 6, 9], datetime(2026, 3, 1, tzinfo=UTC))
+        >>> unseen.highest, unseen.gaps
+        (9, [(5, 5), (7, 8)])
+        """
+        came = sorted(numbers)
+        gaps = [
+            (*gap, since)
+            for first, last, since in self._gaps
+            if now - since < PATIENCE
+            for gap in _left_out(first, last, came)
+        ]
+        if came and came[-1] > self.highest:
+            gaps += [(*gap, now) for gap in _left_out(self.highest + 1, came[-1], came)]
+            self.highest = came[-1]
+        self._gaps = gaps[-MOST_GAPS:]
+
+
+def _left_out(first: int, last: int, came: Sequence[int]) -> list[tuple[int, int]]:
+    """Find what is left of a range of numbers without those that came, in order."""
+    gaps = []
+    for number in came[bisect_left(came, first) : bisect_right(came, last)]:
+        if number > first:
+            gaps.append((first, number - 1))
+        first = number + 1
+    return [*gaps, (first, last)] if first <= last else gaps

@@ -1,0 +1,232 @@
+"""An error map from CSV: what is taken, and what is complained of, at which line and column."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from app.cli.csv_comments import Stated
+from app.cli.csv_error_map import read_csv_error_map
+from app.cli.delimited_text import UnreadableFile
+
+HEAD = """\
+# label: Run #1
+# measured_at: 2026-03-01T07:00:00+01:00
+# temperature x-middle: 20.1
+"""
+ROWS = """\
+component,position_mm,error_um
+EXX,0,0.0
+EXX,50,1.25
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text, stated=Stated(), encoding="utf-8"):
+        file = tmp_path / "run.csv"
+        file.write_bytes(text.encode(encoding))
+        return read_csv_error_map(file, stated)
+
+    return read_text
+
+
+@pytest.fixture
+def complaints(read, tmp_path):
+    """Read a file that is refused; give what is said of it, without the folder."""
+
+    def refused(text, stated=Stated()):
+        with pytest.raises(UnreadableFile) as caught:
+            read(text, stated)
+        return caught.value.detail.replace(str(tmp_path / "run.csv"), "run.csv").splitlines()
+
+    return refused
+
+
+def values(found, code):
+    component = next(c for c in found.error_map.components if c.component == code)
+    return component.model_dump(exclude_unset=True)
+
+
+def test_a_map(read):
+    found = read(HEAD + "# machine: mcfv5050\n# instrument: laser\n" + ROWS)
+    assert (found.machine, found.remarks) == ("mcfv5050", [])
+    stated = found.error_map
+    assert (stated.label, stated.instrument) == ("Run #1", "laser")
+    assert stated.measured_at == datetime(2026, 3, 1, 6, 0, tzinfo=UTC)
+    assert stated.temperatures_c == {"x-middle": 20.1}
+    assert values(found, "EXX") == {
+        "component": "EXX", "positions_mm": [0.0, 50.0], "errors_um": [0.0, 1.25],
+    }  # fmt: skip
+
+
+GERMAN = """\
+"# label: Run #1";;
+"# measured_at: 2026-03-01T06:00:00Z";;
+# temperature x-middle: 20,1 °C;;
+
+Component;Position [mm];Error [µm]
+EXX;50,5;1,25
+
+EXX;0;-0,5
+;;
+"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_as_spreadsheets_write_it(read, encoding, ends):
+    found = read(GERMAN.replace("\n", ends), encoding=encoding)
+    assert found.error_map.temperatures_c == {"x-middle": 20.1}
+    assert values(found, "EXX")["positions_mm"] == [0.0, 50.5]
+    assert values(found, "EXX")["errors_um"] == [-0.5, 1.25]
+
+
+def test_tabs_and_other_units_in_columns_of_their_own(read):
+    found = read(
+        HEAD
+        + "component\tposition_mm\terror_um\terror_urad\tslope_um_per_m\tvalue_um_per_m\n"
+        + "D_x(x)\t0\t1,5\n"
+        + "EBX\t0\t\t2,5\n"
+        + "SXY\t\t\t\t\t-12\n"
+    )
+    assert values(found, "D_x(x)")["errors_um"] == [1.5]
+    assert values(found, "EBX")["errors_urad"] == [2.5]
+    assert values(found, "SXY")["value_um_per_m"] == -12.0
+
+
+def test_a_value_in_another_units_column(complaints):
+    text = "component,position_mm,error_um,error_urad\nEBX,0,1,\nSXY,,,1\n"
+    assert complaints(HEAD + text) == [
+        "run.csv, line 5, column 3 (error_um): expected EBX in µrad once, in the column "
+        "error_urad, came '1'",
+        "run.csv, line 6, column 4 (error_urad): expected SXY in µm/m once, in the column "
+        "error_um_per_m, came '1'",
+    ]
+
+
+def test_squareness_and_slopes_share_their_unit_but_not_two_columns(complaints):
+    both = "component,position_mm,slope_um_per_m,value_um_per_m\nSXY,,1,2\n"
+    assert complaints(HEAD + both)[0] == (
+        "run.csv, line 5, column 4 (value_um_per_m): expected SXY in µm/m once, in the "
+        "column slope_um_per_m or value_um_per_m, came '2'"
+    )
+
+
+def test_the_only_column_of_values_holds_every_unit_and_says_so(read):
+    found = read(HEAD + ROWS + "EBX,0,3\nSXY,,-12.1\nC0Y2,,1\n".replace("C0Y2,,1\n", ""))
+    assert values(found, "EBX")["errors_urad"] == [3.0]
+    assert values(found, "SXY")["value_um_per_m"] == -12.1
+    assert found.remarks == [
+        "values of EBX in error_um are read in µrad",
+        "values of SXY in error_um are read in µm/m",
+    ]
+
+
+def test_iso_squareness_keeps_its_name_and_so_its_sign(read):
+    found = read(HEAD + "component,error\nC0Y,12.1\n")
+    assert found.error_map.to_error_map().tables["SXY"].errors.tolist() == [-12.1]
+
+
+def test_backward_errors(read):
+    text = "component,position_mm,error_um,backward_error_um\nEXX,0,0,1\nEXX,9,2,3\nEYX,0,5,\n"
+    found = read(HEAD + text)
+    assert values(found, "EXX")["backward_errors_um"] == [1.0, 3.0]
+    assert "backward_errors_um" not in values(found, "EYX")
+
+
+def test_the_command_line_goes_before_the_file(read):
+    stated = Stated("Run #2", "2026-03-02T06:00:00Z", {"x-middle": 21.5, "spindle": 23.0})
+    found = read(HEAD + ROWS, stated).error_map
+    assert (found.label, found.measured_at.day) == ("Run #2", 2)
+    assert found.temperatures_c == {"x-middle": 21.5, "spindle": 23.0}
+    assert read(ROWS, stated).error_map == found
+
+
+def test_what_is_not_read_is_said(read):
+    found = read(
+        HEAD
+        + "# temprature spindle: 20\n# just words\n"
+        + ROWS.replace("error_um", "error_um,by").replace("0.0", "0.0,me")
+    )
+    assert found.remarks[0].startswith("line 4: 'temprature spindle' is not read; what is: label")
+    assert found.remarks[1] == "columns that are not read: by"
+
+
+@pytest.mark.parametrize(
+    ("row", "complaint"),
+    [
+        ("EXX,100,abc", "column 3 (error_um): expected a number in µm, came 'abc'"),
+        ("EXX,100,nan", "column 3 (error_um): expected a number in µm, came 'nan'"),
+        ("EXX,1_00,1", "column 2 (position_mm): expected a number in mm, came '1_00'"),
+        ("EXX,100,", "column 3 (error_um): expected the error of EXX in µm, came none"),
+        ("EXX,,1", "column 2 (position_mm): expected a position of EXX in mm, came none"),
+        ("SXY,5,1", "column 2 (position_mm): expected nothing, as SXY is one value without "
+                    "position, came '5'"),
+        ("EXX,50,1", "expected EXX at 50 mm once, came again after line 6"),
+        ("EXX,50,1,5", "expected 3 columns as in line 4, came 4; decimal commas need semicolons "
+                       "between the columns"),
+    ],
+)  # fmt: skip
+def test_a_wrong_row_is_named_by_line_and_column(complaints, row, complaint):
+    assert f"run.csv, line 7, {complaint}".replace("line 7, expected", "line 7: expected") in (
+        complaints(HEAD + ROWS + row + "\n")
+    )
+
+
+def test_an_unknown_component(complaints):
+    (complaint,) = complaints(HEAD + ROWS + "EXW,0,1\n")
+    assert complaint.startswith("run.csv, line 7, column 1 (component): expected an error compon")
+    assert "came 'EXW'; near it: " in complaint
+
+
+def test_backward_errors_in_some_lines_only(complaints):
+    text = "component,position_mm,error_um,backward_error_um\nEXX,0,0,1\nEXX,9,2,\n"
+    assert complaints(HEAD + text) == [
+        "run.csv, line 6: expected a backward error of EXX in every line or in none, unlike line 5"
+    ]
+
+
+def test_all_that_is_wrong_is_said_at_once_up_to_a_limit(complaints):
+    found = complaints(HEAD + ROWS + "EXX,x,1\n" * 20)
+    assert len(found) == 9
+    assert found[-1] == "run.csv: … and 12 more"
+
+
+def test_what_is_missing(complaints):
+    found = complaints(ROWS)
+    assert [line.split(", came")[0] for line in found] == [
+        "run.csv: expected a label",
+        "run.csv: expected a time with its zone",
+        "run.csv: expected every sensor's temperature in °C",
+    ]
+    assert "`# temperature x-middle: 20.1` or give --temperature" in found[2]
+
+
+@pytest.mark.parametrize("time", ["2026-03-01T06:00:00", "yesterday"])
+def test_a_time_without_its_zone(complaints, time):
+    (complaint,) = complaints(HEAD.replace("2026-03-01T07:00:00+01:00", time) + ROWS)
+    assert complaint.endswith(f"expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
+                              f"came {time!r}")  # fmt: skip
+
+
+def test_a_temperature_that_is_none(complaints):
+    (complaint,) = complaints(HEAD + "# temperature spindle: warm\n" + ROWS)
+    assert complaint == "run.csv, line 4: expected the temperature of spindle in °C, came 'warm'"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "run.csv: expected a line of column names and lines of values, came none"),
+        (HEAD + "a,b\n1,2\n", "run.csv, line 4: expected the columns component, position_mm and"),
+        (HEAD + "component,position_mm,error_um\n", "run.csv: expected lines of values, came none"),
+        (HEAD + "component,error_um\nEXX,1\n", "run.csv, line 4: expected a column position_mm"),
+    ],
+)
+def test_files_without_what_they_need(complaints, text, complaint):
+    assert complaints(text)[0].startswith(complaint)
+
+
+def test_what_the_service_would_refuse_is_refused_here(complaints):
+    (complaint,) = complaints(HEAD + ROWS + "EXX,99,5e9\n")
+    assert "expected errors within ±1e+06 µm, came 5e+09" in complaint

@@ -1,0 +1,162 @@
+"""thermap import: all files are checked, then sent, once each."""
+
+import json
+
+import pytest
+
+from tests.service_examples import MACHINE, START, error_map, reading
+
+CSV = """\
+# label: Run #7
+# measured_at: 2026-03-01T06:00:00Z
+# temperature x-middle: 34
+# temperature z-column: 36
+component,position_mm,error_um
+EXX,0,0
+EXX,500,70
+EZZ,0,0
+EZZ,500,140
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_file(name, content):
+        file = tmp_path / name
+        file.write_text(content if isinstance(content, str) else json.dumps(content))
+        return file
+
+    return write_file
+
+
+def test_a_csv_map_is_stored_once(thermap, client, write):
+    file = write("run-7.csv", CSV)
+    first = thermap("import", file, "--machine", "mcfv5050")
+    assert (first.exit_code, first.stderr) == (0, "")
+    number = client.error_maps("mcfv5050")[-1].id
+    assert first.stdout == (
+        f"{file}: error map 'Run #7' stored as number {number}, model version 4\n"
+    )
+    second = thermap("import", file, "--machine", "mcfv5050")
+    assert second.exit_code == 0
+    assert second.stdout == f"{file}: error map 'Run #7' was there already, number {number}\n"
+    assert len(client.models("mcfv5050")) == 4
+
+
+def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, write):
+    right, wrong = write("right.csv", CSV), write("wrong.csv", CSV + "EYX,0,much\n")
+    found = thermap("import", right, wrong, "--machine", "mcfv5050")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr == (
+        "thermap: nothing was sent:\n"
+        f"{wrong}, line 10, column 3 (error_um): expected a number in µm, came 'much'\n"
+    )
+    assert len(client.error_maps("mcfv5050")) == 3
+
+
+def test_a_machine_with_maps_and_readings_in_any_order(thermap, client, write):
+    readings = write("readings.json", [reading(START, 22.0), reading(START, 22.0)])
+    maps = write("maps.json", [error_map("a", 20.0), error_map("b", 25.0)])
+    machine = write("machine.json", MACHINE | {"id": "mill"})
+    found = thermap("import", readings, maps, machine)
+    assert (found.exit_code, found.stderr) == (0, "")
+    assert found.stdout.splitlines() == [
+        f"{machine}: machine mill stored",
+        f"{readings}: 1 readings stored, 1 were there already",
+        f"{maps}: error map 'a' stored as number {client.error_maps('mill')[0].id}, "
+        "model version 1",
+        f"{maps}: error map 'b' stored as number {client.error_maps('mill')[1].id}, "
+        "model version 2",
+    ]
+    again = thermap("import", machine, maps)
+    assert again.stdout.count("was there already") == 3
+
+
+def test_what_the_service_answers_can_be_imported(thermap, client, write):
+    machine = client.machine("mcfv5050").model_dump(mode="json") | {"id": "copy"}
+    maps = [m.model_dump(mode="json", exclude_none=True) for m in client.error_maps("mcfv5050")]
+    found = thermap("import", write("machine.json", machine), write("maps.json", maps))
+    assert found.exit_code == 0, found.output
+    copied = client.error_maps("copy")
+    assert [m.components for m in copied] == [m.components for m in client.error_maps("mcfv5050")]
+
+
+def test_a_machine_that_is_there_with_other_settings(thermap, write):
+    found = thermap("import", write("machine.json", MACHINE | {"name": "Another"}))
+    assert found.exit_code == 1
+    assert "machine mcfv5050 is there with other settings; PATCH http://" in found.stderr
+
+
+def test_what_the_service_refuses_names_the_file_and_what_was_not_sent(thermap, write):
+    first = write("first.json", error_map("Run #1", 20.5))
+    second = write("second.csv", CSV)
+    found = thermap("import", first, second, "--machine", "mcfv5050")
+    assert found.exit_code == 1
+    assert found.stderr.startswith(f"thermap: {first}: machine 'mcfv5050' has another error map")
+    assert found.stderr.endswith(f"(not sent after it: {second})\n")
+
+
+def test_a_sensor_that_the_machine_lacks_is_found_before_anything_is_sent(thermap, client, write):
+    right = write("right.csv", CSV)
+    wrong = write("wrong.csv", CSV.replace("z-column", "bed"))
+    found = thermap("import", right, wrong, "--machine", "mcfv5050")
+    assert found.exit_code == 1
+    assert f"nothing was sent: {wrong}: machine 'mcfv5050' has no sensor 'bed'" in found.stderr
+    assert len(client.error_maps("mcfv5050")) == 3
+
+
+def test_whose_map_it_is_has_to_be_said_once(thermap, write):
+    unnamed = write("unnamed.csv", CSV)
+    found = thermap("import", unnamed)
+    assert found.exit_code == 2
+    assert "does not say which machine" in found.stderr
+    named = write("named.csv", "# machine: mcfv5050\n" + CSV)
+    other = thermap("import", named, "--machine", "other")
+    assert other.exit_code == 2
+    assert thermap("import", named).exit_code == 0
+    assert "was there already" in thermap("import", unnamed, THERMAP_MACHINE="mcfv5050").stdout
+
+
+def test_flags_for_a_bare_table(thermap, client, write):
+    bare = write("bare.csv", CSV[CSV.index("component") :])
+    found = thermap(
+        "import", bare, "-m", "mcfv5050", "--label", "bare", "--measured-at",
+        "2026-03-01T06:00:00Z", "-t", "x-middle=40,5", "-t", "z-column=41",
+    )  # fmt: skip
+    assert found.exit_code == 0, found.output
+    assert client.error_maps("mcfv5050")[-1].temperatures_c == {"x-middle": 40.5, "z-column": 41.0}
+
+
+def test_warnings_of_the_service_are_seen(thermap, write):
+    beyond = write("beyond.csv", CSV.replace("500", "600"))
+    found = thermap("import", beyond, "-m", "mcfv5050")
+    assert found.exit_code == 0
+    assert "beyond the axis' travel" in found.stderr
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ('{"id": "m",\n "name" }', ", line 2, column 9: expected JSON: "),
+        ("[]", ": expected a machine, an error map or readings, came an empty list"),
+        ('[{"hello": 1}, 7]', ": entry 1: expected a machine (with configuration), an error map"),
+        ('{"configuration": "XYFZ", "id": "m"}', ": name: expected a value, came nothing"),
+        ('{"configuration": "XYZ", "id": "m", "name": "M"}', "XYZ"),
+        (json.dumps(error_map("a", float("nan"))), "temperatures_c.x-middle: expected a finite nu"),
+        (json.dumps([reading(START, 20.0) | {"time": "noon"}]), ": entry 1: time: expected "),
+        (json.dumps(error_map("a", 20.0, colour="red")), ": colour: unknown field"),
+        (json.dumps(error_map("a", 20.0, components=[{"component": "EXQ"}])), "components.0"),
+    ],
+)
+def test_json_that_cannot_be_right(thermap, write, content, complaint):
+    file = write("wrong.json", content)
+    found = thermap("import", file, "-m", "mcfv5050")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr.startswith(f"thermap: nothing was sent:\n{file}")
+    assert complaint in found.stderr
+
+
+def test_a_file_that_is_not_there(thermap, tmp_path):
+    found = thermap("import", tmp_path / "no.csv", "-m", "mcfv5050")
+    assert found.exit_code == 1
+    assert "no.csv: No such file or directory" in found.stderr

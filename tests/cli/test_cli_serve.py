@@ -1,0 +1,156 @@
+"""thermap serve, and what all commands share: versions, help, one sentence for a failure."""
+
+import signal
+import sqlite3
+from types import SimpleNamespace
+
+import pytest
+from sqlalchemy import make_url
+
+from app import __version__
+from app.cli.listening import CannotListen, listening, url_of
+from app.cli.options import read_named_numbers
+from tests.cli.conftest import ended, wait_until_it_answers
+
+COMMANDS = ("serve", "demo", "import", "compensate", "replay")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_says_where_it_listens_answers_and_ends_with_0(start, free_port, tmp_path, number):
+    file = tmp_path / "shop.db"
+    process = start("serve", "--port", free_port, "--database-url", f"sqlite:///{file}")
+    url = f"http://127.0.0.1:{free_port}"
+    assert wait_until_it_answers(url) == {"status": "ok", "version": __version__}
+    code, out, err = ended(process, number)
+    assert (code, err) == (0, "")
+    assert f"listens on {url}\n" in out
+    assert f"{url}/docs" in out
+    assert str(file) in out
+
+
+def test_a_port_in_use(run, tmp_path):
+    with listening("127.0.0.1", 0, "serve") as opened:
+        port = opened.getsockname()[1]
+        found = run("serve", "--port", port, "--database-url", f"sqlite:///{tmp_path}/x.db")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr == (
+        f"thermap: port {port} on 127.0.0.1 is in use: try `thermap serve --port {port + 1}`\n"
+    )
+    assert not list(tmp_path.iterdir()), "the database was touched before the port was free"
+
+
+def test_a_newer_database_is_refused(run, sqlite_url):
+    connection = sqlite3.connect(make_url(sqlite_url).database)
+    connection.execute("UPDATE alembic_version SET version_num = 'from-the-future'")
+    connection.commit()
+    connection.close()
+    found = run("serve", "--port", "0", "--database-url", sqlite_url)
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert "was written by a newer thermap" in found.stderr
+    assert found.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("database_url", "code", "words"),
+    [
+        ("postgresql://u@127.0.0.1:1/x", 1, "the database is away"),
+        ("sqlite:////proc/nowhere/x.db", 1, "the database is away"),
+        ("mysql://host/x", 2, "expected sqlite:///FILE"),
+        ("no-url", 2, "expected sqlite:///FILE"),
+    ],
+)
+def test_databases_that_are_not_there(run, database_url, code, words):
+    found = run("serve", "--port", "0", "--database-url", database_url, columns=200)
+    assert (found.exit_code, found.stdout) == (code, "")
+    assert words in found.stderr
+    assert "Traceback" not in found.stderr
+
+
+def test_a_file_that_is_no_database(run, tmp_path):
+    file = tmp_path / "letter.db"
+    file.write_text("Dear Sir or Madam, " * 100)
+    found = run("serve", "--port", "0", "--database-url", f"sqlite:///{file}")
+    assert found.exit_code == 1
+    assert found.stderr == "thermap: the database cannot be read: file is not a database\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("serve", "--port", "70000"),
+        ("serve", "--log-level", "loud"),
+        ("serve", "--refresh-s", "0"),
+        ("compensate",),
+        ("compensate", "m", "--temperature", "warm"),
+        ("compensate", "m", "-t", "a=1", "-t", "a=2"),
+        ("compensate", "m", "--state", "spindle_rpm=1"),
+        ("compensate", "m", "--url", "shop"),
+        ("import", "x.csv", "y.csv", "--label", "Run #1"),
+        ("replay", "m", "x.csv", "--speed", "-1"),
+        ("dance",),
+    ],
+)
+def test_wrong_usage_has_exit_code_2(run, arguments):
+    found = run(*arguments)
+    assert found.exit_code == 2, found.output
+    assert found.stdout == ""
+    assert "Traceback" not in found.stderr
+
+
+def test_options_come_from_the_environment(run):
+    found = run("serve", THERMAP_PORT="70000")
+    assert found.exit_code == 2
+    assert "'--port'" in found.stderr
+    found = run("compensate", "m", "-t", "a=1", THERMAP_URL="nowhere")
+    assert found.exit_code == 2
+    assert "nowhere" in found.stderr
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "203.0.113.7"])
+def test_addresses_that_are_not_this_computers(host):
+    with pytest.raises(CannotListen, match="cannot listen on"), listening(host, 0, "serve"):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "url"),
+    [
+        (("127.0.0.1", 80), "http://127.0.0.1:80"),
+        (("0.0.0.0", 80), "http://127.0.0.1:80"),
+        (("::1", 80, 0, 0), "http://[::1]:80"),
+        (("::", 80, 0, 0), "http://[::1]:80"),
+    ],
+)
+def test_the_url_is_one_that_this_computer_reaches(name, url):
+    assert url_of(SimpleNamespace(getsockname=lambda: name)) == url
+
+
+def test_version(run):
+    found = run("--version")
+    assert (found.exit_code, found.stdout) == (0, f"thermap {__version__}\n")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_and_the_environment(run, command):
+    found = run(command, "--help")
+    assert found.exit_code == 0
+    assert f"Example: thermap {command}" in found.stdout
+    assert "THERMAP_" in found.stdout
+    assert max(map(len, found.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("command", ["compensate", "replay", "import"])
+def test_nobody_listens(run, no_service_url, tmp_path, command):
+    file = tmp_path / "machine.json"
+    file.write_text('{"id": "m", "name": "M", "configuration": "XYFZ"}')
+    arguments = {"compensate": ["m"], "replay": ["m", file], "import": [file]}[command]
+    found = run(command, *arguments, "--url", no_service_url)
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr == (
+        f"thermap: no thermap at {no_service_url}: start one with `thermap serve`\n"
+    )
+
+
+def test_named_numbers_take_decimal_commas():
+    found = read_named_numbers(["x-middle=24,1", "bed left = -3.5"], "-t", "a temperature")
+    assert found == {"x-middle": 24.1, "bed left": -3.5}

@@ -1,0 +1,137 @@
+"""The latest readings of one machine in memory."""
+
+import threading
+from datetime import timedelta
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.geometry.chain import Chain
+from app.live.reading_window import LIMIT, ReadingWindow, window_s
+from app.thermal.machine import Machine, Sensor, sensors_by_name
+from app.thermal.reading import Reading
+from app.thermal.sensor_health import Health
+from tests.service_examples import START
+
+
+def machine(*sensors):
+    return Machine("m", "M", Chain.parse("XYFZ"), sensors=sensors_by_name(list(sensors)))
+
+
+TWO = machine(Sensor("a", stuck_after_s=600.0), Sensor("b"))
+
+
+def at(seconds, a=20.0, b=20.0):
+    return Reading(START + timedelta(seconds=seconds), {"a": a, "b": b}, {})
+
+
+def kept(window, seconds=range(-100_000, 100_000)):
+    """Which of these times [s] a window still has; found by looking, not by its inside."""
+    return [r.time for r in window._readings if r.time >= START + timedelta(seconds=seconds[0])]
+
+
+def test_an_empty_window_has_no_latest_reading():
+    assert ReadingWindow().latest is None
+    assert {s.health for s in ReadingWindow().judge(TWO)} == {Health.MISSING}
+
+
+@given(st.permutations(range(20)))
+def test_the_order_of_arrival_does_not_count(order):
+    window = ReadingWindow()
+    for i in order:
+        window.add(TWO, [at(60.0 * i, a=20 + 0.01 * i)])
+    assert window.latest == at(60.0 * 19, a=20.19)
+    states = {s.sensor: s for s in window.judge(TWO)}
+    assert states["a"].temperature_c == 20.19
+    assert len(kept(window)) == 20
+
+
+def test_the_same_reading_again_changes_nothing():
+    window = ReadingWindow()
+    window.add(TWO, [at(0), at(60)])
+    window.add(TWO, [at(0), at(60)])
+    assert len(kept(window)) == 2
+
+
+def test_what_is_known_at_a_time_stays():
+    window = ReadingWindow()
+    window.add(TWO, [at(0, a=20.0)])
+    window.add(TWO, [at(0, a=99.0)])
+    assert window.latest == at(0, a=20.0)
+
+
+def test_readings_older_than_twice_the_longest_time_to_be_stuck_are_dropped():
+    assert window_s(TWO) == 7200.0
+    window = ReadingWindow()
+    window.add(TWO, [at(0), at(100), at(7300)])
+    assert kept(window) == [at(100).time, at(7300).time]
+    window.add(TWO, [at(-10_000)])
+    assert kept(window) == [at(100).time, at(7300).time]
+
+
+def test_fast_readings_are_thinned_but_the_newest_is_always_there():
+    window = ReadingWindow()
+    for i in range(20_000):
+        if i % 7 == 0:
+            window.add(TWO, [at(0.9 * i)])
+            assert window.latest == at(0.9 * i)
+    times = kept(window)
+    assert len(times) <= LIMIT + 2
+    assert times[-1] - times[0] > timedelta(seconds=7000)
+
+
+def test_a_single_batch_is_thinned_like_readings_one_by_one():
+    one_by_one, at_once = ReadingWindow(), ReadingWindow()
+    readings = [at(2.0 * i) for i in range(3000)]
+    for reading in readings:
+        one_by_one.add(TWO, [reading])
+    at_once.add(TWO, readings)
+    assert kept(one_by_one) == kept(at_once)
+
+
+def test_a_machine_without_sensors_keeps_its_latest_reading():
+    window = ReadingWindow()
+    window.add(machine(), [at(0), at(60)])
+    assert window.latest == at(60)
+    assert window.judge(machine()) == []
+
+
+def test_sensors_are_judged_by_the_settings_that_hold_now():
+    window = ReadingWindow()
+    window.add(TWO, [at(0, a=20.0)])
+    assert {s.sensor: s.health for s in window.judge(TWO)}["a"] is Health.OK
+    stricter = machine(Sensor("a", max_c=19.0), Sensor("b"), Sensor("new"))
+    states = {s.sensor: s.health for s in window.judge(stricter)}
+    assert states == {"a": Health.OUT_OF_RANGE, "b": Health.OK, "new": Health.MISSING}
+
+
+def test_judging_again_follows_new_readings():
+    window = ReadingWindow()
+    window.add(TWO, [at(0, a=20.0)])
+    window.judge(TWO)
+    window.add(TWO, [at(60, a=21.0)])
+    assert {s.sensor: s.temperature_c for s in window.judge(TWO)}["a"] == 21.0
+
+
+def test_readings_from_many_threads_all_arrive():
+    window = ReadingWindow()
+    threads = [
+        threading.Thread(
+            target=lambda k=k: [window.add(TWO, [at(10.0 * (8 * i + k))]) for i in range(50)]
+        )
+        for k in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert kept(window) == [at(10.0 * i).time for i in range(400)]
+
+
+@pytest.mark.parametrize("step_s", [0.5, 1.0, 9.99, 10.0, 60.0])
+def test_a_stuck_sensor_is_found_however_fast_the_readings_come(step_s):
+    window = ReadingWindow()
+    count = int(660 / step_s)
+    window.add(TWO, [at(step_s * i, a=20.0, b=20.0 + 0.004 * step_s * i) for i in range(count)])
+    assert {s.sensor: s.health for s in window.judge(TWO)}["a"] is Health.STUCK

@@ -1,0 +1,91 @@
+"""Machines in memory: replaced whole, and only by newer ones."""
+
+from datetime import timedelta
+
+import pytest
+
+from app.geometry.chain import Chain
+from app.live.registry import LiveModel, LiveRegistry
+from app.services.load_machine import compile_version
+from app.thermal.machine import Machine, Sensor
+from app.thermal.reading import Reading
+from tests.service_examples import START
+
+
+def live(revision, born=START, version=1):
+    machine = Machine("m", "M", Chain.parse("XYFZ"), sensors={"a": Sensor("a")})
+    return LiveModel(compile_version(machine, None), version, born, revision, START)
+
+
+READING = Reading(START, {"a": 20.0}, {})
+LATER = Reading(START + timedelta(seconds=60), {"a": 21.0}, {})
+
+
+def test_a_registry_begins_empty():
+    registry = LiveRegistry()
+    assert len(registry) == 0
+    assert registry.get("m") is None
+    assert registry.stamps() == {}
+    registry.forget("m")
+    registry.add_readings("m", [READING])
+    assert registry.get("m") is None
+
+
+def test_a_newer_revision_replaces_an_older_one_and_keeps_the_readings():
+    registry = LiveRegistry()
+    registry.publish(live(1), [READING])
+    newer = live(2)
+    registry.publish(newer)
+    assert registry.get("m").current is newer
+    assert registry.get("m").readings.latest == READING
+    assert registry.stamps() == {"m": (START, 2)}
+    assert len(registry) == 1
+
+
+def test_an_older_revision_that_comes_late_is_passed_over():
+    registry = LiveRegistry()
+    newer = live(2)
+    registry.publish(newer, [READING])
+    assert registry.publish(live(1), [LATER]).current is newer
+    assert registry.get("m").current is newer
+    assert registry.get("m").readings.latest == READING
+
+
+def test_a_machine_made_again_begins_anew():
+    registry = LiveRegistry()
+    registry.publish(live(9), [READING])
+    again = live(1, born=START + timedelta(seconds=1))
+    registry.publish(again)
+    assert registry.get("m").current is again
+    assert registry.get("m").readings.latest is None
+
+
+def test_a_machine_that_was_deleted_does_not_come_back_over_its_successor():
+    registry = LiveRegistry()
+    again = live(1, born=START + timedelta(seconds=1))
+    registry.publish(again)
+    registry.publish(live(9), [READING])
+    assert registry.get("m").current is again
+    assert registry.get("m").readings.latest is None
+
+
+def test_readings_are_added_to_machines_in_memory():
+    registry = LiveRegistry()
+    registry.publish(live(1), [READING])
+    registry.add_readings("m", iter([LATER]))
+    assert registry.get("m").readings.latest == LATER
+    registry.forget("m")
+    assert registry.get("m") is None
+    registry.publish(live(1))
+    assert registry.get("m").readings.latest is None
+
+
+def test_a_reader_keeps_what_it_has_taken():
+    """A request that began before a change ends with the model it began with."""
+    registry = LiveRegistry()
+    registry.publish(live(1, version=1))
+    taken = registry.get("m").current
+    registry.publish(live(2, version=2))
+    assert taken.version == 1
+    with pytest.raises(AttributeError):
+        taken.version = 3

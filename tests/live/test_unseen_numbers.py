@@ -1,0 +1,67 @@
+"""Which numbers of readings may still appear."""
+
+from datetime import timedelta
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.live.unseen_numbers import MOST_GAPS, PATIENCE, UnseenNumbers
+from tests.service_examples import START
+
+
+def test_numbers_without_gaps_move_the_highest():
+    unseen = UnseenNumbers(10)
+    unseen.saw([11, 12, 13], START)
+    assert (unseen.highest, unseen.gaps) == (13, [])
+    unseen.saw([], START)
+    assert (unseen.highest, unseen.gaps) == (13, [])
+
+
+def test_a_number_that_comes_late_closes_its_gap():
+    unseen = UnseenNumbers(0)
+    unseen.saw([5], START)
+    assert unseen.gaps == [(1, 4)]
+    unseen.saw([2, 7], START)
+    assert (unseen.highest, unseen.gaps) == (7, [(1, 1), (3, 4), (6, 6)])
+    unseen.saw([1, 3, 4, 6], START)
+    assert (unseen.highest, unseen.gaps) == (7, [])
+
+
+def test_a_gap_that_nobody_fills_is_forgotten():
+    unseen = UnseenNumbers(0)
+    unseen.saw([5], START)
+    almost = START + PATIENCE - timedelta(seconds=1)
+    unseen.saw([7], almost)
+    assert unseen.gaps == [(1, 4), (6, 6)]
+    unseen.saw([], START + PATIENCE)
+    assert unseen.gaps == [(6, 6)]
+
+
+def test_a_gap_does_not_grow_younger_by_being_filled_in_part():
+    unseen = UnseenNumbers(0)
+    unseen.saw([9], START)
+    unseen.saw([4], START + PATIENCE / 2)
+    unseen.saw([], START + PATIENCE)
+    assert unseen.gaps == []
+
+
+def test_not_more_gaps_are_kept_than_can_be_asked_for():
+    unseen = UnseenNumbers(0)
+    unseen.saw(range(0, 10_000, 2), START)
+    assert len(unseen.gaps) == MOST_GAPS
+    assert unseen.gaps[-1] == (9997, 9997)
+
+
+@given(st.lists(st.sets(st.integers(1, 40)), max_size=6))
+def test_every_number_is_either_seen_or_still_asked_for(looks):
+    unseen = UnseenNumbers(0)
+    seen = set()
+    for appeared in looks:
+        asked = {n for n in appeared if n > unseen.highest} | {
+            n for first, last in unseen.gaps for n in appeared if first <= n <= last
+        }
+        seen |= asked
+        unseen.saw(asked, START)
+    waiting = {n for first, last in unseen.gaps for n in range(first, last + 1)}
+    assert seen | waiting == set(range(1, unseen.highest + 1))
+    assert not seen & waiting

@@ -1,0 +1,203 @@
+"""Many at once: the service's own threads, and two services on one database."""
+
+import asyncio
+from collections import Counter
+from datetime import timedelta
+
+import pytest
+
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    client_of,
+    contents,
+    error_map,
+    furnish,
+    reading,
+    temperatures,
+)
+
+pytestmark = pytest.mark.anyio
+
+MAPS = f"{ROOM}/error-maps"
+READINGS = f"{ROOM}/readings"
+
+
+@pytest.fixture
+def two_apps(new_app, database_url):
+    return [new_app(database_url) for _ in range(2)]
+
+
+@pytest.fixture
+async def two(two_apps):
+    """Clients of two services on one database, which has the machine and no maps."""
+    async with client_of(two_apps[0]) as one, client_of(two_apps[1]) as other:
+        await furnish(one, maps={})
+        yield one, other
+
+
+def statuses(answers):
+    return Counter(answer.status_code for answer in answers)
+
+
+async def versions(client):
+    return (await client.get(f"{ROOM}/models")).json()
+
+
+async def test_eight_maps_at_once_make_eight_versions(two):
+    stated = [error_map(f"Run #{i}", 20.0 + i) for i in range(8)]
+    answers = await asyncio.gather(
+        *(two[i % 2].post(MAPS, json=content) for i, content in enumerate(stated))
+    )
+    assert statuses(answers) == {201: 8}
+    assert len({answer.json()["id"] for answer in answers}) == 8
+    made = await versions(two[0])
+    assert [v["version"] for v in made] == list(range(1, 9))
+    assert [len(v["maps"]) for v in made] == list(range(1, 9))
+    assert [v["active"] for v in made] == [False] * 7 + [True]
+    assert sorted(m["label"] for m in made[-1]["maps"]) == [f"Run #{i}" for i in range(8)]
+    listed = (await two[1].get(MAPS)).json()
+    assert all(m["in_active_model"] for m in listed)
+    assert all(len(m["components"]) == 4 for m in listed)
+
+
+async def test_one_map_posted_by_all_at_once_is_stored_once(two):
+    content = error_map("Run #1", 20.0)
+    answers = await asyncio.gather(*(two[i % 2].post(MAPS, json=content) for i in range(12)))
+    assert statuses(answers) == {201: 1, 200: 11}
+    assert len({answer.content for answer in answers}) == 1
+    assert len(await versions(two[0])) == 1
+
+
+async def test_different_maps_under_one_label_at_once_leave_one(two):
+    answers = await asyncio.gather(
+        *(two[i % 2].post(MAPS, json=error_map("Run #1", 20.0 + i)) for i in range(8))
+    )
+    assert statuses(answers) == {201: 1, 409: 7}
+    (stored,) = (await two[0].get(MAPS)).json()
+    (won,) = [a.json() for a in answers if a.status_code == 201]
+    assert stored == won
+
+
+async def test_one_machine_made_by_all_at_once_is_made_once(two):
+    bodies = [MACHINE | {"id": "new", "name": f"by {i}"} for i in range(10)]
+    answers = await asyncio.gather(
+        *(two[i % 2].post("/v1/machines", json=body) for i, body in enumerate(bodies))
+    )
+    assert statuses(answers) == {201: 1, 409: 9}
+    (won,) = [a.json() for a in answers if a.status_code == 201]
+    assert (await two[0].get("/v1/machines/new")).json() == won
+
+
+async def test_overlapping_readings_at_once_are_stored_once_each(two, two_apps):
+    def batch(first):
+        times = [START - timedelta(seconds=s) for s in range(first, first + 300)]
+        return [reading(t, 20.0) for t in times]
+
+    batches = [batch(50 * i) for i in range(8)]
+    answers = await asyncio.gather(
+        *(
+            two[i % 2].post(READINGS, json=content[:: 1 if i % 3 else -1])
+            for i, content in enumerate(batches)
+        )
+    )
+    assert statuses(answers) == {201: 8}
+    different = 300 + 7 * 50
+    assert sum(a.json()["stored"] for a in answers) == different
+    assert sum(a.json()["duplicates"] for a in answers) == 8 * 300 - different
+    assert len(contents(two_apps[0])["reading"]) == different
+
+
+async def test_readings_that_contradict_each_other_at_once_leave_one_whole_batch(two, two_apps):
+    batches = [
+        [reading(START - timedelta(seconds=s), 20.0 + i) for s in range(200)] for i in range(6)
+    ]
+    answers = await asyncio.gather(
+        *(two[i % 2].post(READINGS, json=content) for i, content in enumerate(batches))
+    )
+    assert statuses(answers) == {201: 1, 409: 5}
+    (won,) = [i for i, a in enumerate(answers) if a.status_code == 201]
+    listed = (await two[0].get(READINGS)).json()
+    assert listed == batches[won][::-1]
+
+
+async def test_everything_at_once_leaves_one_consistent_machine(two, two_apps):
+    """Maps, assignments, activations, patches and deletions, from two services."""
+    await two[0].post(MAPS, json=error_map("First", 18.0))
+    await two[0].post(MAPS, json=error_map("Second", 19.0))
+    requests = []
+    for i in range(6):
+        requests += [
+            ("POST", MAPS, error_map(f"Run #{i}", 20.0 + i)),
+            ("PUT", f"{ROOM}/sensor-assignment", {"EXX": ["spindle", "x-middle"][i % 2]}),
+            ("POST", f"{ROOM}/models/{1 + i % 2}/activate", None),
+            ("PATCH", ROOM, {"name": f"by {i}"}),
+            ("DELETE", f"{MAPS}/{1 + i % 3}", None),
+            ("POST", READINGS, reading(START - timedelta(seconds=i), 20.0)),
+            ("GET", f"{ROOM}/models", None),
+        ]
+    answers = await asyncio.gather(
+        *(two[n % 2].request(m, path, json=body) for n, (m, path, body) in enumerate(requests))
+    )
+    assert set(statuses(answers)) <= {200, 201, 204, 404, 409}
+    assert all(
+        a.status_code == 201
+        for (m, p, _), a in zip(requests, answers, strict=True)
+        if (m, p) == ("POST", MAPS)
+    )
+    made = await versions(two[0])
+    assert [v["version"] for v in made] == list(range(1, len(made) + 1))
+    assert sum(v["active"] for v in made) == 1
+    stored = contents(two_apps[0])
+    assert len(stored["reading"]) == 6
+    assert len(stored["error_map"]) == 8
+    assert len(stored["error_map_component"]) == 8 * 4
+
+
+async def test_a_deletion_among_writers_leaves_nothing_behind(two, two_apps):
+    for _ in range(3):
+        requests = [
+            ("POST", MAPS, error_map("Run #1", 20.0)),
+            ("POST", READINGS, [reading(START - timedelta(seconds=s), 20.0) for s in range(50)]),
+            ("DELETE", ROOM, None),
+            ("POST", MAPS, error_map("Run #2", 25.0)),
+            ("POST", READINGS, reading(START, 20.0)),
+            ("POST", f"{ROOM}/compensation", {"temperatures_c": temperatures(20.0)}),
+        ]
+        answers = await asyncio.gather(
+            *(two[n % 2].request(m, path, json=body) for n, (m, path, body) in enumerate(requests))
+        )
+        assert set(statuses(answers)) <= {200, 201, 204, 404, 409, 422}
+        assert answers[2].status_code == 204
+        assert all(not rows for rows in contents(two_apps[0]).values())
+        await furnish(two[0], maps={})
+
+
+async def test_the_live_table_is_always_of_one_version(two):
+    """While maps are stored, every table is whole: its numbers are those of its version."""
+    one, _ = two
+    await one.post(MAPS, json=error_map("Run #0", 20.0))
+    await one.post(MAPS, json=error_map("Run #1", 60.0))
+    expected = {}
+
+    async def store():
+        for i in range(12):
+            content = error_map(f"Between #{i}", 30.0 + i)
+            content["components"][0]["errors_um"] = [float(i)] * 3
+            assert (await one.post(MAPS, json=content)).status_code == 201
+
+    storing = asyncio.create_task(store())
+    seen = []
+    while not storing.done():
+        answer = await one.post(f"{ROOM}/compensation", json={"temperatures_c": temperatures(30.0)})
+        seen.append(answer.json())
+        await asyncio.sleep(0)
+    await storing
+    assert len(seen) > 12
+    numbers = [document["model_version"] for document in seen]
+    assert numbers == sorted(numbers)
+    for document in seen:
+        expected.setdefault(document["model_version"], document["components"])
+        assert document["components"] == expected[document["model_version"]]
+        assert document["warnings"] == []

@@ -1,0 +1,197 @@
+"""Connections and transactions."""
+
+import threading
+from contextlib import ExitStack, suppress
+
+import pytest
+from sqlalchemy import text
+
+from app.errors import InvalidContent, StorageUnavailable
+from app.geometry.chain import Chain
+from app.storage import database as module
+from app.storage.database import Database
+from app.storage.machines import find_machine, insert_machine, list_machines
+from app.thermal.machine import Machine
+from tests.service_examples import START
+
+
+@pytest.fixture
+def database(database_url):
+    database = Database(database_url)
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def sqlite(sqlite_url):
+    database = Database(sqlite_url)
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def postgresql(postgresql_url):
+    database = Database(postgresql_url)
+    yield database
+    database.close()
+
+
+def machine(name):
+    return Machine(name, name, Chain.parse("XYFZ"))
+
+
+def names(database):
+    with database.reading() as session:
+        return [stored.machine.id for stored in list_machines(session)]
+
+
+class Failed(Exception):
+    """Something goes wrong in the middle."""
+
+
+def test_what_is_written_is_there_afterwards(database):
+    with database.writing() as session:
+        insert_machine(session, machine("a"), START)
+    assert names(database) == ["a"]
+
+
+def test_a_transaction_that_fails_leaves_nothing(database):
+    with suppress(Failed), database.writing() as session:
+        insert_machine(session, machine("a"), START)
+        session.flush()
+        raise Failed
+    assert names(database) == []
+
+
+def test_what_is_not_committed_is_seen_by_nobody(database):
+    with database.writing() as session:
+        insert_machine(session, machine("a"), START)
+        assert names(database) == []
+    assert names(database) == ["a"]
+
+
+def test_reading_commits_nothing(database):
+    with database.reading() as session:
+        insert_machine(session, machine("a"), START)
+    assert names(database) == []
+
+
+def test_every_connection_of_sqlite_keeps_what_was_answered(sqlite):
+    with ExitStack() as stack:
+        sessions = [stack.enter_context(sqlite.reading()) for _ in range(7)]
+        for session in sessions:
+            found = [
+                session.execute(text(f"PRAGMA {name}")).scalar()
+                for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+            ]
+            assert found == ["wal", 2, 1, 15_000]  # 2 is FULL
+
+
+def test_readers_of_sqlite_are_not_in_the_writers_way(sqlite):
+    with sqlite.reading() as reader:
+        assert list_machines(reader) == []
+        with sqlite.writing() as writer:
+            insert_machine(writer, machine("a"), START)
+        assert list_machines(reader) == []  # one moment through the whole transaction
+
+
+def test_a_writer_of_sqlite_waits_for_its_turn_and_gives_up_in_time(sqlite_url, monkeypatch):
+    monkeypatch.setattr(module, "BUSY_TIMEOUT_S", 0.05)
+    database = Database(sqlite_url)
+    with database.writing() as first:
+        assert list_machines(first) == []  # only reads, but means to write
+        with (
+            pytest.raises(StorageUnavailable, match="locked"),
+            database.writing() as second,
+        ):
+            list_machines(second)
+    with database.writing() as session:
+        insert_machine(session, machine("a"), START)
+    database.close()
+
+
+def test_a_locked_machine_is_changed_by_one_at_a_time(database):
+    """The second reads what the first has written, not what was there before."""
+    with database.writing() as session:
+        insert_machine(session, machine("a"), START)
+    locked, done = threading.Event(), threading.Event()
+    seen = []
+
+    def second():
+        locked.wait()
+        with database.writing() as session:
+            revision = find_machine(session, "a", lock=True).revision
+            seen.append((done.is_set(), revision))
+
+    thread = threading.Thread(target=second)
+    thread.start()
+    with database.writing() as session:
+        row = find_machine(session, "a", lock=True)
+        locked.set()
+        thread.join(0.2)
+        row.revision += 1
+        session.flush()
+        done.set()
+    thread.join()
+    assert seen == [(True, 2)]
+
+
+def test_postgresql_gives_up_on_a_network_that_swallows_everything(postgresql):
+    with postgresql.engine.connect() as connection:
+        stated = connection.connection.driver_connection.info.get_parameters()
+    assert stated["connect_timeout"] == "5"
+    assert stated["tcp_user_timeout"] == "5000"
+    assert stated["keepalives_idle"] == "5"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "sqlite://",
+        "sqlite:///:memory:",
+        "mysql://root:hunter2@localhost/thermap",
+        "oracle://x",
+        "not a url",
+        "",
+    ],
+)
+def test_a_url_of_no_lasting_database_is_refused_without_its_password(url):
+    with pytest.raises(InvalidContent) as refused:
+        Database(url)
+    assert "expected " in refused.value.detail
+    assert "hunter2" not in refused.value.detail
+
+
+@pytest.mark.parametrize("scheme", ["postgresql", "postgres", "postgresql+psycopg"])
+def test_every_spelling_of_postgresql_is_understood_and_its_password_hidden(scheme):
+    database = Database(f"{scheme}://user:hunter2@127.0.0.1:1/x")
+    assert database.engine.dialect.driver == "psycopg"
+    assert "hunter2" not in database.name
+    assert "user" in database.name
+    with pytest.raises(StorageUnavailable) as away, database.reading() as session:
+        list_machines(session)
+    assert "hunter2" not in away.value.detail
+    database.close()
+
+
+def test_folders_of_a_sqlite_file_are_made(tmp_path):
+    database = Database(f"sqlite:///{tmp_path}/a/b c/thermap.db")
+    with database.reading() as session:
+        session.execute(text("SELECT 1"))
+    database.close()
+    assert (tmp_path / "a" / "b c" / "thermap.db").is_file()
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageUnavailable, match="file"):
+        Database(f"sqlite:///{tmp_path}/file/thermap.db")
+
+
+def test_a_file_that_is_no_database_is_said(tmp_path):
+    (tmp_path / "thermap.db").write_bytes(b"this is no database " * 100)
+    database = Database(f"sqlite:///{tmp_path}/thermap.db")
+    with pytest.raises(StorageUnavailable, match="not a database"), database.reading() as session:
+        session.execute(text("SELECT 1"))
+    database.close()
+    assert (tmp_path / "thermap.db").read_bytes().startswith(b"this is no database")

@@ -1,0 +1,427 @@
+"""Both clients speak every route, and say in words why a call was not answered.
+
+The same scenarios go through the blocking client to a real server, and through the
+awaiting one to the application itself.
+"""
+
+import inspect
+import json
+import re
+from contextlib import suppress
+from datetime import timedelta
+
+import httpx
+import numpy as np
+import pytest
+
+from app.api.schemas.error_maps import ErrorMapSchema
+from app.api.schemas.machines import MachinePatch, MachineSettings
+from app.api.schemas.readings import ReadingSchema
+from app.cli.listening import listening, serving, url_of
+from app.client import (
+    DEFAULT_URL,
+    AsyncThermapClient,
+    ConflictError,
+    InvalidContentError,
+    NotAllowedError,
+    NotListeningError,
+    ServiceUnavailableError,
+    ThermapClient,
+    ThermapClientError,
+    TooLargeError,
+    TooManyRequestsError,
+    UnexpectedAnswerError,
+    UnknownThingError,
+    calls,
+)
+from app.main import create_app
+from app.settings import Settings
+from tests.service_examples import MACHINE, START, error_map, furnish_database, reading
+
+pytestmark = pytest.mark.anyio
+
+
+class Awaitable:
+    """The blocking client with methods that can be awaited, so that one scenario serves both."""
+
+    def __init__(self, client):
+        self._client = client
+
+    def __getattr__(self, name):
+        async def method(*arguments, **options):
+            return getattr(self._client, name)(*arguments, **options)
+
+        return method
+
+
+@pytest.fixture
+def service(databases):
+    url = databases.prepared("sqlite", furnish_database)
+    service = create_app(Settings(database_url=url, max_body_bytes=4_000_000, refresh_s=0.05))
+    yield service
+    service.state.context.database.close()
+    databases.give_back(url)
+
+
+@pytest.fixture
+def served_url(service):
+    with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
+        yield url_of(opened)
+
+
+@pytest.fixture
+def awaiting(service):
+    """In the same process: there is no connection to give up."""
+    return AsyncThermapClient("http://thermap", transport=httpx.ASGITransport(app=service))
+
+
+@pytest.fixture
+def blocking(served_url):
+    with ThermapClient(served_url) as client:
+        yield Awaitable(client)
+
+
+@pytest.fixture(params=["blocking", "awaiting"])
+def client(request, service):
+    """Either client of a service that has the example machine with three maps."""
+    return request.getfixturevalue(request.param)
+
+
+def answering(*responses, requests=None):
+    """A blocking client whose service gives these answers, the last one for ever."""
+    remaining = list(responses)
+
+    def handle(request):
+        if requests is not None:
+            requests.append(request)
+        return remaining.pop(0) if len(remaining) > 1 else remaining[0]
+
+    return ThermapClient("http://thermap", transport=httpx.MockTransport(handle))
+
+
+def failing(error):
+    def handle(request):
+        raise error
+
+    return ThermapClient("http://thermap", timeout_s=2.0, transport=httpx.MockTransport(handle))
+
+
+# -- every route ---------------------------------------------------------------------------
+
+
+async def test_machines(client):
+    assert [m.id for m in await client.machines()] == ["mcfv5050"]
+    made = await client.create_machine(MachineSettings(**MACHINE | {"id": "second"}))
+    assert made.active_model is None
+    # x-middle's usual stand-in is the service's to add: a schema sends what was stated.
+    assert made.sensors[0].stand_in == "y-front"
+    assert await client.machine("second") == made
+    changed = await client.change_machine("second", MachinePatch(name="The second"))
+    assert (changed.name, changed.sensors) == ("The second", made.sensors)
+    assert (await client.change_machine("second", {"out_of_range": "reject"})).name == "The second"
+    assert await client.delete_machine("second") is None
+    assert [m.id for m in await client.machines()] == ["mcfv5050"]
+
+
+async def test_error_maps(client):
+    content = error_map("Run #7", 34.0)
+    content["components"][0] = {
+        "component": "EXX",
+        "positions_mm": np.linspace(0, 500, 6)[::2],  # not contiguous
+        "errors_um": np.array([0, 14, 70], dtype=np.float32),
+    }
+    stored = await client.store_error_map("mcfv5050", content)
+    assert stored.components[0].errors_um == [0.0, 14.0, 70.0]
+    again = await client.store_error_map(
+        "mcfv5050",
+        ErrorMapSchema(
+            **error_map("Run #7", 34.0)
+            | {
+                "components": [
+                    {"component": "EXX", "positions_mm": [0, 200, 400], "errors_um": [0, 14, 70]},
+                    *content["components"][1:],
+                ]
+            }
+        ),
+    )
+    assert again.id == stored.id
+    assert await client.error_map("mcfv5050", stored.id) == stored
+    assert [m.label for m in await client.error_maps("mcfv5050")][-1] == "Run #7"
+    assert await client.delete_error_map("mcfv5050", stored.id) is None
+    assert len(await client.error_maps("mcfv5050")) == 3
+
+
+async def test_sensor_assignment_and_models(client):
+    before = await client.sensor_assignment("mcfv5050")
+    assert before["EXX"] == "x-middle"
+    after = await client.assign_sensors("mcfv5050", {"D_x(x)": "z-column"})
+    assert after == before | {"EXX": "z-column"}
+    proposed = await client.correlate_sensors("mcfv5050")
+    assert {c.component for c in proposed.components} == {"EXX", "EBX", "EZZ", "SXY"}
+    versions = await client.models("mcfv5050")
+    assert [v.active for v in versions] == [False, False, False, True]
+    assert (await client.activate_model("mcfv5050", 3)).active
+    assert (await client.model("mcfv5050", 4)).active is False
+
+
+async def test_readings_and_the_current_table(client):
+    with pytest.raises(ConflictError, match="no reading yet"):
+        await client.current_table("mcfv5050")
+    first = reading(START, 22.0)
+    done = await client.store_readings("mcfv5050", first)
+    assert (done.stored, done.duplicates) == (1, 0)
+    later = ReadingSchema(**reading(START + timedelta(seconds=30), 23.0))
+    done = await client.store_readings("mcfv5050", [first, later])
+    assert (done.stored, done.duplicates) == (1, 1)
+    assert await client.readings("mcfv5050", since=later.time) == [later]
+    assert len(await client.readings("mcfv5050", until=START, every_s=1.0, limit=5)) == 1
+    tagged = await client.current_table("mcfv5050")
+    assert tagged.table.reading_time == later.time
+    assert await client.current_table("mcfv5050", tagged.etag) is None
+    newest = reading(START + timedelta(seconds=60), 23.5)
+    await client.store_readings("mcfv5050", newest)
+    changed = await client.current_table("mcfv5050", tagged.etag)
+    assert changed.etag != tagged.etag
+
+
+async def test_compensation_and_predictions(client):
+    # Between Run #1 (20 °C, 0 µm) and Run #3 (24 °C, 20 µm at 500 mm).
+    temperatures_c = {"x-middle": np.float64(21.0), "z-column": 23}
+    table = await client.compensation("mcfv5050", temperatures_c, {"spindle_rpm": 0})
+    entry = table.components[0]
+    assert (entry.component, entry.weight, entry.errors_um[-1]) == ("EXX", 0.25, 5.0)
+    await client.store_readings("mcfv5050", reading(START, 21.0))
+    predicted = await client.predict(
+        "mcfv5050",
+        [{"time": START, "component": "EXX", "position_mm": 500.0}],
+        model_version=3,
+    )
+    assert (predicted.predicted_um, predicted.model_version) == ([5.0], 3)
+
+
+async def test_health(client):
+    assert (await client.health()).status == "ok"
+    assert "thermap_requests" in await client.metrics()
+    assert (await client.ready()).database == "ok"
+
+
+def test_not_being_ready_is_an_answer():
+    answer = {"status": "not-ready", "database": "away", "machines": 2, "machines_in_memory": 0}
+    with answering(httpx.Response(503, json=answer)) as client:
+        assert client.ready().database == "away"
+    with (
+        answering(httpx.Response(503, text="<html>no backend</html>")) as client,
+        pytest.raises(ServiceUnavailableError),
+    ):
+        client.ready()
+
+
+async def test_bytes_as_they_came(client):
+    call = calls.compensation("mcfv5050", {"x-middle": 22.0, "z-column": 24.0}, None)
+    document = json.loads(await client.content(call))
+    assert document["components"][0]["errors_um"] == [0.0, 2.0, 10.0]
+    with pytest.raises(UnknownThingError):
+        await client.content(calls.machine("nope"))
+
+
+def test_every_route_has_its_method(service):
+    described = {
+        re.sub(r"\{\w+\}", "{}", f"{method.upper()} {path}")
+        for path, methods in service.openapi()["paths"].items()
+        for method in methods
+    }
+    requests = []
+    client = answering(httpx.Response(200, json=[]), requests=requests)
+    for name, method in inspect.getmembers(client, inspect.ismethod):
+        if name in {"send", "content", "close"} or name.startswith("_"):
+            continue
+        given = {
+            "machine": "MACHINE", "map_id": 7, "version": 7, "etag": None, "readings": {"time": 0},
+            "settings": {}, "changes": {}, "error_map": {}, "assignment": {}, "observations": [],
+            "temperatures_c": {},
+        }  # fmt: skip
+        needed = inspect.signature(method).parameters
+        with suppress(UnexpectedAnswerError):
+            method(**{k: v for k, v in given.items() if k in needed})
+    client.close()
+    spoken = {
+        f"{r.method} {r.url.path}".replace("MACHINE", "{}").replace("7", "{}") for r in requests
+    }
+    assert spoken == described
+
+
+async def test_both_clients_have_the_same_methods_and_words():
+    def public(kind):
+        return {n: m for n, m in vars(kind).items() if not n.startswith("_") and callable(m)}
+
+    blocking, awaiting = public(ThermapClient), public(AsyncThermapClient)
+    assert blocking.keys() - {"close"} == awaiting.keys() - {"aclose"}
+    for name in blocking.keys() - {"close"}:
+        assert inspect.getdoc(awaiting[name]) == inspect.getdoc(blocking[name])
+        assert inspect.signature(awaiting[name]) == inspect.signature(blocking[name])
+
+
+# -- errors --------------------------------------------------------------------------------
+
+
+async def test_an_unknown_thing_is_told_with_what_exists(client):
+    with pytest.raises(UnknownThingError, match="mcfv5050") as caught:
+        await client.machine("nope")
+    assert caught.value.status == 404
+
+
+async def test_a_conflict(client):
+    with pytest.raises(ConflictError, match="Run #1") as caught:
+        await client.store_error_map("mcfv5050", error_map("Run #1", 21.0))
+    assert caught.value.status == 409
+
+
+async def test_invalid_content_says_which_field(client):
+    with pytest.raises(InvalidContentError) as caught:
+        await client.compensation("mcfv5050", {"x-middle": float("nan")})
+    assert [e.field for e in caught.value.errors] == ["temperatures_c.x-middle"]
+    with pytest.raises(InvalidContentError, match="repeatability_um"):
+        # NaN must not become null, which this field may be.
+        await client.store_error_map("mcfv5050", error_map("x", 26.0, repeatability_um=np.nan))
+
+
+async def test_the_sentence_names_fields_that_the_detail_does_not(client):
+    with pytest.raises(InvalidContentError) as caught:
+        await client.compensation("mcfv5050", {"nowhere": 20.0})
+    assert caught.value.sentence == f"{caught.value.detail} (at temperatures_c.nowhere)"
+
+
+async def test_too_large(client):
+    many = error_map("large", 26.0, instrument="x" * 5_000_000)
+    with pytest.raises(TooLargeError) as caught:
+        await client.store_error_map("mcfv5050", many)
+    assert caught.value.status == 413
+
+
+async def test_nobody_listens():
+    with listening("127.0.0.1", 0, "serve") as opened:
+        url = url_of(opened)
+    with (
+        ThermapClient(url) as client,
+        pytest.raises(NotListeningError, match=f"^no thermap at {url}$") as caught,
+    ):
+        client.health()
+    assert caught.value.status is None
+    assert isinstance(caught.value, ServiceUnavailableError)
+    async with AsyncThermapClient(url) as awaiting:
+        with pytest.raises(NotListeningError, match=f"^no thermap at {url}$"):
+            await awaiting.health()
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "words"),
+    [
+        (httpx.ReadTimeout("slow"), ServiceUnavailableError, "no answer from http://thermap wit"),
+        (httpx.ReadError("reset"), ServiceUnavailableError, "the connection to http://thermap bro"),
+        (httpx.ConnectError("Name not known"), NotListeningError, r"thermap \(Name not known\)"),
+    ],
+)
+def test_no_answer(error, kind, words):
+    with failing(error) as client, pytest.raises(kind, match=words):
+        client.health()
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [
+        (401, NotAllowedError),
+        (403, NotAllowedError),
+        (429, TooManyRequestsError),
+        (503, ServiceUnavailableError),
+        (500, UnexpectedAnswerError),
+    ],
+)
+def test_problems_of_other_kinds(status, kind):
+    response = httpx.Response(
+        status,
+        json={"detail": "the service's own words", "errors": [{"field": "a", "message": "b"}]},
+        headers={"content-type": "application/problem+json"},
+    )
+    with answering(response) as client, pytest.raises(kind) as caught:
+        client.machines()
+    assert (caught.value.detail, caught.value.status) == ("the service's own words", status)
+    assert (caught.value.errors[0].field, caught.value.errors[0].message) == ("a", "b")
+
+
+@pytest.mark.parametrize(
+    ("response", "kind"),
+    [
+        (httpx.Response(200, text="<html>hello</html>"), UnexpectedAnswerError),
+        (httpx.Response(200, json={"some": "other service"}), UnexpectedAnswerError),
+        (httpx.Response(404, json={"detail": "Not Found"}), UnexpectedAnswerError),
+        (httpx.Response(301, headers={"location": "https://x"}), UnexpectedAnswerError),
+        (httpx.Response(502, text="Bad Gateway"), ServiceUnavailableError),
+        (httpx.Response(413, text="nginx"), TooLargeError),
+    ],
+)
+def test_answers_that_are_not_thermaps(response, kind):
+    with answering(response) as client, pytest.raises(kind, match="thermap") as caught:
+        client.machines()
+    assert isinstance(caught.value, ThermapClientError)
+
+
+# -- what travels --------------------------------------------------------------------------
+
+
+def test_fields_that_a_newer_service_adds_are_passed_over():
+    answer = {"status": "ok", "version": "9", "mood": "fine"}
+    with answering(httpx.Response(200, json=answer)) as client:
+        assert client.health().version == "9"
+
+
+def test_ids_are_quoted():
+    requests = []
+    with answering(httpx.Response(204), requests=requests) as client:
+        client.delete_machine("mill 3/ö?x")
+        with pytest.raises(ValueError, match="empty"):
+            client.delete_machine("")
+    assert [r.url.raw_path for r in requests] == [b"/v1/machines/mill%203%2F%C3%B6%3Fx"]
+
+
+def test_long_lists_of_readings_travel_in_parts():
+    requests = []
+    stored = httpx.Response(201, json={"stored": 1, "duplicates": 2})
+    lots = ({"time": i, "temperatures_c": {}} for i in range(20_001))
+    with answering(stored, requests=requests) as client:
+        done = client.store_readings("m", lots)
+        assert client.store_readings("m", []).stored == 0
+    assert (done.stored, done.duplicates) == (3, 6)
+    assert [len(json.loads(r.content)) for r in requests] == [10_000, 10_000, 1]
+
+
+def test_the_url_comes_from_the_environment(monkeypatch):
+    monkeypatch.setenv("THERMAP_URL", "http://shop:9000/")
+    assert ThermapClient().base_url == "http://shop:9000"
+    monkeypatch.delenv("THERMAP_URL")
+    assert ThermapClient().base_url == DEFAULT_URL
+    assert ThermapClient("https://me:secret@shop").base_url == "https://shop"
+
+
+@pytest.mark.parametrize("url", ["shop:8000", "ftp://shop", "http://", "/x"])
+def test_a_url_that_is_none_is_refused(url):
+    with pytest.raises(ValueError, match="expected a URL such as"):
+        ThermapClient(url)
+
+
+def test_no_proxy_stands_before_this_computer(monkeypatch, served_url):
+    for name in ("HTTP_PROXY", "ALL_PROXY", "http_proxy"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    with ThermapClient(served_url) as client:
+        assert client.health().status == "ok"
+
+
+def test_a_path_before_the_routes():
+    requests = []
+    answer = httpx.Response(200, json=[])
+    with ThermapClient(
+        "http://proxy/thermap/",
+        transport=httpx.MockTransport(lambda r: requests.append(r) or answer),
+    ) as client:
+        assert client.machines() == []
+    assert requests[0].url.path == "/thermap/v1/machines"
