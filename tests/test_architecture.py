@@ -1,8 +1,8 @@
 """The house: who may import whom, what is pure, and what docstrings promise."""
 
 import ast
-import inspect
 import importlib
+import inspect
 import pkgutil
 import re
 import sys

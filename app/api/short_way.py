@@ -1,10 +1,10 @@
 """The short way to the live table: a request that is plain goes past the framework.
 
 Routing, dependencies, middlewares and models cost several times what the table
-itself costs. A `POST …/compensation` that comes in one piece, for a machine in
-memory, with content in order, is answered here. Everything else, and everything
-that is wrong in any way, goes the ordinary way with what has been read of it, so
-that there is one place for refusals and their words.
+itself costs. A short `POST …/compensation` for a machine in memory, with content
+in order, is answered here. Everything else, and everything that is wrong in any
+way, goes the ordinary way with what has been read of it, so that there is one
+place for refusals and their words.
 
 Sensors resolve a tenth or a hundredth of a degree, so the same request comes
 again and again: but for its time, its answer is remembered.
@@ -12,17 +12,19 @@ again and again: but for its time, its answer is remembered.
 
 from __future__ import annotations
 
+from collections import deque
 from datetime import UTC, datetime
 from functools import lru_cache
 from time import perf_counter
 
+import orjson
 from fastapi import FastAPI
 from pydantic import TypeAdapter, ValidationError
 from starlette.types import Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
 from app.api.schemas.compensation import CompensationRequest
-from app.api.table_json import table_json
+from app.api.table_json import OPTIONS, table_json
 from app.errors import ThermapError
 from app.live.registry import LiveModel
 from app.services.context import Context
@@ -40,7 +42,7 @@ REMEMBERED = 1024
 """Answers that are remembered, over all machines: some 15 MB."""
 
 _SOME_TIME = datetime(1970, 1, 1, tzinfo=UTC)
-_SOME_TIME_TEXT = b"1970-01-01T00:00:00Z"
+_SOME_TIME_TEXT = orjson.dumps(_SOME_TIME, option=OPTIONS)
 
 _REQUEST = TypeAdapter(CompensationRequest)
 
@@ -54,10 +56,11 @@ class ThermapService(FastAPI):
             await super().__call__(scope, receive, send)
             return
         started = perf_counter()
-        message = await receive()
-        content = plain_answer(self.state.context, scope, message)
+        messages, body = await _read(receive)
+        machine_id = scope["path"][len(BEFORE) : -len(AFTER)]
+        content = None if body is None else plain_answer(self.state.context, machine_id, body)
         if content is None:
-            await super().__call__(scope, _again(message, receive), send)
+            await super().__call__(scope, _again(messages, receive), send)
             return
         headers = [JSON_HEADER, (b"content-length", b"%d" % len(content))]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
@@ -66,19 +69,16 @@ class ThermapService(FastAPI):
         metrics.count(ROUTE, "POST", 200, perf_counter() - started)
 
 
-def plain_answer(context: Context, scope: Scope, message: Message) -> bytes | None:
+def plain_answer(context: Context, machine_id: str, body: bytes) -> bytes | None:
     """Write the table if the request is in order in every way, else None."""
-    body = message.get("body", b"")
-    if message.get("more_body", False) or len(body) > LARGEST_PLAIN_BODY:
-        return None
-    live = context.live.get(scope["path"][len(BEFORE) : -len(AFTER)])
+    live = context.live.get(machine_id)
     if live is None or context.live.database_away_since is not None:
         return None
     try:
         before, after = _around_time(live.current, body)
     except (ThermapError, ValidationError):
         return None
-    return b"".join((before, context.now().strftime("%Y-%m-%dT%H:%M:%S.%fZ").encode(), after))
+    return b"".join((before, orjson.dumps(context.now(), option=OPTIONS), after))
 
 
 @lru_cache(maxsize=REMEMBERED)
@@ -100,11 +100,25 @@ def _may_be_plain(scope: Scope) -> bool:
     )
 
 
-def _again(first: Message, receive: Receive) -> Receive:
-    """Hand the first message out once more, then whatever follows."""
-    waiting = [first]
+async def _read(receive: Receive) -> tuple[list[Message], bytes | None]:
+    """Read a short body whole, or as much of a long one as shows that it is long (None)."""
+    messages = []
+    body = b""
+    while True:
+        message = await receive()
+        messages.append(message)
+        body += message.get("body", b"")
+        if len(body) > LARGEST_PLAIN_BODY or message["type"] != "http.request":
+            return messages, None
+        if not message.get("more_body", False):
+            return messages, body
+
+
+def _again(read: list[Message], receive: Receive) -> Receive:
+    """Hand out once more what has been read, then whatever follows."""
+    waiting = deque(read)
 
     async def receive_again() -> Message:
-        return waiting.pop() if waiting else await receive()
+        return waiting.popleft() if waiting else await receive()
 
     return receive_again

@@ -66,15 +66,15 @@ def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) ->
     errors = []
     states = []
     for name, value in temperatures_c.items():
-        where = f"temperatures_c.{name}"
         try:
             sensor = machine.sensor(name)
         except UnknownThing as unknown:
-            errors.append(FieldError(where, unknown.detail))
+            errors.append(FieldError(f"temperatures_c.{name}", unknown.detail))
             continue
-        if sensor.looks_like_kelvin(value):
-            errors.append(FieldError(where, sensor.expectation(value)))
-        states.append(_judge_range(sensor, value, age_s=None))
+        state = _judge_range(sensor, value, age_s=None)
+        if state.health is not Health.OK and sensor.looks_like_kelvin(value):
+            errors.append(FieldError(f"temperatures_c.{name}", sensor.expectation(value)))
+        states.append(state)
     if errors:
         raise InvalidContent("; ".join(e.message for e in errors), errors)
     return states

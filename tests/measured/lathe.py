@@ -39,7 +39,7 @@ class LatheRun:
 
 
 def read_run(date):
-    """Read the run that began on a date (YYYYMMDD), without the rows in which X and Z are frozen."""
+    """Read the run that began on a date (YYYYMMDD), without rows in which X and Z are frozen."""
     (path,) = (FOLDER / "runs").glob(f"_{date}_*.csv")
     with path.open(encoding="utf-8-sig", newline="") as lines:
         header, *rows = csv.reader(lines)

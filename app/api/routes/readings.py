@@ -56,4 +56,5 @@ def _store_one(context: Context, machine: str, stated: ReadingSchema) -> tuple[i
         return store_readings(context, machine, [stated.to_reading()])
     except InvalidContent as error:
         errors = [FieldError(e.field.removeprefix("0."), e.message) for e in error.errors]
-        raise InvalidContent(error.detail, errors) from None
+        detail = "; ".join(f"{e.field}: {e.message}" for e in errors)
+        raise InvalidContent(detail, errors) from None
