@@ -204,7 +204,7 @@ def test_an_upgrade_that_fails_in_the_middle_leaves_nothing(empty):
 
 def test_services_that_start_together_in_threads_all_succeed(empty_database_url):
     services, failures = [], []
-    together = threading.Barrier(4)
+    together = threading.Barrier(4, timeout=10)
 
     def start():
         together.wait()
@@ -213,11 +213,11 @@ def test_services_that_start_together_in_threads_all_succeed(empty_database_url)
         except Exception as error:
             failures.append(error)
 
-    threads = [threading.Thread(target=start) for _ in range(4)]
+    threads = [threading.Thread(target=start, daemon=True) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join()
+        thread.join(30)
     for service in services:
         service.state.context.database.close()
     assert failures == []
@@ -251,14 +251,19 @@ def test_services_that_start_together_in_processes_all_succeed(empty_database_ur
         )
         for _ in range(3)
     ]
-    for process in processes:
-        assert process.stdout.readline() == "ready\n"
-    for process in processes:
-        process.stdin.write("\n")
-        process.stdin.flush()
-    for process in processes:
-        out, errors = process.communicate(timeout=30)
-        assert (out, process.returncode) == ("started\n", 0), errors
+    try:
+        for process in processes:
+            assert process.stdout.readline() == "ready\n"
+        for process in processes:
+            process.stdin.write("\n")
+            process.stdin.flush()
+        ends = [(*process.communicate(timeout=30), process.returncode) for process in processes]
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+    for out, errors, status in ends:
+        assert (out, status) == ("started\n", 0), errors
     database = Database(empty_database_url)
     assert tables(database) == TABLES | {"alembic_version"}
     check(database)

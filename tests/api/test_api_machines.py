@@ -110,10 +110,11 @@ async def test_an_empty_patch_changes_nothing(client):
 @pytest.mark.parametrize(
     "change",
     [
-        {"sensors": [{"name": "y-front"}, {"name": "z-column"}, {"name": "spindle"}]},
+        {"sensors": MACHINE["sensors"][1:]},
+        {"sensors": MACHINE["sensors"][:3]},
         {"configuration": "FXY", "axes": {"z": None}},
     ],
-    ids=["sensor in use", "axis in use"],
+    ids=["sensor that components follow", "sensor that maps have", "axis of maps"],
 )
 async def test_what_maps_need_cannot_be_taken_away(client, app, change):
     before = contents(app)

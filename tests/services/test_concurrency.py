@@ -109,6 +109,16 @@ async def test_overlapping_readings_at_once_are_stored_once_each(two, two_apps):
     assert len(contents(two_apps[0])["reading"]) == different
 
 
+async def test_the_same_readings_in_opposite_order_at_once_do_not_lock_each_other_out(two):
+    """Whoever inserts in the order in which they came waits for the other, and it for him."""
+    forwards = [reading(START - timedelta(seconds=s), 20.0) for s in range(3000)]
+    answers = await asyncio.gather(
+        *(two[i % 2].post(READINGS, json=forwards[:: 1 - i % 2 * 2]) for i in range(4))
+    )
+    assert statuses(answers) == {201: 4}
+    assert sum(a.json()["stored"] for a in answers) == 3000
+
+
 async def test_readings_that_contradict_each_other_at_once_leave_one_whole_batch(two, two_apps):
     batches = [
         [reading(START - timedelta(seconds=s), 20.0 + i) for s in range(200)] for i in range(6)

@@ -32,8 +32,10 @@ class Server:
         self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}"
         descriptor = self._socket.fileno()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "uvicorn", "--factory", "app.main:create_app"]
-            + ["--fd", str(descriptor), "--log-level", "warning"],
+            [
+                *(sys.executable, "-m", "uvicorn", "--factory", "app.main:create_app"),
+                *("--fd", str(descriptor), "--log-level", "warning"),
+            ],
             pass_fds=[descriptor],
             cwd=PACKAGE_FOLDER,
             env=os.environ | {"THERMAP_DATABASE_URL": url},
