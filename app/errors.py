@@ -10,6 +10,7 @@
      │   ├─ SensorUnavailable     no usable temperature, and no stand-in either
      │   └─ OutsideMaps           a temperature beyond what the machine's policy allows
      ├─ StorageUnavailable    the database is away
+     │   └─ StorageBusy           it is there, but others write for too long
      └─ StorageTooNew         the database was written by a newer thermap
 
 Each carries one sentence for a person and, where fields are to blame, a
@@ -84,6 +85,10 @@ class OutsideMaps(InvalidContent):
 
 class StorageUnavailable(ThermapError):
     """The database cannot be reached."""
+
+
+class StorageBusy(StorageUnavailable):
+    """The database is there, but its locks are held for too long."""
 
 
 class StorageTooNew(ThermapError):

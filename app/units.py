@@ -12,6 +12,7 @@ from typing import Final
 
 UM_PER_MM: Final = 1000.0
 MM_PER_M: Final = 1000.0
+URAD_PER_RAD: Final = 1e6
 KELVIN_AT_0_C: Final = 273.15
 
 

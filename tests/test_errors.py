@@ -16,7 +16,7 @@ def test_from_further_out_the_path_grows_and_the_kind_stays():
     inner = UnknownComponent("expected a component, came 'EXQ'")
     outer = inner.inside("components.3").inside("maps.0")
     assert isinstance(outer, UnknownComponent)
-    assert outer.detail == inner.detail
+    assert outer.detail == f"maps.0.components.3: {inner.detail}"
     assert outer.errors == (FieldError("maps.0.components.3", inner.detail),)
     of_field = InvalidContent.of_field("errors_um", "expected 3").inside("components.3")
     assert of_field.errors == (FieldError("components.3.errors_um", "expected 3"),)

@@ -49,6 +49,9 @@ _WHERE = ("body", "query", "path", "header")
 _WAYS = ("[key]", way_of("one"), way_of("more"))
 """Parts of pydantic's paths that are no fields."""
 
+_LONGEST = 4000
+"""Characters of a detail."""
+
 _SHOWN = 20
 """Errors listed in one answer: a list of 10,000 readings can have 10,000."""
 
@@ -90,7 +93,7 @@ async def _thermap_error(_request: Request, error: Exception) -> Response:
     assert isinstance(error, ThermapError)
     status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
     headers = {"Retry-After": "5"} if status == 503 else None
-    return problem(status, title, error.detail, error.errors, headers)
+    return problem(status, title, error.detail[:_LONGEST], error.errors[:_SHOWN], headers)
 
 
 async def _invalid_request(_request: Request, error: Exception) -> Response:

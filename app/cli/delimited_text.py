@@ -156,7 +156,10 @@ def left_out(headings: Iterable[str]) -> str:
 
 
 def _split(text: str, delimiter: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
+    try:
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
+    except csv.Error:  # a field of more than 128 KiB: no number, no name
+        return [text[:80]]
 
 
 def _evened(

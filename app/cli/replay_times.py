@@ -15,7 +15,8 @@ from enum import StrEnum
 from app.api.schemas.machines import SensorSchema
 from app.api.schemas.readings import ReadingSchema
 from app.cli.csv_recording import Recording
-from app.live.reading_window import LIMIT
+from app.live.reading_window import kept_spacing_s
+from app.thermal.machine import Sensor
 from app.thermal.sensor_health import CLEARLY
 
 
@@ -91,7 +92,7 @@ def _choose_stamps(
     as_recorded = Stamps.RECORDED if recording.is_dated or start else Stamps.MOVED
     if recorded_times or start or speed == 0.0:
         return as_recorded, ""
-    spacing_s = 2.0 * max((s.stuck_after_s for s in sensors), default=0.0) / LIMIT
+    spacing_s = kept_spacing_s(Sensor(**sensor.model_dump()) for sensor in sensors)
     for sensor in sensors:
         if _seems_to_jump(recording, sensor, speed, spacing_s):
             return Stamps.MOVED, (

@@ -43,9 +43,9 @@ class ComponentCompensation:
 class CompensationTable:
     """Every component at one thermal state.
 
-    `complete` is False when something that the maps know is not in the table;
-    `warnings` say in sentences all that is not as it should be; `states` are the
-    groups of components that lie between the same maps.
+    `complete` is False when a component of the maps is not in the table or rests on an
+    old temperature; `warnings` say in sentences all that is not as it should be;
+    `states` are the groups of components that lie between the same maps.
     """
 
     machine_id: str
@@ -104,12 +104,17 @@ def compensation_table(
             "; ".join([error.detail, *failures.values()]), error.errors
         ) from None
     omitted = [f"{code} is not in the table: {why}" for code, why in model.omitted.items()]
+    old = [
+        f"{list_names(state.group.codes)} rest on an old temperature of {state.sensor}"
+        for state in states
+        if state.sensor not in usable
+    ]
     return CompensationTable(
         machine_id=model.machine.id,
         model_version=model_version,
         computed_at=computed_at,
-        complete=not omitted,
-        warnings=[*warnings, *failures.values(), *_remarks(states), *omitted, *model.notes],
+        complete=not omitted and not old,
+        warnings=[*warnings, *failures.values(), *old, *_remarks(states), *omitted, *model.notes],
         states=states,
     )
 

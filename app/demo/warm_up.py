@@ -1,11 +1,11 @@
-"""The simulated machine's temperatures: six measured runs, and a warm-up that never ends.
+"""The simulated machine's temperatures: six simulated runs, and a warm-up that never ends.
 
-Simulated after C. Wang, section 8.2.7: temperatures rise from Run #1 to Run #6,
-most of all near the spindle. What heated the machine differed between the runs,
-as in 8.2.6 ("various spindle rpm, feed rates"), which is why the sensors can be
-told apart: Run #1 cold; #2 after warming up the spindle; #3 that heat has gone
-into the column; #4 after rapid moves of the axes; #5 soon after a step to high
-spindle speed; #6 at the end of the day.
+Simulated after C. Wang, section 8.2.7: temperatures rise from Run #1 to Run #6, most of
+all near the spindle. What heated the machine differed between the runs, as in 8.2.6
+("various spindle rpm, feed rates"), so that the sensors do not all rise alike (six maps
+still leave most of them tied): Run #1 cold; #2 after warming up the spindle; #3 that
+heat has gone into the column; #4 after rapid moves of the axes; #5 soon after a step to
+high spindle speed; #6 at the end of the day.
 """
 
 from __future__ import annotations

@@ -80,6 +80,11 @@ class Component:
         return self.direction in ROTATION_LETTERS
 
     @property
+    def row(self) -> int:
+        """Its place among x, y, z, a, b, c: where the volumetric error sums it."""
+        return (LINEAR_LETTERS + ROTATION_LETTERS).index(self.direction)
+
+    @property
     def input_field(self) -> str:
         """Name of the field in which a map states this component's values."""
         return f"{_STEM[self.kind] if self.is_table else 'value'}_{self.unit}"

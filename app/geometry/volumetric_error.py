@@ -5,11 +5,15 @@
 over the axes u of the chain, where a_u(p) is p with the coordinates that u does
 not act on set to 0. Rotation is positive by the right-hand rule; R of (8.62) is
 the inverse of the active small rotation.
+
+`sum_over_axes` is the rule; `volumetric_error` asks it for errors that are known at
+each point, `ErrorField` for errors that it reads from tables.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,17 +21,29 @@ from numpy.typing import ArrayLike
 from app.arrays import FloatArray
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
-from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.units import MM_PER_M
 
-MeasuringLines = Mapping[str, tuple[float, float, float]]
+MeasuringLines: TypeAlias = Mapping[str, tuple[float, float, float]]
+Values: TypeAlias = FloatArray | float
+Motion: TypeAlias = dict[str | None, FloatArray]
+"""One axis' errors at n points, by what they multiply: None for the errors themselves, a
+coordinate for their nonrigid slopes. Rows x, y, z [µm; µm/m], a, b, c [µrad; µrad/m]."""
+
+Squareness: TypeAlias = list[tuple[int, int, Values]]
+"""Row of the error, coordinate that is multiplied, and the value [µm/m]."""
+
+Arm: TypeAlias = list[Values | None]
+"""Three lengths [m]; None where there is no lever."""
+
+NO_TOOL: Final = (0.0, 0.0, 0.0)
 
 
 def volumetric_error(
     chain: Chain,
     errors: Mapping[str, FloatArray],
     points_mm: ArrayLike,
-    tool_offset_mm: ArrayLike = (0.0, 0.0, 0.0),
+    tool_offset_mm: ArrayLike = NO_TOOL,
     measuring_lines_mm: MeasuringLines | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Sum all component errors at points of the work volume.
@@ -55,6 +71,11 @@ def volumetric_error(
     orientation_urad : ndarray, shape (n, 3) [µrad]
         Error of the tool's direction, Σω × k = (ΣEB, −ΣEA, 0) (Hsu, Table I).
 
+    Raises
+    ------
+    InvalidContent
+        If points or tool offsets do not have three coordinates.
+
     Notes
     -----
     First order in the errors. Nonrigid slopes (8.1–8.18) add slope × coordinate to
@@ -67,73 +88,203 @@ def volumetric_error(
     >>> e.tolist()
     [[2.0, 0.0, 0.0]]
     """
-    points = np.atleast_2d(np.asarray(points_mm, dtype=float))
-    if points.shape[1] != 3:
-        raise InvalidContent.of_field(
-            "points_mm", f"expected points of 3 coordinates in mm, came {points.shape[1]}"
-        )
-    tool = np.broadcast_to(np.asarray(tool_offset_mm, dtype=float), points.shape)
-    total = np.zeros(points.shape)
-    rotation = np.zeros(points.shape)
-    for axis in chain.axes:
-        translation, omega = _motion(axis, errors, points)
-        line = (measuring_lines_mm or {}).get(axis)
-        total += translation + np.cross(omega, _lever(chain, axis, points, tool, line)) / MM_PER_M
-        rotation += omega
-    total += _squareness(errors, points)
-    tool_direction = np.column_stack([rotation[:, 1], -rotation[:, 0], np.zeros(len(points))])
-    return total, tool_direction
+    points = as_points(points_mm)
+    tool = as_tool_offset(tool_offset_mm, len(points))
+    motions = _motions(chain, errors, len(points))
+    total, turned = sum_over_axes(
+        chain, motions, squareness_of(errors), points.T, tool.T, measuring_lines_mm or {}
+    )
+    return np.ascontiguousarray(total.T), tool_direction(turned).T.copy()
 
 
-def _motion(
-    axis: str, errors: Mapping[str, FloatArray], points: FloatArray
+def sum_over_axes(
+    chain: Chain,
+    motions: Mapping[str, Motion],
+    squareness: Squareness,
+    points_mm: FloatArray,
+    tool_offset_mm: FloatArray,
+    measuring_lines_mm: MeasuringLines,
 ) -> tuple[FloatArray, FloatArray]:
-    """Sum one axis' translations [µm] and rotations [µrad] with their slopes: (n, 3) each."""
-    translation = np.zeros(points.shape)
-    omega = np.zeros(points.shape)
+    """Sum translations and rotations with their lever arms: the rule itself.
+
+    Parameters
+    ----------
+    chain, measuring_lines_mm
+        As for `volumetric_error`.
+    motions
+        Axis to its errors at the points, as `Motion`.
+    squareness
+        What each coordinate adds to each direction, as `Squareness`.
+    points_mm : ndarray, shape (3, n) [mm]
+        One row for each coordinate.
+    tool_offset_mm : ndarray, shape (3,) or (3, n) [mm]
+        Tool offset T.
+
+    Returns
+    -------
+    errors_um : ndarray, shape (3, n) [µm]
+        The sum of 8.68–8.82 for this chain.
+    rotation_urad : ndarray, shape (3, n) [µrad]
+        Σω = (ΣEA, ΣEB, ΣEC) (8.115–8.117).
+    """
+    points_m = points_mm / MM_PER_M
+    total = np.zeros(points_m.shape)
+    turned = np.zeros(points_m.shape)
+    for axis in chain.axes:
+        if axis in motions:
+            motion = _with_slopes(motions[axis], points_m)
+            arm = _arm(chain, axis, points_m, measuring_lines_mm.get(axis))
+            total += motion[:3]
+            turned += motion[3:]
+            _add_cross(total, motion[3:], arm)
+    # T is an arm of every axis: Σ ω × T = (Σ ω) × T.
+    _add_cross(total, turned, [t / MM_PER_M if np.any(t) else None for t in tool_offset_mm])
+    for row, times, value in squareness:
+        total[row] += value * points_m[times]
+    return total, turned
+
+
+def tool_direction(rotation_urad: FloatArray) -> FloatArray:
+    """Turn the tool's nominal direction k by a small rotation: ω × k = (EB, −EA, 0).
+
+    Parameters
+    ----------
+    rotation_urad : ndarray, shape (3, n) [µrad]
+        Sum of all rotations.
+
+    Returns
+    -------
+    ndarray, shape (3, n) [µrad]
+        Y.-Y. Hsu 2011, Table I, columns I, J, K.
+    """
+    about_x, about_y, _ = rotation_urad
+    # 0 − 0 is 0, but −0 would be a strange zero to show.
+    return np.stack([about_y, 0.0 - about_x, np.zeros_like(about_x)])
+
+
+def as_points(points_mm: ArrayLike) -> FloatArray:
+    """Take points of three coordinates, or one such point, as an array.
+
+    Parameters
+    ----------
+    points_mm : array-like, shape (n, 3) or (3,) [mm]
+        Positions x, y, z.
+
+    Returns
+    -------
+    ndarray, shape (n, 3) [mm]
+
+    Raises
+    ------
+    InvalidContent
+        If the points do not have three coordinates.
+    """
+    points = np.atleast_2d(np.asarray(points_mm, dtype=np.float64))
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidContent.of_field(
+            "points_mm", f"expected points of 3 coordinates in mm, came {points.shape[-1]}"
+        )
+    return points
+
+
+def as_tool_offset(tool_offset_mm: ArrayLike, points: int) -> FloatArray:
+    """Take one tool offset, or one for each point, as an array.
+
+    Parameters
+    ----------
+    tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
+        Tool offset T.
+    points
+        Number n of points.
+
+    Returns
+    -------
+    ndarray, same shape [mm]
+
+    Raises
+    ------
+    InvalidContent
+        If it is neither.
+    """
+    tool = np.asarray(tool_offset_mm, dtype=np.float64)
+    if tool.shape not in {(3,), (points, 3)}:
+        raise InvalidContent.of_field(
+            "tool_offset_mm",
+            f"expected one tool offset x, y, z in mm or one for each of {points} points, "
+            f"came an array of shape {tool.shape}",
+        )
+    return tool
+
+
+def _motions(chain: Chain, errors: Mapping[str, Values], n: int) -> dict[str, Motion]:
+    """Sort components that are known at n points by axis, by what they multiply, by row."""
+    motions: dict[str, Motion] = {}
     for code, values in errors.items():
         component = COMPONENTS[code]
-        if component.axis == axis:
-            into = omega if component.is_rotation else translation
-            into[:, _index(component)] += values * _multiplier(component, points)
-    return translation, omega
+        if component.axis in chain.axes:
+            motion = motions.setdefault(str(component.axis), {})
+            if component.times not in motion:
+                motion[component.times] = np.zeros((6, n))
+            motion[component.times][component.row] = values
+    return motions
 
 
-def _squareness(errors: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-    total = np.zeros(points.shape)
-    for code, values in errors.items():
-        component = COMPONENTS[code]
-        if component.axis is None and component.times is not None:
-            total[:, _index(component)] += values * _multiplier(component, points)
-    return total
+def squareness_of(errors: Mapping[str, Values]) -> Squareness:
+    """Pick the squareness errors, which need a coordinate but no axis' table.
+
+    Parameters
+    ----------
+    errors
+        Component code to value.
+
+    Returns
+    -------
+    list of (row, coordinate, value)
+        SXY adds its value [µm/m] times y, coordinate 1, to E_x, row 0 (8.58–8.60).
+    """
+    return [
+        (component.row, LINEAR_LETTERS.index(component.times), values)
+        for component, values in ((COMPONENTS[code], v) for code, v in errors.items())
+        if component.axis is None and component.times is not None
+    ]
 
 
-def _lever(
+def _with_slopes(motion: Motion, points_m: FloatArray) -> FloatArray:
+    """E(u) + Σ slope · coordinate (8.1–8.18): shape (6, n) [µm, µrad]."""
+    first, *others = (
+        block if times is None else block * points_m[LINEAR_LETTERS.index(times)]
+        for times, block in motion.items()
+    )
+    for block in others:
+        first = first + block
+    return first
+
+
+def _arm(
     chain: Chain,
     axis: str,
-    points: FloatArray,
-    tool: FloatArray,
-    line: tuple[float, float, float] | None,
-) -> FloatArray:
-    """a_u(p) + T, counted from the measuring line where one is stated: (n, 3) [mm]."""
-    mask = np.array([letter in chain.acts_on(axis) for letter in LINEAR_LETTERS], dtype=float)
-    arm: FloatArray = points * mask + tool
-    if line is None:
-        return arm
-    on_line = np.broadcast_to(np.asarray(line, dtype=float), points.shape).copy()
-    along = LINEAR_LETTERS.index(axis)
-    on_line[:, along] = points[:, along]
-    from_line: FloatArray = arm - on_line * mask
-    return from_line
+    points_m: FloatArray,
+    line_mm: tuple[float, float, float] | None,
+) -> Arm:
+    """a_u(p), counted from the measuring line where one is stated [m].
+
+    Along its own axis the line is wherever the axis stands: no arm is left there.
+    """
+    arm: Arm = [None, None, None]
+    for i, letter in enumerate(LINEAR_LETTERS):
+        if letter in chain.acts_on(axis):
+            if line_mm is None:
+                arm[i] = points_m[i]
+            elif letter != axis:
+                arm[i] = points_m[i] - line_mm[i] / MM_PER_M
+    return arm
 
 
-def _index(component: Component) -> int:
-    """Which of the three numbers a component belongs to."""
-    return "xyzabc".index(component.direction) % 3
-
-
-def _multiplier(component: Component, points: FloatArray) -> FloatArray | float:
-    """The coordinate that a slope or squareness multiplies [m], else 1."""
-    if component.times is None:
-        return 1.0
-    return points[:, LINEAR_LETTERS.index(component.times)] / MM_PER_M
+def _add_cross(total: FloatArray, omega: FloatArray, arm: Arm) -> None:
+    """Add ω × arm, a rotation's effect at the end of its lever [µrad·m = µm]."""
+    for i, lever in enumerate(arm):
+        if lever is not None:
+            # e_j × e_i = −e_k and e_k × e_i = e_j for i, j, k in cyclic order.
+            j, k = (i + 1) % 3, (i + 2) % 3
+            total[k] -= omega[j] * lever
+            total[j] += omega[k] * lever

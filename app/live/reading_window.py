@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from math import inf
 from threading import Lock
 
-from app.thermal.machine import Machine
+from app.thermal.machine import Machine, Sensor
 from app.thermal.reading import Reading
-from app.thermal.sensor_health import SensorState, assess_sensors
+from app.thermal.sensor_health import SensorState, assess_sensors, record_needed_s
 from app.thermal.temperature_history import TemperatureHistory
 
 LIMIT = 720
-"""Readings kept a machine; between readings that come faster than the window divided
-by this, only the newest is kept."""
+"""Values kept a sensor; of those that come faster than the window divided by this, one
+for each such spacing."""
 
 
 class ReadingWindow:
-    """Readings in order of time back to the longest time in which a sensor can be stuck."""
+    """Readings in order of time, as far back as a judgement of the sensors needs them."""
 
     def __init__(self) -> None:
         self._readings: tuple[Reading, ...] = ()
@@ -32,9 +33,13 @@ class ReadingWindow:
     def add(self, machine: Machine, readings: Iterable[Reading]) -> None:
         """Take readings in, in any order; those already there are passed over."""
         with self._lock:
-            by_time = {reading.time: reading for reading in (*readings, *self._readings)}
+            known = {reading.time for reading in self._readings}
+            new = [reading for reading in readings if reading.time not in known]
+            if not new:
+                return
+            by_time = {reading.time: reading for reading in (*new, *self._readings)}
             ordered = [by_time[time] for time in sorted(by_time)]
-            self._readings = _thinned(ordered, window_s(machine))
+            self._readings = _thinned(ordered, machine)
 
     def judge(self, machine: Machine) -> list[SensorState]:
         """Judge every sensor at the time of the latest reading."""
@@ -49,21 +54,30 @@ class ReadingWindow:
         return judged[2]
 
 
-def window_s(machine: Machine) -> float:
-    """How far back readings are kept: twice the longest `stuck_after_s` [s]."""
-    return 2.0 * max((s.stuck_after_s for s in machine.sensors.values()), default=0.0)
+def kept_spacing_s(sensors: Iterable[Sensor]) -> float:
+    """How far apart the kept values of a sensor are where they come faster [s]."""
+    return record_needed_s(sensors) / LIMIT
 
 
-def _thinned(ordered: Sequence[Reading], span_s: float) -> tuple[Reading, ...]:
-    """Keep the newest and, back to the window's beginning, one for each spacing."""
-    kept: list[Reading] = []
-    for reading in ordered:
-        if not kept or _seconds_between(kept[-1], reading) >= span_s / LIMIT:
-            kept.append(reading)
-    if ordered and kept[-1] is not ordered[-1]:
-        kept.append(ordered[-1])
-    return tuple(r for r in kept if _seconds_between(r, kept[-1]) <= span_s)
+def _thinned(ordered: Sequence[Reading], machine: Machine) -> tuple[Reading, ...]:
+    """Keep for each sensor its two newest values, and one for each spacing of the window.
 
-
-def _seconds_between(earlier: Reading, later: Reading) -> float:
-    return (later.time - earlier.time).total_seconds()
+    Sensors may report apart from each other, so each has its own reckoning; a sensor's
+    newest value stays however old it is.
+    """
+    span_s = record_needed_s(machine.sensors.values())
+    spacing_s = kept_spacing_s(machine.sensors.values())
+    newest_s = ordered[-1].time.timestamp() if ordered else 0.0
+    needed: set[int] = set()
+    kept_s: dict[str, float] = {}
+    last_two: dict[str, tuple[int, int]] = {}
+    for i, reading in enumerate(ordered):
+        time_s = reading.time.timestamp()
+        for sensor in reading.temperatures_c:
+            last_two[sensor] = (last_two.get(sensor, (i, i))[1], i)
+            if newest_s - time_s <= span_s and time_s - kept_s.get(sensor, -inf) >= spacing_s:
+                kept_s[sensor] = time_s
+                needed.add(i)
+    for pair in last_two.values():
+        needed.update(pair)
+    return tuple(ordered[i] for i in sorted(needed))

@@ -60,7 +60,7 @@ class LiveRegistry:
     def publish(self, live: LiveModel, readings: Iterable[Reading] = ()) -> LiveMachine:
         """Put a machine's model in place, unless a newer one is there already.
 
-        Readings are those to begin with when the machine was not in memory.
+        Readings are taken in beside those that are known.
         """
         machine = live.model.machine
         with self._lock:
@@ -69,10 +69,10 @@ class LiveRegistry:
                 if known is not None and known.current.stamp > live.stamp:
                     return known
                 known = LiveMachine(live)
-                known.readings.add(machine, readings)
                 self._machines[machine.id] = known
             elif live.stamp >= known.current.stamp:
                 known.current = live
+            known.readings.add(machine, readings)
             return known
 
     def forget(self, machine_id: str) -> None:

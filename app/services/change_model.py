@@ -8,13 +8,14 @@ commit one step that puts the new model in place in memory.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
+from app.errors import StorageUnavailable, UnknownThing
 from app.services.context import Context
-from app.services.load_machine import live_model
+from app.services.load_machine import live_model, load_machine
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version, insert_version
 from app.storage.records import ModelVersion, StoredMap
@@ -59,6 +60,10 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
         yield MachineChange(session, row)
         session.flush()
         live = live_model(context, session, row)
+    if context.live.get(machine_id) is None:
+        # Not in memory yet: with its readings, or it would seem to have had none.
+        with suppress(StorageUnavailable, UnknownThing):
+            load_machine(context, machine_id)
     context.live.publish(live)
 
 

@@ -7,7 +7,7 @@ from collections import defaultdict
 from datetime import datetime
 from threading import Event, Thread
 
-from app.errors import StorageUnavailable, UnknownThing
+from app.errors import StorageBusy, StorageUnavailable, UnknownThing
 from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
 from app.services.load_machine import load_machine
@@ -54,10 +54,12 @@ class DatabaseFollower:
         try:
             self._follow()
             live.database_away_since = None
-        except StorageUnavailable:
+        except StorageBusy as error:
+            log.warning("%s", error.detail)
+        except StorageUnavailable as error:
             if live.database_away_since is None:
                 live.database_away_since = self._context.now()
-                log.warning("the database is away; live tables go on from memory")
+                log.warning("%s; live tables go on from memory", error.detail)
 
     def _follow(self) -> None:
         have = self._context.live.stamps()

@@ -14,6 +14,9 @@ from app.services.context import Context
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import Health, SensorState, check_temperatures, grow_older
 
+CLOCKS_DIFFER_S = 60.0
+"""A reading may be ahead of the service's clock by this much [s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class CurrentState:
@@ -96,7 +99,7 @@ def current_table(context: Context, live: LiveMachine, state: CurrentState) -> C
             current.version or 0,
             state.sensors,
             context.now(),
-            database_warnings(context, live.current),
+            [*database_warnings(context, live.current), *_clock_warnings(state)],
         )
     except SensorUnavailable as error:
         raise NoReading(error.detail) from None
@@ -113,6 +116,16 @@ def database_warnings(context: Context, current: LiveModel) -> list[str]:
         f"the database has been away for {_seconds(away_since, now):.0f} s: model version "
         f"{current.version} goes on from memory, where it has been for "
         f"{_seconds(current.loaded_at, now):.0f} s"
+    ]
+
+
+def _clock_warnings(state: CurrentState) -> list[str]:
+    """Say that the latest reading lies in the future: a clock was wrong, or is."""
+    if state.age_s >= -CLOCKS_DIFFER_S:
+        return []
+    return [
+        f"the latest reading is {-state.age_s:.0f} s in the future: a clock is wrong, and newer "
+        "readings do not count until then"
     ]
 
 

@@ -7,7 +7,6 @@ from datetime import timedelta
 from sqlalchemy.orm import Session
 
 from app.errors import Conflict, UnknownThing
-from app.live.reading_window import LIMIT, window_s
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
 from app.storage.machines import find_machine, stored_machine
@@ -18,6 +17,7 @@ from app.storage.tables import MachineRow
 from app.thermal.compile_model import compile_model
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
+from app.thermal.sensor_health import record_needed_s
 
 
 def load_machine(context: Context, machine_id: str) -> LiveMachine:
@@ -33,8 +33,8 @@ def load_machine(context: Context, machine_id: str) -> LiveMachine:
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         live = live_model(context, session, row)
-        window = timedelta(seconds=window_s(live.model.machine))
-        readings = recent_readings(session, machine_id, window, LIMIT)
+        window = timedelta(seconds=record_needed_s(live.model.machine.sensors.values()))
+        readings = recent_readings(session, machine_id, window, live.model.machine.sensors)
     return context.live.publish(live, readings)
 
 

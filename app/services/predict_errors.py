@@ -20,6 +20,7 @@ from app.storage.records import ModelVersion
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
 from app.thermal.prediction import predict_component, predict_points
+from app.thermal.sensor_health import believed, record_needed_s
 from app.thermal.temperature_history import TemperatureHistory
 
 
@@ -27,7 +28,8 @@ from app.thermal.temperature_history import TemperatureHistory
 class Observation:
     """Where and when an error is asked for: one component, or a point of the work volume.
 
-    `direction` is +1 or −1 for the direction of approach, 0 where it is not stated.
+    `direction` is +1 or −1 for the direction of approach, 0 where it is not stated;
+    `sign` is −1 where the error is asked for under ISO's name and sign (C0Y = −SXY).
     """
 
     time: datetime
@@ -36,6 +38,7 @@ class Observation:
     point_mm: tuple[float, float, float] | None = None
     tool_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: int = 0
+    sign: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +71,7 @@ def predict_errors(
     _check_positions(machine, observations)
     times = np.array([o.time.timestamp() for o in observations])
     temperatures = {
-        name: _believable(machine, name, history.at(name, times, sensor.max_age_s))
-        for name, sensor in machine.sensors.items()
+        name: history.at(name, times, sensor.max_age_s) for name, sensor in machine.sensors.items()
     }
     answer = Predictions(version.version, [None] * len(observations), [""] * len(observations), [])
     for code in dict.fromkeys(o.component for o in observations):
@@ -87,12 +89,14 @@ def predict_errors(
                 _measuring_lines(version),
             )
             answer.warnings.extend(_absent(model))
+            answer.warnings.extend(_points_beyond_tables(model, asked))
         else:
             positions = np.array([o.position_mm or 0.0 for o in asked])
             predicted = predict_component(model, code, here, positions, directions)
             answer.warnings.extend(_beyond_table(model, code, positions))
         for i, value, status in zip(chosen, predicted.values, predicted.status, strict=True):
-            answer.values[i] = None if np.isnan(value).any() else value.tolist()
+            signed = observations[i].sign * value
+            answer.values[i] = None if np.isnan(value).any() else signed.tolist()
             answer.status[i] = str(status)
     return answer
 
@@ -114,7 +118,7 @@ def _read(
         )
         if version is None:
             raise Conflict(f"machine {machine_id!r} has no model yet: store error maps first")
-        around = timedelta(seconds=max((s.max_age_s for s in machine.sensors.values()), default=0))
+        around = timedelta(seconds=record_needed_s(machine.sensors.values()))
         readings = list_readings(
             session,
             machine_id,
@@ -124,14 +128,7 @@ def _read(
         history = TemperatureHistory.of_readings(
             machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]
         )
-    return machine, version, history
-
-
-def _believable(machine: Machine, name: str, temperatures_c: FloatArray) -> FloatArray:
-    """Put NaN where a value is out of its sensor's range."""
-    sensor = machine.sensors[name]
-    outside = (temperatures_c < sensor.min_c) | (temperatures_c > sensor.max_c)
-    return np.where(outside, np.nan, temperatures_c)
+    return machine, version, believed(machine, history)
 
 
 def _check_positions(machine: Machine, observations: Sequence[Observation]) -> None:
@@ -167,6 +164,18 @@ def _beyond_table(model: CompiledModel, code: str, positions_mm: FloatArray) -> 
     ]
 
 
+def _points_beyond_tables(model: CompiledModel, asked: Sequence[Observation]) -> list[str]:
+    """Say the same of points, for each component that has an argument."""
+    points = np.array([o.point_mm for o in asked], dtype=float)
+    return [
+        words
+        for group in model.groups
+        for code in group.codes
+        if (axis := COMPONENTS[code].axis) is not None
+        for words in _beyond_table(model, code, points[:, "xyz".index(axis)])
+    ]
+
+
 def _measuring_lines(version: ModelVersion) -> Mapping[str, tuple[float, float, float]]:
     """Give the measuring lines that all maps share."""
     lines = [dict(m.error_map.measuring_lines_mm) for m in version.maps]
@@ -179,15 +188,17 @@ def _measuring_lines(version: ModelVersion) -> Mapping[str, tuple[float, float, 
 
 
 def _absent(model: CompiledModel) -> list[str]:
-    """Name the motion errors that no map has, which count as zero at points."""
+    """Name the errors that count as zero at points: those that no map or one map only has."""
     have = {code for group in model.groups for code in group.codes}
-    absent = [
+    unmeasured = [
         code
         for code, c in COMPONENTS.items()
         if c.kind not in (Kind.SLOPE, Kind.ROTARY_LOCATION)
         and code not in have
+        and code not in model.omitted
         and (c.axis is None or c.axis in model.machine.chain.axes)
     ]
-    if not absent:
-        return []
-    return [f"counted as zero at points, because no two maps have them: {', '.join(absent)}"]
+    found = [f"counted as zero at points: {code}, {why}" for code, why in model.omitted.items()]
+    if unmeasured:
+        found.append(f"counted as zero at points, no map has them: {', '.join(unmeasured)}")
+    return found

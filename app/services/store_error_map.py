@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from app.errors import Conflict, FieldError, InvalidContent
 from app.geometry.components import COMPONENTS
 from app.services.change_model import changing_machine, next_version
@@ -13,14 +15,26 @@ from app.thermal.machine import Machine
 from app.thermal.sensor_health import Health, check_temperatures
 
 
-def store_error_map(
-    context: Context, machine_id: str, error_map: ErrorMap
-) -> tuple[StoredMap, bool]:
+@dataclass(frozen=True, slots=True)
+class StoredOnce:
+    """A stored map, its machine, whether it is new and whether the active model has it."""
+
+    stored: StoredMap
+    machine: Machine
+    is_new: bool
+    in_active_model: bool
+
+
+SHORT = 0.1
+"""A table that covers less than this share of its axis' travel is remarkable."""
+
+
+def store_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> StoredOnce:
     """Store a map, once.
 
     Returns
     -------
-    StoredMap, bool
+    StoredOnce
         The stored map, and whether it is new: the same content under the same
         label again is the map that is there.
 
@@ -35,7 +49,9 @@ def store_error_map(
         known = find_label(change.session, machine_id, error_map.label)
         if known is not None:
             if same_content(known.error_map, error_map):
-                return known, False
+                active = change.version.maps if change.version else []
+                in_active_model = any(m.id == known.id for m in active)
+                return StoredOnce(known, change.machine, False, in_active_model)
             raise Conflict(
                 f"machine {machine_id!r} has another error map {error_map.label!r} "
                 f"(number {known.id}); choose another label, or delete that map first"
@@ -44,22 +60,34 @@ def store_error_map(
         stored = insert_error_map(change.session, machine_id, error_map, context.now())
         before = change.version.maps if change.version else []
         next_version(context, change, [*before, stored], f"map {error_map.label!r} stored")
-    return stored, True
+        return StoredOnce(stored, change.machine, True, True)
 
 
 def remarks(machine: Machine, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
     found = []
     for code, table in error_map.tables.items():
+        if not table.component.is_table:
+            continue
+        first, last = float(table.positions_mm[0]), float(table.positions_mm[-1])
         travel = machine.axes.get(table.component.axis or "")
-        if travel is not None and (
-            table.positions_mm[0] < travel.min_mm or table.positions_mm[-1] > travel.max_mm
-        ):
+        if first == last:
+            found.append(f"{code} has one position: its error counts as the same on the whole axis")
+        elif travel is not None and (first < travel.min_mm or last > travel.max_mm):
             found.append(
-                f"{code} has positions from {table.positions_mm[0]:g} to "
-                f"{table.positions_mm[-1]:g} mm, beyond the axis' travel of "
+                f"{code} has positions from {first:g} to {last:g} mm, beyond the axis' travel of "
                 f"{travel.min_mm:g} to {travel.max_mm:g} mm"
             )
+        elif travel is not None and last - first < SHORT * (travel.max_mm - travel.min_mm):
+            found.append(
+                f"{code} covers {first:g} to {last:g} mm of an axis of {travel.min_mm:g} to "
+                f"{travel.max_mm:g} mm: are its positions in mm?"
+            )
+    for sensor in machine.sensors.values():
+        stand_in = sensor.stand_in
+        known = error_map.temperatures_c
+        if stand_in and sensor.name in known and stand_in not in known:
+            found.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
     return found
 
 

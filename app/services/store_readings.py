@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime, timedelta
 
-from app.errors import Conflict, FieldError, InvalidContent
+from app.errors import Conflict, FieldError, InvalidContent, StorageUnavailable, UnknownThing
 from app.services.context import Context
 from app.services.load_machine import load_machine
 from app.storage.machines import find_machine, stored_machine
@@ -43,10 +44,14 @@ def store_readings(
         repeated = [r for r in once if r.time not in added]
         known = find_readings(session, machine_id, [r.time for r in repeated])
         for reading in repeated:
-            if known[reading.time] != reading:
+            if reading.time not in known:  # the machine went in between
+                find_machine(session, machine_id)
+            elif known[reading.time] != reading:
                 raise _other_content(known[reading.time], reading)
     if context.live.get(machine_id) is None:
-        load_machine(context, machine_id)
+        # They are stored: what goes wrong now is put right when the machine is next asked for.
+        with suppress(StorageUnavailable, UnknownThing):
+            load_machine(context, machine_id)
     else:
         context.live.add_readings(machine_id, (r for r in once if r.time in added))
     return len(added), len(readings) - len(added)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
@@ -19,7 +20,7 @@ from sqlalchemy.exc import (
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
-from app.errors import InvalidContent, StorageUnavailable
+from app.errors import InvalidContent, StorageBusy, StorageUnavailable
 
 BUSY_TIMEOUT_S = 15.0
 CONNECT_TIMEOUT_S = 5
@@ -37,13 +38,16 @@ _GIVE_UP = {
 class Database:
     """One database, reached through transactions for reading or for writing.
 
-    A write transaction on SQLite takes the write lock at its beginning, so that two
-    writers queue instead of failing; on PostgreSQL the use cases lock the machine's
-    row. Nothing is committed but by leaving `writing()` without an exception.
+    On SQLite one writer of this process writes at a time, and takes the file's write lock
+    at the beginning, so that writers queue instead of failing; on PostgreSQL the use cases
+    lock the machine's row. Nothing is committed but by leaving `writing()` without an
+    exception.
     """
 
     def __init__(self, url: str) -> None:
         self.engine = _make_engine(url)
+        on_sqlite = self.engine.dialect.name == "sqlite"
+        self._turn: AbstractContextManager[Any] = Lock() if on_sqlite else nullcontext()
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -56,11 +60,37 @@ class Database:
         """Open a session that is committed at the end, or rolled back whole."""
         writer = self.engine.execution_options(thermap_writes=True)
         with (
+            self._turn,
             _saying_when_away(),
             Session(writer, expire_on_commit=False) as session,
             session.begin(),
         ):
             yield session
+
+    @contextmanager
+    def migrating(self) -> Iterator[Connection]:
+        """Open a write transaction in which tables may be made anew.
+
+        SQLite changes a table by making another and dropping the old one, which with
+        foreign keys on would take all rows that refer to it along. So they are off
+        here, and checked before the commit.
+        """
+        writer = self.engine.execution_options(thermap_writes=True)
+        with self._turn, _saying_when_away(), writer.connect() as connection:
+            on_sqlite = connection.dialect.name == "sqlite"
+            driver: Any = connection.connection.dbapi_connection
+            if on_sqlite:
+                driver.execute("PRAGMA foreign_keys = OFF")
+            try:
+                with connection.begin():
+                    yield connection
+                    if on_sqlite:
+                        broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+                        if broken:
+                            raise RuntimeError(f"the migration lost what {broken[:5]} refer to")
+            finally:
+                if on_sqlite:
+                    driver.execute("PRAGMA foreign_keys = ON")
 
     @property
     def name(self) -> str:
@@ -126,7 +156,12 @@ def _make_folder(folder: Path) -> None:
 def _prepare_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
     """Make SQLite keep what was answered: log, foreign keys, and a sync at each commit."""
     connection.isolation_level = None  # we say BEGIN ourselves, see _begin_sqlite
-    for pragma in ("journal_mode = WAL", "foreign_keys = ON", "synchronous = FULL"):
+    for pragma in (
+        "journal_mode = WAL",
+        "foreign_keys = ON",
+        "synchronous = FULL",
+        "journal_size_limit = 67108864",
+    ):
         connection.execute(f"PRAGMA {pragma}")
 
 
@@ -141,10 +176,11 @@ def _saying_when_away() -> Iterator[None]:
     try:
         yield
     except (OperationalError, InterfaceError, DisconnectionError, PoolTimeout) as error:
-        reason = str(getattr(error, "orig", None) or error).strip().splitlines()
-        raise StorageUnavailable(
-            f"the database is away: {reason[0] if reason else type(error).__name__}"
-        ) from error
+        lines = str(getattr(error, "orig", None) or error).strip().splitlines()
+        reason = lines[0] if lines else type(error).__name__
+        if any(word in reason for word in ("locked", "deadlock", "QueuePool")):
+            raise StorageBusy(f"the database is busy, try again: {reason}") from error
+        raise StorageUnavailable(f"the database is away: {reason}") from error
     except DatabaseError as error:
         # SQLite says so itself, not by a subclass, of a file that is no database or is damaged.
         if type(error) is not DatabaseError:

@@ -28,8 +28,7 @@ def upgrade(database: Database) -> str:
     """
     scripts = ScriptDirectory.from_config(alembic_config())
     newest = scripts.get_current_head() or ""
-    with database.writing() as session:
-        connection = session.connection()
+    with database.migrating() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:k)"), {"k": UPGRADE_LOCK})
         found = current_revision(connection)

@@ -12,9 +12,11 @@ from sqlalchemy.orm import Session
 from app.storage.tables import ReadingRow
 from app.thermal.reading import Reading
 
-BATCH = 2000
-"""Rows a statement: SQLite and PostgreSQL allow some 32,000 values in one."""
+SEARCHED = 2000
+"""Readings looked through for sensors that have not reported for long."""
 
+BATCH = 2000
+"""Times a question: SQLite and PostgreSQL allow some 32,000 values in one."""
 
 _ONE_TIME = ["machine_id", "time"]
 
@@ -24,21 +26,19 @@ def insert_readings(
 ) -> set[datetime]:
     """Add readings whose times are not there yet; return the times that were added."""
     on_sqlite = session.get_bind().dialect.name == "sqlite"
-    added: set[datetime] = set()
-    for start in range(0, len(readings), BATCH):
-        rows = [
-            {
-                "machine_id": machine_id,
-                "time": reading.time,
-                "temperatures_c": dict(reading.temperatures_c),
-                "state": dict(reading.state),
-            }
-            for reading in readings[start : start + BATCH]
-        ]
-        insert = sqlite.insert(ReadingRow) if on_sqlite else postgresql.insert(ReadingRow)
-        statement = insert.values(rows).on_conflict_do_nothing(index_elements=_ONE_TIME)
-        added.update(session.scalars(statement.returning(ReadingRow.time)))
-    return added
+    insert = sqlite.insert(ReadingRow) if on_sqlite else postgresql.insert(ReadingRow)
+    statement = insert.on_conflict_do_nothing(index_elements=_ONE_TIME).returning(ReadingRow.time)
+    rows = [
+        {
+            "machine_id": machine_id,
+            "time": reading.time,
+            "temperatures_c": dict(reading.temperatures_c),
+            "state": dict(reading.state),
+        }
+        for reading in readings
+    ]
+    # On the connection rather than the session: one statement for many rows, written once.
+    return set(session.connection().scalars(statement, rows)) if rows else set()
 
 
 def find_readings(
@@ -78,21 +78,34 @@ def list_readings(
 
 
 def recent_readings(
-    session: Session, machine_id: str, window: timedelta, limit: int
+    session: Session, machine_id: str, window: timedelta, sensors: Iterable[str]
 ) -> list[Reading]:
-    """List the newest readings, oldest first: at most `limit`, within a time of the newest."""
-    newest = session.scalar(
-        select(func.max(ReadingRow.time)).where(ReadingRow.machine_id == machine_id)
-    )
-    if newest is None:
-        return []
+    """List the newest readings, oldest first.
+
+    They go back over a window before the newest one, and, for sensors that none of
+    those has, over at most `SEARCHED` more.
+    """
     query = (
         select(ReadingRow)
-        .where(ReadingRow.machine_id == machine_id, ReadingRow.time >= newest - window)
+        .where(ReadingRow.machine_id == machine_id)
         .order_by(ReadingRow.time.desc())
-        .limit(limit)
+        .execution_options(yield_per=1000)
     )
-    return [_reading(row) for row in session.scalars(query)][::-1]
+    found: list[Reading] = []
+    unseen = set(sensors)
+    beyond = 0
+    with session.scalars(query) as rows:
+        for row in rows:
+            reading = _reading(row)
+            if found and found[0].time - reading.time > window:
+                beyond += 1
+                if not unseen or beyond > SEARCHED:
+                    break
+                if unseen.isdisjoint(reading.temperatures_c):
+                    continue
+            found.append(reading)
+            unseen.difference_update(reading.temperatures_c)
+    return found[::-1]
 
 
 def newest_id(session: Session) -> int:

@@ -67,12 +67,29 @@ def compile_model(
         scales = _scales(machine, sensor, states)
         labels = tuple(state.label for state in states)
         together[(scales, labels)].append(_bring_together(code, states, notes))
+    notes.extend(_different_lines(by_code))
     return CompiledModel(
         machine=machine,
         groups=tuple(_group(*key, parts) for key, parts in together.items()),
         omitted=omitted,
         notes=tuple(notes),
     )
+
+
+def _different_lines(by_code: Mapping[str, Sequence[ErrorMap]]) -> list[str]:
+    """Say that an axis' translations were measured along different lines in different maps."""
+    found = []
+    for axis in sorted({c.axis for code in by_code if (c := COMPONENTS[code]).axis}):
+        maps = {
+            m.label: m for code, ms in by_code.items() if COMPONENTS[code].axis == axis for m in ms
+        }
+        lines = {m.measuring_lines_mm.get(axis) for m in maps.values()}
+        if len(lines) > 1:
+            found.append(
+                f"maps {list_names(maps)} were measured along different lines of {axis}: between "
+                "them, translations are mixed with rotations times the lines' offset"
+            )
+    return found
 
 
 @dataclass(frozen=True, slots=True)

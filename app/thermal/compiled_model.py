@@ -223,7 +223,13 @@ class CompiledModel:
 
     def _expected_sensor(self, group: Group) -> str:
         stand_ins = [s.name for s in self.machine.with_stand_ins(group.sensor)[1:]]
-        spare = f" nor of its stand-in {list_names(stand_ins)}" if stand_ins else ""
+        usable = {scale.sensor for scale in group.scales}
+        spare = "".join(
+            f" nor of its stand-in {name}"
+            if name in usable
+            else f" ({name} cannot stand in: maps lack it, or it cannot tell them apart)"
+            for name in stand_ins
+        )
         return (
             f"expected a temperature of {group.sensor} in °C, needed by "
             f"{list_names(group.codes)}, came none that is usable{spare}"

@@ -61,9 +61,11 @@ class Sensor:
         Age above which a value is stale; also the longest gap in time that is
         bridged by interpolation [s].
     resolution_c
-        Two temperatures closer than this are the same [°C].
+        Two temperatures closer than this are the same; ten times this is a clear
+        movement [°C].
     stuck_after_s
-        Without any change for this long while its neighbours move, it is stuck [s].
+        Without any change for this long after its neighbours moved, it is stuck [s];
+        None for a sensor that may stand still, as in an air-conditioned room.
     max_rate_c_per_min
         A change faster than this is no temperature [°C/min].
     """
@@ -74,8 +76,8 @@ class Sensor:
     max_c: float = 150.0
     max_age_s: float = 600.0
     resolution_c: float = 0.1
-    stuck_after_s: float = 3600.0
-    max_rate_c_per_min: float = 10.0
+    stuck_after_s: float | None = 3600.0
+    max_rate_c_per_min: float = 5.0
 
     def accepts(self, temperature_c: float) -> bool:
         """Whether a temperature [°C] lies in the sensor's range."""

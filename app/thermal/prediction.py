@@ -115,7 +115,7 @@ def predict_points(
     -------
     Predicted
         Values of shape (n, 3) [µm]; the status is the least trustworthy of all
-        components'.
+        components', and where that is none, all three values are NaN.
 
     Raises
     ------
@@ -137,6 +137,8 @@ def predict_points(
         model.machine.chain, errors, points_mm, tool_offsets_mm, measuring_lines_mm
     )
     worst = [max(row, key=_GRAVITY.index) for row in zip(*statuses, strict=True)]
+    # Also where the unknown component happens to have no lever at this point.
+    values[[status in (OUTSIDE_MAPS, NO_READING) for status in worst]] = np.nan
     return Predicted(values, worst)
 
 

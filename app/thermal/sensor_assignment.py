@@ -256,7 +256,9 @@ def _reason(
     if caution:
         return f"{_figure(present)} stands{caution}"
     if present.sensor == best.sensor:
-        return f"{_figure(present)} stands: it correlates best"
+        tied = [c.sensor for c in found if c.ties_with_best and c.sensor != best.sensor]
+        beside = f"; not significantly better than {list_names(tied)}" if tied else ""
+        return f"{_figure(present)} stands: it correlates best{beside}"
     return f"{_figure(present)} stands: {_figure(best)} is not significantly better"
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from statistics import median_low
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.arrays import FloatArray
 from app.errors import FieldError, InvalidContent, UnknownThing
@@ -16,6 +16,10 @@ from app.thermal.temperature_history import TemperatureHistory
 
 CLEARLY = 10.0
 """A movement of this many resolutions is one that a sensor must show."""
+
+WINDOWS = 2.0
+"""A record of so many `stuck_after_s` shows a stuck sensor: half of it for the neighbours
+to move, half of it for the sensor to follow."""
 
 
 class Health(StrEnum):
@@ -88,7 +92,7 @@ def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[Sensor
     machine
         Whose sensors they are.
     history
-        Readings back to at least the longest `stuck_after_s`.
+        Readings back to `record_needed_s` before the latest one.
 
     Returns
     -------
@@ -98,11 +102,79 @@ def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[Sensor
     return [_assess(machine, sensor, history) for sensor in machine.sensors.values()]
 
 
+def believed(machine: Machine, history: TemperatureHistory) -> TemperatureHistory:
+    """Leave out of a record all that was not to be believed at its time.
+
+    Parameters
+    ----------
+    machine
+        Whose sensors they are.
+    history
+        The record; judgement is sure from `record_needed_s` after its beginning.
+
+    Returns
+    -------
+    TemperatureHistory
+        The same times, NaN where a value was out of range, had jumped, or was stuck.
+    """
+    cleaned = {}
+    for name, values in history.temperatures_c.items():
+        kept = values.copy()
+        known = np.flatnonzero(~np.isnan(values))
+        verdicts = judge_record(machine, machine.sensor(name), history)
+        kept[[i for i, health in zip(known, verdicts, strict=True) if health is not Health.OK]] = (
+            np.nan
+        )
+        cleaned[name] = kept
+    return TemperatureHistory(history.times_s, cleaned)
+
+
+def record_needed_s(sensors: Iterable[Sensor]) -> float:
+    """How far back a record must go for a judgement: to stuck neighbours, to the oldest value [s].
+
+    Zero without sensors.
+    """
+    return max(
+        (max(WINDOWS * (s.stuck_after_s or 0.0), s.max_age_s) for s in sensors),
+        default=0.0,
+    )
+
+
 def grow_older(
     machine: Machine, states: Iterable[SensorState], elapsed_s: float
 ) -> list[SensorState]:
     """Let time pass without readings: ages grow, and what becomes too old is stale [s]."""
     return [_grow_older(machine.sensors[s.sensor], s, elapsed_s) for s in states]
+
+
+def judge_record(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> list[Health]:
+    """Judge each known value of a sensor by what was known at its time.
+
+    Parameters
+    ----------
+    machine
+        The machine with the sensor's neighbours.
+    sensor
+        Which sensor.
+    history
+        The record of all sensors.
+
+    Returns
+    -------
+    list of Health
+        (`ok`, `out-of-range`, `jump` or `stuck`) for each of the sensor's
+        n known values, in order of time.
+    """
+    times, values = history.known(sensor.name)
+    if values.size == 0:
+        return []
+    in_range = _in_range(sensor, values)
+    jumped = np.zeros(values.shape, dtype=bool)
+    jumped[in_range] = _jumped(sensor, times[in_range], values[in_range])
+    stuck = _stuck(machine, sensor, history, times, values)
+    verdicts = np.select([~in_range, jumped, stuck], [1, 2, 3], default=0)
+    kinds = (Health.OK, Health.OUT_OF_RANGE, Health.JUMP, Health.STUCK)
+    return [kinds[verdict] for verdict in verdicts]
 
 
 def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorState:
@@ -122,15 +194,34 @@ def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> Se
     times, values = history.known(sensor.name)
     if times.size == 0:
         return SensorState(
-            sensor.name, Health.MISSING, detail=f"{sensor.name} is missing: no reading has it"
+            sensor.name,
+            Health.MISSING,
+            detail=f"{sensor.name} is missing: no reading has it",
+        )
+    verdicts = judge_record(machine, sensor, history)
+    health = verdicts[-1]
+    value = float(values[-1])
+    detail = ""
+    if health is Health.OUT_OF_RANGE:
+        detail = f"{sensor.name} is out of range: {sensor.expectation(value)}"
+    elif health is Health.JUMP:
+        trusted = max(
+            i for i, v in enumerate(verdicts) if v not in (Health.JUMP, Health.OUT_OF_RANGE)
+        )
+        detail = (
+            f"{sensor.name} jumped from {values[trusted]:g} to {value:g} °C within "
+            f"{times[-1] - times[trusted]:.0f} s, expected at most "
+            f"{sensor.max_rate_c_per_min:g} °C/min"
+        )
+    elif health is Health.STUCK:
+        first, _ = _runs(sensor, times, values)[-1]
+        moved = _neighbours_movement(machine, sensor, history, times[first], times[-1:])
+        detail = (
+            f"{sensor.name} is stuck: exactly {value:g} °C for {times[-1] - times[first]:.0f} s "
+            f"while its neighbours moved by {moved[0]:.2g} °C"
         )
     age_s = float(history.times_s[-1] - times[-1])
-    state = _judge_range(sensor, float(values[-1]), age_s)
-    if state.health is Health.OK:
-        state = _judge_jump(sensor, times, values, state)
-    if state.health is Health.OK:
-        state = _judge_stuck(machine, sensor, history, times, values, state)
-    return _grow_older(sensor, state, 0.0)
+    return _grow_older(sensor, SensorState(sensor.name, health, value, age_s, detail), 0.0)
 
 
 def _judge_range(sensor: Sensor, value: float, age_s: float | None) -> SensorState:
@@ -140,65 +231,81 @@ def _judge_range(sensor: Sensor, value: float, age_s: float | None) -> SensorSta
     return SensorState(sensor.name, Health.OUT_OF_RANGE, value, age_s, detail)
 
 
-def _judge_jump(
-    sensor: Sensor, times: FloatArray, values: FloatArray, state: SensorState
-) -> SensorState:
-    """Compare with the last believed value: heat moves only so fast.
+def _in_range(sensor: Sensor, values: FloatArray) -> NDArray[np.bool_]:
+    return (values >= sensor.min_c) & (values <= sensor.max_c)
+
+
+def _jumped(sensor: Sensor, times: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """Compare each value with the last believed one: heat moves only so fast.
 
     A value that jumped is not believed until it comes back, or until so much time
     has passed that the change could have been a real one.
     """
     allowance = CLEARLY * sensor.resolution_c
     rate = sensor.max_rate_c_per_min / 60.0
-    believable = [i for i, v in enumerate(values) if sensor.accepts(float(v))]
-    trusted = believable[0]
-    for i in believable[1:]:
+    jumped = np.zeros(values.shape, dtype=bool)
+    trusted = 0
+    for i in range(1, len(values)):
         allowed = rate * (times[i] - times[trusted]) + allowance
         if abs(values[i] - values[trusted]) <= allowed:
             trusted = i
-    if trusted == len(values) - 1:
-        return state
-    detail = (
-        f"{sensor.name} jumped from {values[trusted]:g} to {values[-1]:g} °C within "
-        f"{times[-1] - times[trusted]:.0f} s, expected at most "
-        f"{sensor.max_rate_c_per_min:g} °C/min"
-    )
-    return SensorState(sensor.name, Health.JUMP, state.temperature_c, state.age_s, detail)
+        else:
+            jumped[i] = True
+    return jumped
 
 
-def _judge_stuck(
+def _stuck(
     machine: Machine,
     sensor: Sensor,
     history: TemperatureHistory,
     times: FloatArray,
     values: FloatArray,
-    state: SensorState,
-) -> SensorState:
-    """Compare with the neighbours: the middle one of them moved, this one did not at all."""
-    changed = np.flatnonzero(values != values[-1])
-    since_s = times[changed[-1] + 1] if changed.size else times[0]
-    unchanged_s = times[-1] - since_s
-    if unchanged_s < sensor.stuck_after_s:
-        return state
-    movements = _movements_since(machine, sensor.name, history, since_s)
-    if not movements or median_low(movements) < CLEARLY * sensor.resolution_c:
-        return state
-    detail = (
-        f"{sensor.name} is stuck: exactly {values[-1]:g} °C for {unchanged_s:.0f} s while its "
-        f"neighbours moved by {median_low(movements):.2g} °C"
-    )
-    return SensorState(sensor.name, Health.STUCK, state.temperature_c, state.age_s, detail)
+) -> NDArray[np.bool_]:
+    """Find values that did not change at all though the neighbours moved long enough ago.
+
+    The middle one of the neighbours must have moved clearly since this sensor's last
+    change, and `stuck_after_s` must have passed since then: a bed that warms an hour
+    after the spindle is not stuck, and rest is no evidence.
+    """
+    stuck = np.zeros(values.shape, dtype=bool)
+    if sensor.stuck_after_s is None:
+        return stuck
+    steps = np.abs(np.diff(values))
+    step = max(sensor.resolution_c, steps[steps > 0].min(initial=np.inf) if steps.any() else 0.0)
+    for first, last in _runs(sensor, times, values):
+        if times[last] - times[first] >= sensor.stuck_after_s:
+            until = times[first : last + 1] - sensor.stuck_after_s
+            moved = _neighbours_movement(machine, sensor, history, times[first], until)
+            stuck[first : last + 1] = moved >= CLEARLY * step
+    return stuck
 
 
-def _movements_since(
-    machine: Machine, name: str, history: TemperatureHistory, since_s: float
-) -> list[float]:
-    """Span of each other sensor's believable temperatures since a time [°C]."""
+def _runs(sensor: Sensor, times: FloatArray, values: FloatArray) -> list[tuple[int, int]]:
+    """Split a record where the value changes or a gap is too wide: (first, last) of each run."""
+    breaks = (np.diff(values) != 0) | (np.diff(times) > sensor.max_age_s)
+    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    ends = np.concatenate([starts[1:] - 1, [len(values) - 1]])
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+
+def _neighbours_movement(
+    machine: Machine,
+    sensor: Sensor,
+    history: TemperatureHistory,
+    since_s: float,
+    until_s: FloatArray,
+) -> FloatArray:
+    """Span of the middle neighbour's believable values from a time to each of others [°C]."""
     spans = []
-    for other, sensor in machine.sensors.items():
-        times, values = history.known(other)
-        believable = (values >= sensor.min_c) & (values <= sensor.max_c)
-        recent = values[(times >= since_s) & believable]
-        if other != name and recent.size:
-            spans.append(float(np.ptp(recent)))
-    return spans
+    for other in machine.sensors.values():
+        times, values = history.known(other.name)
+        counts = (times >= since_s) & _in_range(other, values)
+        if other.name != sensor.name and counts.any():
+            recent = values[counts]
+            so_far = np.maximum.accumulate(recent) - np.minimum.accumulate(recent)
+            place = np.searchsorted(times[counts], until_s, side="right") - 1
+            spans.append(np.where(place >= 0, so_far[np.maximum(place, 0)], 0.0))
+    if not spans:
+        return np.zeros(until_s.shape)
+    lower_middle: FloatArray = np.sort(spans, axis=0)[(len(spans) - 1) // 2]
+    return lower_middle

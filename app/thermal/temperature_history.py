@@ -76,8 +76,8 @@ class TemperatureHistory:
             return np.full(wanted.shape, np.nan)
         after = np.clip(np.searchsorted(times, wanted, side="left"), 0, times.size - 1)
         before = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, times.size - 1)
-        found = np.interp(wanted, times, values)
         too_wide = times[after] - times[before] > max_gap_s
+        found = np.interp(wanted, times, values)
         too_late = wanted - times[before] > max_gap_s
         too_early = wanted < times[0]
         return np.where(too_wide | too_late | too_early, np.nan, found)

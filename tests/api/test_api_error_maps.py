@@ -239,6 +239,18 @@ async def test_where_the_machine_asks_for_it_near_maps_are_averaged(client):
     assert exx["upper_map" if exx["weight"] else "lower_map"] == "Run #2 + Run #3"
 
 
+@pytest.mark.parametrize(
+    ("positions_mm", "said"),
+    [([0], "one position"), ([0, 0.25, 0.5], "are its positions in mm?"), ([0, 500], None)],
+    ids=["one", "metres", "whole travel"],
+)
+async def test_what_is_unusual_about_a_table_is_said(client, positions_mm, said):
+    answer = await stored(client, table("EXX", positions_mm, [float(p) for p in positions_mm]))
+    assert answer.status_code == 201
+    warnings = answer.json()["warnings"]
+    assert [said in w for w in warnings] == [True] if said else warnings == []
+
+
 async def test_positions_beyond_the_travel_are_stored_with_a_warning(client):
     answer = await stored(client, table("EXX", [-10, 600], [0, 1]))
     assert answer.status_code == 201

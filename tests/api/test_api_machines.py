@@ -1,7 +1,10 @@
 """Machines over HTTP."""
 
+from dataclasses import asdict
+
 import pytest
 
+from app.thermal.machine import Sensor
 from tests.service_examples import MACHINE, ROOM, START, contents, error_map, iso, problem
 
 pytestmark = pytest.mark.anyio
@@ -21,16 +24,10 @@ async def test_a_machine_comes_back_as_it_was_stated_with_defaults_written_out(e
     assert created["same_temperature"] == "refuse"
     assert created["active_model"] is None
     assert created["created_at"] == iso(START)
-    assert created["sensors"][0] == {
-        "name": "x-middle",
-        "stand_in": "y-front",  # the chapter's default, 8.2.9
-        "min_c": -10,
-        "max_c": 80,
-        "max_age_s": 120,
-        "resolution_c": 0.1,
-        "stuck_after_s": 3600,
-        "max_rate_c_per_min": 10,
-    }
+    usual = Sensor("x-middle", stand_in="y-front")  # the chapter's default, 8.2.9
+    stated = {"min_c": -10, "max_c": 80, "max_age_s": 120}
+    assert created["sensors"][0] == asdict(usual) | stated
+    assert created["sensors"][0]["resolution_c"] == 0.1
     assert [s["stand_in"] for s in created["sensors"][1:]] == [None, None, None]
     assert (await empty.get(ROOM)).json() == created
     assert (await empty.get("/v1/machines")).json() == [created]

@@ -69,7 +69,7 @@ def test_where_sensors_would_seem_to_jump_the_recorded_spacing_stays(thermap, cl
     assert found.exit_code == 0, found.output
     assert (
         "with their recorded spacing, the last one as it is sent: at 3600 times the recorded speed "
-        "x-middle would seem to jump (more than 10 °C/min)"
+        "x-middle would seem to jump (more than 5 °C/min)"
     ) in found.stderr.replace("\n", " ")
     assert client.readings("mcfv5050")[-1].time <= datetime.now(UTC)
     assert {s.health for s in client.current_table("mcfv5050").table.sensors} == {"ok"}
@@ -222,7 +222,7 @@ def test_dates_are_kept(options):
 
 @pytest.mark.parametrize(("rise_c_per_min", "jumps"), [(0.1, False), (0.16, False), (0.5, True)])
 def test_a_rate_is_what_counts_not_a_step(rise_c_per_min, jumps):
-    # Sixty times as fast: 0.16 °C/min becomes 9.6, below the 10 °C/min of a sensor.
+    # Sixty times as fast: 0.16 °C/min becomes 9.6, below the 10 °C/min that is allowed.
     found = plan(recording(rise_c_per_min))
     assert (found.stamps is Stamps.MOVED) == jumps
     assert bool(found.reason) == jumps

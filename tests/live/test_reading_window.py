@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry.chain import Chain
-from app.live.reading_window import LIMIT, ReadingWindow, window_s
+from app.live.reading_window import LIMIT, ReadingWindow
 from app.thermal.machine import Machine, Sensor, sensors_by_name
 from app.thermal.reading import Reading
-from app.thermal.sensor_health import Health
+from app.thermal.sensor_health import Health, record_needed_s
 from tests.service_examples import START
 
 
@@ -24,6 +24,10 @@ TWO = machine(Sensor("a", stuck_after_s=600.0), Sensor("b"))
 
 def at(seconds, a=20.0, b=20.0):
     return Reading(START + timedelta(seconds=seconds), {"a": a, "b": b}, {})
+
+
+def only(seconds, sensor, value=20.0):
+    return Reading(START + timedelta(seconds=seconds), {sensor: value}, {})
 
 
 def kept(window, seconds=range(-100_000, 100_000)):
@@ -62,12 +66,41 @@ def test_what_is_known_at_a_time_stays():
 
 
 def test_readings_older_than_twice_the_longest_time_to_be_stuck_are_dropped():
-    assert window_s(TWO) == 7200.0
+    assert record_needed_s(TWO.sensors.values()) == 7200.0
     window = ReadingWindow()
-    window.add(TWO, [at(0), at(100), at(7300)])
-    assert kept(window) == [at(100).time, at(7300).time]
+    window.add(TWO, [at(0), at(100), at(7290), at(7300)])
+    assert kept(window) == [at(100).time, at(7290).time, at(7300).time]
     window.add(TWO, [at(-10_000)])
-    assert kept(window) == [at(100).time, at(7300).time]
+    assert kept(window) == [at(100).time, at(7290).time, at(7300).time]
+
+
+def test_sensors_that_report_apart_from_each_other_are_all_kept():
+    """Two gateways once a minute, 2 s apart; and one sensor that reports only now and then."""
+    window = ReadingWindow()
+    for minute in range(300):
+        window.add(TWO, [only(60.0 * minute, "a"), only(60.0 * minute + 2.0, "b")])
+        assert {s.health for s in window.judge(TWO)} == {Health.OK}
+    fast = ReadingWindow()
+    fast.add(TWO, [only(5.0, "b")])
+    for second in range(600):
+        fast.add(TWO, [only(float(second), "a")])
+    assert {s.sensor: s.health for s in fast.judge(TWO)} == {"a": Health.OK, "b": Health.OK}
+
+
+def test_a_sensors_newest_value_stays_however_old_it_is():
+    window = ReadingWindow()
+    window.add(TWO, [only(0.0, "b")])
+    window.add(TWO, [only(100_000.0 + i, "a") for i in range(50)])
+    states = {s.sensor: s for s in window.judge(TWO)}
+    assert (states["b"].health, states["b"].temperature_c) == (Health.STALE, 20.0)
+
+
+def test_a_jump_is_seen_however_long_the_window():
+    patient = machine(Sensor("a", stuck_after_s=86_400.0), Sensor("b"))
+    window = ReadingWindow()
+    window.add(patient, [at(float(i)) for i in range(600)])
+    window.add(patient, [at(600.0, a=50.0)])
+    assert {s.sensor: s.health for s in window.judge(patient)}["a"] is Health.JUMP
 
 
 def test_fast_readings_are_thinned_but_the_newest_is_always_there():
@@ -132,6 +165,6 @@ def test_readings_from_many_threads_all_arrive():
 @pytest.mark.parametrize("step_s", [0.5, 1.0, 9.99, 10.0, 60.0])
 def test_a_stuck_sensor_is_found_however_fast_the_readings_come(step_s):
     window = ReadingWindow()
-    count = int(660 / step_s)
+    count = int(960 / step_s)  # b has moved by 1 °C after 250 s, and 600 s more may pass
     window.add(TWO, [at(step_s * i, a=20.0, b=20.0 + 0.004 * step_s * i) for i in range(count)])
     assert {s.sensor: s.health for s in window.judge(TWO)}["a"] is Health.STUCK

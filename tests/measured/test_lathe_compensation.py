@@ -6,9 +6,11 @@ that the service's own correlation proposes. Other runs' temperatures go through
 service as readings; predictions at the times of the measured displacements are
 compared with them. Each run is zeroed at its own start, and so is its prediction.
 
-What is asserted is what was found with these data, which says as much about the lathe
-as about the service: one static sensor follows Z of a run at the same speed and room
-temperature, and makes a run at half the speed worse, because speed is no temperature.
+What is asserted is what was found with these data, which says more about the lathe than
+about the service: one static sensor follows Z of one run at the same speed (20200701,
+the best of all), and makes another run at the same speed (20200813) and one at half the
+speed (20200818) worse. What is missing (lag, spindle speed, drift from run to run) is
+not a matter of interpolation between maps.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -41,7 +43,7 @@ async def store_maps(client, run):
         "id": "lathe",
         "name": "GV1-1203",
         "configuration": "FZX",
-        "sensors": [{"name": name, "resolution_c": 0.05, "max_age_s": 3600} for name in SENSORS],
+        "sensors": [{"name": name, "resolution_c": 0.1, "max_age_s": 3600} for name in SENSORS],
     }
     assert (await client.post("/v1/machines", json=machine)).status_code == 201
     for row in states_of(run):
@@ -59,12 +61,9 @@ async def store_maps(client, run):
 
 
 async def assign_by_correlation(client):
-    """PUT for each component the sensor with the largest |r|; return the assignment."""
+    """PUT the service's proposal; return the assignment."""
     answer = (await client.post("/v1/machines/lathe/sensor-assignment/correlate")).json()
-    best = {
-        c["component"]: max(c["correlations"], key=lambda s: abs(s["r"] or 0.0))["sensor"]
-        for c in answer["components"]
-    }
+    best = answer["proposal"]
     put = await client.put("/v1/machines/lathe/sensor-assignment", json=best)
     assert put.status_code == 200, put.text
     return best
@@ -107,7 +106,7 @@ async def test_replayed_runs_of_the_lathe(lathe):
     assignment = await assign_by_correlation(lathe)
     mapped = read_run(MAPPED_RUN)
     rows = states_of(mapped)
-    for date in ("20200701", "20200615", "20200818"):
+    for date in ("20200701", "20200615", "20200813", "20200818"):
         run = read_run(date)
         for code, (measured, residual) in (await residuals(lathe, run)).items():
             sensor = assignment[code]
@@ -122,9 +121,10 @@ async def test_replayed_runs_of_the_lathe(lathe):
             print(f"{date} {code} {sensor}: {rms(measured):.1f} -> {rms(residual):.1f} µm")
 
 
-async def test_same_speed_is_followed_and_another_speed_is_not(lathe):
+async def test_one_run_is_followed_and_others_are_made_worse(lathe):
     await assign_by_correlation(lathe)
     measured, residual = (await residuals(lathe, read_run("20200701")))["EZZ"]
     assert rms(residual) < 0.4 * rms(measured)
-    measured, residual = (await residuals(lathe, read_run("20200818")))["EZZ"]
-    assert rms(residual) > 2 * rms(measured)
+    for date in ("20200813", "20200818"):
+        measured, residual = (await residuals(lathe, read_run(date)))["EZZ"]
+        assert rms(residual) > rms(measured)

@@ -96,18 +96,18 @@ def test_readers_of_sqlite_are_not_in_the_writers_way(sqlite):
 
 
 def test_a_writer_of_sqlite_waits_for_its_turn_and_gives_up_in_time(sqlite_url, monkeypatch):
+    """Here a writer of another process, which only the file's own lock keeps waiting."""
     monkeypatch.setattr(module, "BUSY_TIMEOUT_S", 0.05)
-    database = Database(sqlite_url)
+    database, other = Database(sqlite_url), Database(sqlite_url)
     with database.writing() as first:
         assert list_machines(first) == []  # only reads, but means to write
-        with (
-            pytest.raises(StorageUnavailable, match="locked"),
-            database.writing() as second,
-        ):
+        with pytest.raises(StorageUnavailable, match="locked"), other.writing() as second:
             list_machines(second)
-    with database.writing() as session:
+    with other.writing() as session:
         insert_machine(session, machine("a"), START)
+    assert names(database) == ["a"]
     database.close()
+    other.close()
 
 
 def test_a_locked_machine_is_changed_by_one_at_a_time(database):

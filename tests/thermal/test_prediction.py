@@ -213,7 +213,7 @@ def test_a_point_is_as_trustworthy_as_its_worst_component():
     found = predict_points(model, live, points, np.zeros((5, 3)), np.zeros(5), {})
     assert found.status == list(cases)
     assert np.isfinite(found.values[:4]).all()
-    assert np.isnan(found.values[4]).any()
+    assert np.isnan(found.values[4]).all()
 
 
 def test_outside_what_the_policy_allows_there_is_no_point():
@@ -221,7 +221,21 @@ def test_outside_what_the_policy_allows_there_is_no_point():
     live = {"x-middle": np.array([25.0]), "z-column": np.array([90.0])}
     found = predict_points(model, live, np.ones((1, 3)), np.zeros((1, 3)), UNKNOWN, {})
     assert found.status == [OUTSIDE_MAPS]
-    assert np.isnan(found.values).any()
+    assert np.isnan(found.values).all()
+
+
+def test_an_unknown_rotation_makes_a_point_unknown_even_where_it_has_no_lever():
+    """ECZ of XYFZ turns the tool alone, and there is no tool offset here."""
+    tables = [table("EXX", [1.0], [0]), table("ECZ", [5.0], [0])]
+    maps = [
+        error_map(f"Run #{i}", {"x-middle": t, "z-column": t}, *tables)
+        for i, t in enumerate([20.0, 30.0])
+    ]
+    live = at_x_middle(25.0, 25.0, **{"z-column": [25.0, np.nan]})
+    points = np.ones((2, 3))
+    found = predict_points(compiled(maps), live, points, np.zeros((2, 3)), np.zeros(2), {})
+    assert found.status == [Status.INTERPOLATED, NO_READING]
+    np.testing.assert_array_equal(found.values, [[1.0, 0.0, 0.0], [np.nan] * 3])
 
 
 def test_without_two_maps_no_error_known_is_not_an_error_of_zero():

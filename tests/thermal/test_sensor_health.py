@@ -1,5 +1,6 @@
 """Whether a sensor can be believed."""
 
+import numpy as np
 import pytest
 
 from app.errors import InvalidContent
@@ -7,8 +8,10 @@ from app.thermal.machine import Sensor
 from app.thermal.sensor_health import (
     Health,
     assess_sensors,
+    believed,
     check_temperatures,
     grow_older,
+    judge_record,
 )
 from app.thermal.temperature_history import TemperatureHistory
 from tests.thermal.example_maps import machine
@@ -16,8 +19,8 @@ from tests.thermal.example_maps import machine
 MINUTE = 60.0
 HOUR = 3600.0
 
-# Defaults of a sensor: stale after 600 s, stuck after 3600 s, 10 °C/min, 0.1 °C.
-THREE = machine(Sensor("a"), Sensor("b"), Sensor("c"))
+# Defaults of a sensor: stale after 600 s, stuck after 3600 s, 0.1 °C.
+THREE = machine(*(Sensor(name, max_rate_c_per_min=10.0) for name in "abc"))
 
 
 def assessed(readings, sensors=THREE):
@@ -189,16 +192,78 @@ def test_not_when_the_neighbours_rest_too():
 
 
 def test_not_before_the_time_is_up():
-    stuck_for = every_ten_minutes(1, a=20.0, b=warming(9), c=warming(9))
-    assert assessed(stuck_for[:-1])["a"].health is Health.OK
-    assert assessed(stuck_for)["a"].health is Health.STUCK
+    """The neighbours have moved by 1.5 °C at 10 min; an hour later a had time to follow."""
+    readings = every_ten_minutes(2, a=20.0, b=warming(9), c=warming(9))
+    assert assessed(readings[:7])["a"].health is Health.OK
+    assert assessed(readings[:8])["a"].health is Health.STUCK
 
 
 def test_the_time_counts_from_the_last_change():
-    """a moved until 2 h and rests since: 50 min later that is not yet an hour."""
-    readings = every_ten_minutes(3, a=lambda h: 20.0 + min(h, 2.0), b=warming(9), c=warming(9))
-    assert assessed(readings[:-1])["a"].health is Health.OK
+    """a moved until 2 h in steps of 1/6 °C; the others moved by ten of these by 2 h 20 min."""
+    readings = every_ten_minutes(4, a=lambda h: 20.0 + min(h, 2.0), b=warming(9), c=warming(9))
+    assert assessed(readings[:20])["a"].health is Health.OK
+    assert assessed(readings[:21])["a"].health is Health.STUCK
+
+
+def test_a_bed_that_warms_an_hour_after_the_spindle_is_not_stuck_after_a_nights_rest():
+    """Rest is no evidence: what counts is the time since the neighbours moved."""
+
+    def after_a_night(rate, delay_h):
+        return lambda h: 20.0 + rate * max(h - 8.0 - delay_h, 0.0)
+
+    readings = every_ten_minutes(
+        10, a=after_a_night(1, 0.9), b=after_a_night(20, 0.0), c=after_a_night(9, 0.1)
+    )
+    for end in range(1, len(readings) + 1):
+        assert assessed(readings[:end])["a"].health is Health.OK
+
+
+def test_a_gap_between_readings_is_no_time_without_change():
+    """20 °C before and after 70 min of silence; who knows what was between."""
+    before = [(i * 60.0, {"a": 20.0, "b": 20.0 + i, "c": 20.0 + i}) for i in range(10)]
+    after = [(4800.0 + i * 60.0, {"a": 20.0, "b": 29.0, "c": 29.0}) for i in range(10)]
+    assert assessed(before + after)["a"].health is Health.OK
+
+
+def test_a_sensor_may_be_allowed_to_stand_still():
+    patient = machine(Sensor("a", stuck_after_s=None), Sensor("b"), Sensor("c"))
+    readings = every_ten_minutes(8, a=20.0, b=warming(3), c=warming(3))
+    assert assessed(readings, patient)["a"].health is Health.OK
     assert assessed(readings)["a"].health is Health.STUCK
+
+
+def test_a_sensor_of_whole_degrees_is_known_by_its_steps():
+    """Steps of 1 °C: neighbours that move by 6 °C prove nothing of it."""
+    readings = every_ten_minutes(
+        4, a=lambda h: 20.0 if h < 0.5 else 21.0, b=warming(2), c=warming(2)
+    )
+    assert assessed(readings)["a"].health is Health.OK
+
+
+# --- the whole record --------------------------------------------------------------------
+
+
+def test_what_was_not_to_be_believed_is_left_out_of_a_record():
+    readings = [(i * 60.0, {"a": 20.0, "b": 20.0 + 0.01 * i, "c": 20.0}) for i in range(5)]
+    readings[1][1]["b"] = 60.0
+    readings[3][1]["c"] = -999.0
+    cleaned = believed(THREE, TemperatureHistory.of_readings("abc", readings))
+    assert np.isnan(cleaned.temperatures_c["a"]).tolist() == [False] * 5
+    assert np.isnan(cleaned.temperatures_c["b"]).tolist() == [False, True, False, False, False]
+    assert np.isnan(cleaned.temperatures_c["c"]).tolist() == [False, False, False, True, False]
+
+
+def test_the_record_is_judged_as_the_live_sensors_were():
+    """The last verdict of every beginning of a record is that time's verdict in the whole."""
+    rng = np.random.default_rng(8105)
+    readings = every_ten_minutes(6, a=20.0, b=warming(3), c=lambda h: 20.0 + 4 * h)
+    for i in rng.choice(len(readings), 8, replace=False):
+        readings[i][1]["b"] += 50.0
+    history = TemperatureHistory.of_readings("abc", readings)
+    whole = {n: judge_record(THREE, THREE.sensors[n], history) for n in "abc"}
+    for end in range(1, len(readings) + 1):
+        states = health(assessed(readings[:end]))
+        assert states == {n: str(whole[n][end - 1]) for n in "abc"}
 
 
 def test_the_neighbours_movement_counts_from_then_too():

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Response
 
 from app.api.dependencies import ContextDep, MachinePath, MapPath
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
-from app.services.show_machines import show_error_map, show_error_maps, show_machine
+from app.services.show_machines import show_error_map, show_error_maps
 from app.services.store_error_map import remarks, store_error_map
 from app.services.withdraw_error_map import withdraw_map
 
@@ -21,12 +21,11 @@ def post_error_map(
 
     The same content under the same label again answers 200 with the stored map.
     """
-    stored, is_new = store_error_map(context, machine, body.to_error_map())
-    response.status_code = 201 if is_new else 200
-    response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{stored.id}"
-    described = show_machine(context, machine).machine
-    shown, in_active_model = show_error_map(context, machine, stored.id)
-    return ErrorMapAnswer.of(shown, in_active_model, remarks(described, shown.error_map))
+    found = store_error_map(context, machine, body.to_error_map())
+    response.status_code = 201 if found.is_new else 200
+    response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{found.stored.id}"
+    warnings = remarks(found.machine, found.stored.error_map)
+    return ErrorMapAnswer.of(found.stored, found.in_active_model, warnings)
 
 
 @router.get("", summary="List error maps", response_model_exclude_none=True)

@@ -86,7 +86,11 @@ _StateName = Annotated[
     str, StringConstraints(min_length=1, max_length=200), AfterValidator(_no_control_characters)
 ]
 
-Temperatures = Annotated[dict[str, Number], Field(examples=[{"x-middle": 24.1, "z-column": 27.3}])]
+Temperatures = Annotated[
+    dict[str, Number],
+    Field(max_length=1000),
+    Field(examples=[{"x-middle": 24.1, "z-column": 27.3}]),
+]
 """Sensor name to temperature [°C]."""
 
 MachineState = Annotated[

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import Field
 
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
+from app.geometry.components import COMPONENTS
 
 
 class CompensationRequest(Schema):
@@ -77,6 +78,17 @@ class ComponentCompensationAnswer(Schema):
     )
     effects: list[Any] = Field(description="Adopted effects that are in these numbers")
 
+    @property
+    def unit(self) -> str:
+        """The unit of this component's errors and compensation."""
+        return COMPONENTS[self.component].unit.symbol
+
+    @property
+    def compensation(self) -> list[float] | float:
+        """Minus the error, in `unit`: a list over the positions, or a single number."""
+        value: list[float] | float = getattr(self, COMPONENTS[self.component].compensation_field)
+        return value
+
 
 class CompensationAnswer(Schema):
     """The compensation table at stated temperatures."""
@@ -84,7 +96,11 @@ class CompensationAnswer(Schema):
     machine: str = Field(description="The machine's id", examples=["mcfv5050"])
     model_version: int = Field(description="Version of the model", examples=[3])
     computed_at: UtcTime = Field(description="When it was computed, UTC")
-    complete: bool = Field(description="Whether everything that the maps know is in the table")
+    complete: bool = Field(
+        description=(
+            "Whether every component of the maps is in the table, none on an old temperature"
+        )
+    )
     warnings: list[str] = Field(description="All that is not as it should be, in sentences")
     components: list[ComponentCompensationAnswer] = Field(description="One for each component")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Self
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from app.api.schemas.base import (
     Name,
@@ -116,6 +116,20 @@ class ComponentAnswer(ComponentSchema):
 
 class ErrorMapSchema(Schema):
     """All components measured in one thermal state."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "label": "Run #1",
+                "measured_at": "2026-03-01T06:00:00Z",
+                "temperatures_c": {"x-middle": 20.1, "y-front": 20.0, "z-column": 20.3},
+                "components": [
+                    {"component": "EXX", "positions_mm": [0, 250, 500], "errors_um": [0, 1.2, 2.1]},
+                    {"component": "SXY", "value_um_per_m": -12.1},
+                ],
+            }
+        }
+    )
 
     label: Name = Field(description="The map's name on its machine", examples=["Run #1"])
     measured_at: UtcTime = Field(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Annotated, Any, Self
 
-from pydantic import Field, StringConstraints
+from pydantic import ConfigDict, Field, StringConstraints
 
 from app.api.schemas.base import Millimetres, Name, Number, Schema, UtcTime
 from app.errors import InvalidContent
@@ -64,11 +64,18 @@ class SensorSchema(Schema):
         description="Age above which a value is stale; longest gap bridged in time [s]",
     )
     resolution_c: Annotated[Number, Field(gt=0, le=1000)] = Field(
-        _USUAL.resolution_c, description="Temperatures closer than this are the same [°C]"
+        _USUAL.resolution_c,
+        description=(
+            "Temperatures closer than this are the same; ten times this is a movement that "
+            "sensors must show [°C]"
+        ),
     )
-    stuck_after_s: Annotated[Number, Field(gt=0, le=86400)] = Field(
+    stuck_after_s: Annotated[Number, Field(gt=0, le=86400)] | None = Field(
         _USUAL.stuck_after_s,
-        description="Without any change for this long while its neighbours move, it is stuck [s]",
+        description=(
+            "Without any change for this long after its neighbours moved clearly, it is stuck "
+            "[s]; null for a sensor that may stand still"
+        ),
     )
     max_rate_c_per_min: Annotated[Number, Field(gt=0, le=1e6)] = Field(
         _USUAL.max_rate_c_per_min,
@@ -78,6 +85,22 @@ class SensorSchema(Schema):
 
 class MachineSettings(Schema):
     """A machine's description as a user states it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "id": "mcfv5050",
+                "name": "MCFV5050LN",
+                "configuration": "XYFZ",
+                "axes": {"x": {"min_mm": 0, "max_mm": 500}},
+                "sensors": [
+                    {"name": "x-middle", "stand_in": "y-front"},
+                    {"name": "y-front"},
+                    {"name": "z-column"},
+                ],
+            }
+        }
+    )
 
     id: MachineId
     name: Name = Field(description="Name for people", examples=["MCFV5050LN"])
@@ -137,6 +160,8 @@ class MachineAnswer(MachineSettings):
 
 class MachinePatch(Schema):
     """The settings to change; lists are replaced whole, axes one by one (RFC 7396)."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"out_of_range": "extrapolate"}})
 
     name: Name | None = Field(None, description="Name for people")
     configuration: str | None = Field(None, description="Kinematic chain", examples=["XYFZ"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from app.api.schemas.base import (
     Integer,
@@ -52,19 +52,27 @@ class ObservationSchema(Schema):
             component, sign = parse_component(str(self.component))
         except UnknownComponent as error:
             raise InvalidContent.of_field("component", error.detail) from None
-        if sign < 0:
-            raise InvalidContent.of_field(
-                "component", f"expected {component.code}, whose sign is the map's, came ISO's name"
-            )
         if component.is_table and self.position_mm is None:
             raise InvalidContent.of_field(
                 "position_mm", f"expected a position of {component.code} in mm, came none"
             )
-        return Observation(self.time, component.code, self.position_mm, direction=direction)
+        return Observation(
+            self.time, component.code, self.position_mm, direction=direction, sign=sign
+        )
 
 
 class PredictionRequest(Schema):
     """What is to be predicted, and with which version."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "observations": [
+                    {"time": "2026-03-01T06:00:00Z", "component": "EXX", "position_mm": 250}
+                ]
+            }
+        }
+    )
 
     observations: Annotated[list[ObservationSchema], Field(min_length=1, max_length=100_000)] = (
         Field(description="Where and when")

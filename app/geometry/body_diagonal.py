@@ -1,0 +1,203 @@
+"""The four body diagonals of a work volume, and what they say of it (8.108–8.111, ISO 230-6).
+
+A diagonal's three letters say in which direction each axis runs, p up and n down: npp
+runs from (x_max, y_min, z_min) to (x_min, y_max, z_max). Its displacement is the error
+along the diagonal's unit vector r since the start, in µm; positive where the machine
+went too far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent, list_names
+from app.geometry.error_field import ErrorField
+from app.geometry.volumetric_error import NO_TOOL
+from app.geometry.work_volume import WorkVolume
+
+DIAGONALS: Final = ("ppp", "npp", "pnp", "ppn")
+"""The chapter's four; each run backwards is nnn, pnn, npn, nnp."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiagonalAccuracy:
+    """How far the displacements on the body diagonals spread.
+
+    Parameters
+    ----------
+    ranges_um
+        Diagonal to the largest less the smallest displacement on it [µm] (8.130–8.133;
+        the labels of 8.132 and 8.133 are misprinted).
+    ed_um
+        Ed, the largest of these ranges [µm].
+    esd_um
+        ESd, the largest less the smallest displacement of all diagonals together [µm].
+    """
+
+    ranges_um: Mapping[str, float]
+    ed_um: float
+    esd_um: float
+
+
+def diagonal_ends(volume: WorkVolume, diagonal: str) -> tuple[FloatArray, FloatArray]:
+    """Find where a body diagonal begins and ends.
+
+    Parameters
+    ----------
+    volume
+        The box.
+    diagonal
+        `ppp`, `npp`, `pnp` or `ppn`.
+
+    Returns
+    -------
+    start, end : ndarray, shape (3,) [mm]
+
+    Raises
+    ------
+    InvalidContent
+        If there is no such diagonal.
+
+    Examples
+    --------
+    >>> box = WorkVolume((0.0, 3.0), (0.0, 4.0), (0.0, 12.0))
+    >>> start, end = diagonal_ends(box, "npp")
+    >>> start.tolist(), end.tolist()
+    ([3.0, 0.0, 0.0], [0.0, 4.0, 12.0])
+    """
+    if diagonal not in DIAGONALS:
+        raise InvalidContent.of_field(
+            "diagonals", f"expected {list_names(DIAGONALS)}, came {diagonal!r}"
+        )
+    ranges = zip(diagonal, volume.ranges_mm, strict=True)
+    ends = np.array([(low, high) if way == "p" else (high, low) for way, (low, high) in ranges])
+    return ends[:, 0], ends[:, 1]
+
+
+def diagonal_displacements(
+    field: ErrorField,
+    volume: WorkVolume,
+    steps: int = 20,
+    tool_offset_mm: ArrayLike = NO_TOOL,
+) -> dict[str, FloatArray]:
+    """Say what a laser along each body diagonal would read.
+
+    Parameters
+    ----------
+    field
+        The errors at one thermal state.
+    volume
+        The box whose diagonals they are, longer than nothing.
+    steps
+        Number n of equal steps on each diagonal.
+    tool_offset_mm : array-like, shape (3,) [mm]
+        Tool offset T of the reflector.
+
+    Returns
+    -------
+    dict of diagonal to ndarray, shape (n + 1,) [µm]
+        Displacement along the diagonal since its start, actual minus nominal; the
+        first is 0.
+
+    Raises
+    ------
+    InvalidContent
+        If the field has several thermal states, the box is a point, or there is no step.
+
+    Notes
+    -----
+    Projects the volumetric error itself. At the end of a diagonal of rotations that do
+    not change this is 8.108–8.111 for FXYZ (in 8.110 the last A_y(y) is to be A_x(y));
+    for XYZF the same four terms with opposite signs, not "exactly the same".
+
+    Examples
+    --------
+    >>> from app.geometry.chain import Chain
+    >>> from app.geometry.error_table import Table
+    >>> field = ErrorField.make(Chain.parse("FXYZ"), {"SXY": Table((), 10.0)})
+    >>> box = WorkVolume((0.0, 300.0), (0.0, 400.0), (0.0, 1200.0))
+    >>> read = diagonal_displacements(field, box, steps=2)
+    >>> {name: round(float(values[-1]), 3) for name, values in read.items()}
+    {'ppp': 0.923, 'npp': -0.923, 'pnp': -0.923, 'ppn': 0.923}
+    """
+    field.expect_one_state()
+    if not volume.diagonal_mm > 0 or steps < 1:
+        raise InvalidContent.of_field(
+            "steps",
+            f"expected a diagonal longer than 0 mm in at least 1 step, came "
+            f"{volume.diagonal_mm:g} mm in {steps}",
+        )
+    found = {}
+    for diagonal in DIAGONALS:
+        start, end = diagonal_ends(volume, diagonal)
+        errors_um, _ = field.at(np.linspace(start, end, steps + 1), tool_offset_mm)
+        found[diagonal] = displacement_along(errors_um, end - start)
+    return found
+
+
+def displacement_along(errors_um: FloatArray, direction: FloatArray) -> FloatArray:
+    """Project errors on a direction, counted from the first point.
+
+    Parameters
+    ----------
+    errors_um : ndarray, shape (n, 3) [µm]
+        Errors at points along a line.
+    direction : ndarray, shape (3,)
+        The line's direction, of any length.
+
+    Returns
+    -------
+    ndarray, shape (n,) [µm]
+    """
+    along: FloatArray = (errors_um - errors_um[0]) @ (direction / np.linalg.norm(direction))
+    return along
+
+
+def diagonal_accuracy(displacements_um: Mapping[str, ArrayLike]) -> DiagonalAccuracy:
+    """Compute Ed and ESd from the displacements on the body diagonals.
+
+    Parameters
+    ----------
+    displacements_um : mapping of diagonal to array-like, shape (n,) [µm]
+        Measured, or of a model; each counted from its start.
+
+    Returns
+    -------
+    DiagonalAccuracy
+
+    Raises
+    ------
+    InvalidContent
+        If one of the four diagonals is missing, empty or not finite.
+
+    Notes
+    -----
+    (8.130–8.133) and the two lines below them. A squareness error alone makes two
+    diagonals longer and two shorter by the same amount, so that it enters Ed once and
+    ESd twice; the chapter's "does not include squareness errors" of Ed means the
+    difference between diagonals.
+
+    Examples
+    --------
+    >>> found = diagonal_accuracy({"ppp": [0, 3], "npp": [0, -2], "pnp": [0, 1], "ppn": [0, 1]})
+    >>> found.ed_um, found.esd_um
+    (3.0, 5.0)
+    """
+    arrays = {
+        name: np.asarray(values, dtype=np.float64) for name, values in displacements_um.items()
+    }
+    for name in DIAGONALS:
+        values = arrays.get(name, np.empty(0))
+        if not values.size or not np.isfinite(values).all():
+            raise InvalidContent.of_field(
+                f"diagonals.{name}", "expected finite displacements in µm, came none or others"
+            )
+    ranges = {name: float(np.ptp(arrays[name])) for name in DIAGONALS}
+    everything = np.concatenate([arrays[name].ravel() for name in DIAGONALS])
+    return DiagonalAccuracy(ranges, max(ranges.values()), float(np.ptp(everything)))

@@ -1,0 +1,171 @@
+"""What controllers of different ability leave of the volumetric error (C. Wang, 8.2.1–8.2.4).
+
+A controller takes away what its tables know: displacements alone (8.89–8.91), with
+straightness into which squareness is folded (8.92–8.94), with angular errors and their
+lever arms (8.95–8.97), or with nonrigid slopes too (8.98–8.100; all three printed with
+signs that contradict 8.68–8.82, so that the rule of `volumetric_error` is used).
+
+What angular errors do at the present tool offset is left over by displacement and
+straightness tables. Where the map states measuring lines (Hsu 17–25), its translations
+contain the angular errors' effect on those lines, and only the difference to them is
+left; without them the chapter's convention holds: translations are free of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind
+from app.geometry.error_field import ErrorField
+from app.geometry.error_table import PackedTable, Table
+from app.geometry.volumetric_error import NO_TOOL, squareness_of
+from app.geometry.work_volume import WorkVolume
+from app.units import um_from_urad_mm
+
+
+class Level(StrEnum):
+    """What a controller can compensate, from nothing to everything."""
+
+    NOTHING = "nothing"
+    DISPLACEMENT = "displacement"
+    STRAIGHTNESS = "straightness"
+    ANGULAR = "angular"
+    NONRIGID = "nonrigid"
+
+
+_MEASURED_ALONG_LINES: Final = frozenset({Kind.LINEAR, Kind.STRAIGHTNESS, Kind.SQUARENESS})
+
+_KNOWS: Final[Mapping[Level, frozenset[Kind]]] = {
+    Level.NOTHING: frozenset(),
+    Level.DISPLACEMENT: frozenset({Kind.LINEAR}),
+    Level.STRAIGHTNESS: _MEASURED_ALONG_LINES,
+    Level.ANGULAR: _MEASURED_ALONG_LINES | {Kind.ANGULAR},
+    Level.NONRIGID: _MEASURED_ALONG_LINES | {Kind.ANGULAR, Kind.SLOPE},
+}
+"""The kinds of components that each level takes away."""
+
+
+@dataclass(frozen=True, slots=True)
+class CompensationLevel:
+    """One level: its tables, and what they leave.
+
+    Parameters
+    ----------
+    level
+        What the controller can compensate.
+    tables
+        Component code to table of errors [mm, µm or µrad]; the compensation is minus
+        the error. Squareness is folded into EXY, EXZ and EYZ.
+    mean_um, rms_um, max_um
+        Of the length of the volumetric error that is left over the points [µm].
+    """
+
+    level: Level
+    tables: Mapping[str, Table]
+    mean_um: float
+    rms_um: float
+    max_um: float
+
+
+def compensation_levels(
+    field: ErrorField,
+    volume: WorkVolume,
+    tool_offset_mm: ArrayLike = NO_TOOL,
+    points_per_axis: int = 11,
+) -> list[CompensationLevel]:
+    """Compare what each kind of controller would leave of the volumetric error.
+
+    Parameters
+    ----------
+    field
+        The errors at one thermal state.
+    volume
+        The work volume; an even lattice of its points is looked at, faces, edges and
+        corners included.
+    tool_offset_mm : array-like, shape (3,) [mm]
+        The present tool offset T.
+    points_per_axis
+        Size of that lattice.
+
+    Returns
+    -------
+    list of CompensationLevel
+        From nothing to nonrigid. The last leaves nothing of the model.
+
+    Raises
+    ------
+    InvalidContent
+        If the field has several thermal states or the lattice fewer than 2 points.
+    """
+    field.expect_one_state()
+    points = volume.lattice(points_per_axis)
+    errors_um, _ = field.at(points, tool_offset_mm)
+    levels = []
+    for level, kinds in _KNOWS.items():
+        taken_um, _ = field.only(_of_kinds(kinds)).at(points, tool_offset_mm)
+        left = np.linalg.norm(errors_um - taken_um, axis=1)
+        levels.append(
+            CompensationLevel(
+                level=level,
+                tables=level_tables(field, volume, level),
+                mean_um=float(left.mean()),
+                rms_um=float(np.sqrt((left**2).mean())),
+                max_um=float(left.max()),
+            )
+        )
+    return levels
+
+
+def level_tables(field: ErrorField, volume: WorkVolume, level: Level) -> dict[str, Table]:
+    """Give the tables that a controller of one level needs.
+
+    Parameters
+    ----------
+    field
+        The errors at one thermal state.
+    volume
+        The work volume, over which squareness is folded into straightness.
+    level
+        What the controller can compensate.
+
+    Returns
+    -------
+    dict of component code to Table
+        Errors [mm, µm or µrad]. No squareness is among them: EXY has SXY·y, EXZ has
+        SZX·z and EYZ has SYZ·z in it at every position (8.58–8.60, 8.92–8.94), whose
+        positions are its own, in the volume, and the volume's ends.
+    """
+    field.expect_one_state()
+    known = field.only(_of_kinds(_KNOWS[level])).tables
+    folded = {
+        code: Table(positions, values[0])
+        for code, (positions, values) in known.items()
+        if COMPONENTS[code].axis is not None
+    }
+    for row, times, value in squareness_of({c: float(v[0, 0]) for c, (_, v) in known.items()}):
+        code = f"E{LINEAR_LETTERS[row]}{LINEAR_LETTERS[times]}".upper()
+        folded[code] = _folded(known.get(code), float(value), volume.ranges_mm[times])
+    return folded
+
+
+def _folded(
+    straightness: PackedTable | None, squareness: float, ends_mm: tuple[float, float]
+) -> Table:
+    """Add squareness [µm/m] times position to a straightness table [µm]."""
+    positions, values = straightness or (np.empty(0), np.zeros((1, 1)))
+    low, high = ends_mm
+    inside = positions[(positions >= low) & (positions <= high)]
+    nodes: FloatArray = np.union1d(ends_mm, inside)
+    at_nodes = np.interp(nodes, positions, values[0]) if positions.size > 1 else values[0, 0]
+    return Table(nodes, at_nodes + um_from_urad_mm(squareness) * nodes)
+
+
+def _of_kinds(kinds: frozenset[Kind]) -> Callable[[Component], bool]:
+    return lambda component: component.kind in kinds

@@ -1,0 +1,148 @@
+"""One component's table of errors over positions, checked and as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray, frozen
+from app.errors import InvalidContent
+from app.geometry.axis_table import CLOSEST_MM, FARTHEST_MM
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+
+
+class Table(NamedTuple):
+    """One component's errors at one thermal state or at several.
+
+    `positions_mm` has shape (k,), strictly increasing, and is empty for a single value
+    (squareness, or an error that does not depend on position). `values` has shape (k,),
+    or (s, k) for s states; k is 1 for a single value.
+    """
+
+    positions_mm: ArrayLike
+    values: ArrayLike
+
+
+PackedTable: TypeAlias = tuple[FloatArray, FloatArray]
+"""Positions (k,) or (0,) and values (s, k), checked."""
+
+
+def checked_table(code: str, table: Table) -> PackedTable:
+    """Take one table as arrays.
+
+    Parameters
+    ----------
+    code
+        The component's code.
+    table
+        Its positions [mm] and values [the component's unit].
+
+    Returns
+    -------
+    positions, values : ndarray, shapes (k,) or (0,), and (k,) or (s, k)
+
+    Raises
+    ------
+    InvalidContent
+        If something is not finite, not increasing or of unequal length.
+    """
+    if code not in COMPONENTS:
+        raise InvalidContent.of_field(code, f"expected an error component's code, came {code!r}")
+    positions, values = frozen(table.positions_mm), frozen(table.values)
+    unit = COMPONENTS[code].unit.symbol
+    bounded(code, positions)
+    if not np.isfinite(values).all():
+        raise InvalidContent.of_field(code, f"expected finite values in {unit}, came {values}")
+    if positions.ndim != 1 or (np.diff(positions) < CLOSEST_MM).any():
+        raise InvalidContent.of_field(
+            code,
+            f"expected increasing positions in mm, at least {CLOSEST_MM:g} mm apart, "
+            f"came {positions.tolist()}",
+        )
+    expected = max(positions.size, 1)
+    if values.ndim > 2 or values.shape[-1] != expected:
+        raise InvalidContent.of_field(
+            code,
+            f"expected {expected} values in {unit}, one for each position, or so many for each "
+            f"thermal state, came an array of shape {values.shape}",
+        )
+    return positions, values
+
+
+def checked_line(axis: str, line_mm: ArrayLike) -> tuple[float, float, float]:
+    """Take the point that states an axis' measuring line.
+
+    Parameters
+    ----------
+    axis
+        `x`, `y` or `z`.
+    line_mm : array-like, shape (3,) [mm]
+        A point of the line.
+
+    Returns
+    -------
+    tuple of 3 floats [mm]
+
+    Raises
+    ------
+    InvalidContent
+        If there is no such axis, or the point has not three finite coordinates.
+    """
+    field = f"measuring_lines_mm.{axis}"
+    line = np.asarray(line_mm, dtype=np.float64)
+    if axis not in LINEAR_LETTERS or line.shape != (3,):
+        raise InvalidContent.of_field(
+            field, f"expected x, y and z of a point in mm for axis x, y or z, came {line_mm!r}"
+        )
+    x, y, z = bounded(field, line).tolist()
+    return (x, y, z)
+
+
+def union_of_positions(tables: Iterable[PackedTable]) -> FloatArray:
+    """Unite the positions of tables that depend on position.
+
+    Parameters
+    ----------
+    tables
+        Any number of tables.
+
+    Returns
+    -------
+    ndarray, shape (k,) [mm]
+        Increasing; empty where no table depends on position.
+    """
+    varying = [positions for positions, _ in tables if positions.size > 1]
+    return np.unique(np.concatenate(varying)) if varying else np.empty(0)
+
+
+def bounded(field: str, array_mm: FloatArray) -> FloatArray:
+    """Refuse lengths that are not finite or far beyond any machine.
+
+    Parameters
+    ----------
+    field
+        Field that states them.
+    array_mm : ndarray, of any shape [mm]
+        Coordinates or lengths.
+
+    Returns
+    -------
+    ndarray, same shape [mm]
+        The same array.
+
+    Raises
+    ------
+    InvalidContent
+        If there is such a number; the sentence says where the first of them is.
+    """
+    if array_mm.size and not (array_mm.min() > -FARTHEST_MM and array_mm.max() < FARTHEST_MM):
+        wrong = np.argwhere(~(np.abs(array_mm) < FARTHEST_MM))[0].tolist()
+        raise InvalidContent.of_field(
+            field,
+            f"expected finite numbers within ±{FARTHEST_MM:g} mm, "
+            f"came {array_mm[tuple(wrong)]:g} mm at index {wrong}",
+        )
+    return array_mm

@@ -1,0 +1,228 @@
+"""Location errors of rotary axes and what they do to a point that the axes carry.
+
+T.-H. Hsieh et al., Geometric error compensation method using the Laser R-test (2024),
+[R]: a rotary axis stands beside and askew to where it should be. Its eight errors for
+an A and a C axis do not depend on the angle, but their effect does.
+
+Sign: error = actual minus nominal position, in the machine's directions, of a point
+that the rotary axes carry (the ball on the table, [R] 12, 25; the tool on a swivelling
+head). Where the axes carry the workpiece, the tool's error relative to it is minus
+this. Angles are positive by the right-hand rule about the axis' positive direction:
+[R] 9–13 and 22–25, while [R] 14–16 and 26–28 as printed are for −θ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent, list_names
+from app.geometry.components import COMPONENTS, Kind
+from app.geometry.error_table import bounded
+from app.geometry.volumetric_error import as_points
+from app.units import UM_PER_MM, URAD_PER_RAD
+
+_LOCATIONS: Final = {
+    "c": ("XOC", "YOC", "AOC", "BOC"),
+    "a": ("YOA", "ZOA", "BOA", "COA"),
+}
+"""The errors of each rotary axis that [R] treats; it gives none for a B axis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotaryAxis:
+    """A rotary axis as it is: one line in space, or one for each of n states.
+
+    Parameters
+    ----------
+    point_mm : ndarray, shape (3,) or (n, 3) [mm]
+        A point of the axis: where it crosses z = 0 (C) or x = 0 (A).
+    direction : ndarray, shape (3,) or (n, 3)
+        Unit vector.
+    """
+
+    point_mm: FloatArray
+    direction: FloatArray
+
+    def turn(self, points_mm: FloatArray, angle_rad: FloatArray) -> FloatArray:
+        """Turn points about the axis (Rodrigues; [R] 9, 22).
+
+        Parameters
+        ----------
+        points_mm : ndarray, shape (n, 3) [mm]
+            Points before the turn.
+        angle_rad : ndarray, shape (n,) [rad]
+            Angles, positive by the right-hand rule.
+
+        Returns
+        -------
+        ndarray, shape (n, 3) [mm]
+            Points after it.
+        """
+        arm = points_mm - self.point_mm
+        cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
+        along = (arm * self.direction).sum(axis=1, keepdims=True) * self.direction
+        turned: FloatArray = cos * arm + sin * np.cross(self.direction, arm) + (1 - cos) * along
+        return self.point_mm + turned
+
+
+def actual_axis(
+    letter: str, errors: Mapping[str, ArrayLike], pivot_mm: ArrayLike = (0.0, 0.0, 0.0)
+) -> RotaryAxis:
+    """Place a rotary axis where its location errors put it.
+
+    Parameters
+    ----------
+    letter
+        `a` or `c`.
+    errors
+        Component code to value [µm for XOC, YOC, YOA, ZOA; µrad for AOC, BOC, BOA,
+        COA], or to an array of shape (n,); those left out count as zero.
+    pivot_mm : array-like, shape (3,) [mm]
+        A point of the nominal axis.
+
+    Returns
+    -------
+    RotaryAxis
+
+    Raises
+    ------
+    InvalidContent
+        If there is no such axis.
+
+    Notes
+    -----
+    Directions are the exact ones of [R] 8, (cos A sin B, −sin A, cos A cos B), and
+    [R] 21, (cos B cos C, cos B sin C, −sin B).
+
+    Examples
+    --------
+    >>> actual_axis("c", {"XOC": -0.5, "YOC": 21.5}).point_mm.tolist()
+    [-0.0005, 0.0215, 0.0]
+    """
+    if letter not in _LOCATIONS:
+        raise InvalidContent.of_field(
+            "order", f"expected rotary axes among A and C ([R] has no B), came {letter!r}"
+        )
+    first, second, tilt, other = (
+        np.asarray(errors.get(code, 0.0), dtype=np.float64) for code in _LOCATIONS[letter]
+    )
+    tilt, other = tilt / URAD_PER_RAD, other / URAD_PER_RAD
+    first, second = first / UM_PER_MM, second / UM_PER_MM
+    x, y, z = np.asarray(pivot_mm, dtype=np.float64)
+    if letter == "c":
+        point = _columns(x + first, y + second, 0.0)
+        direction = _columns(
+            np.cos(tilt) * np.sin(other), -np.sin(tilt), np.cos(tilt) * np.cos(other)
+        )
+    else:
+        point = _columns(0.0, y + first, z + second)
+        direction = _columns(
+            np.cos(tilt) * np.cos(other), np.cos(tilt) * np.sin(other), -np.sin(tilt)
+        )
+    return RotaryAxis(point, direction)
+
+
+def rotary_location_error(
+    errors: Mapping[str, ArrayLike],
+    points_mm: ArrayLike,
+    angles_deg: Mapping[str, ArrayLike],
+    order: str = "AC",
+    pivots_mm: Mapping[str, ArrayLike] | None = None,
+) -> FloatArray:
+    """Say how far a carried point is from where it should be at given angles.
+
+    Parameters
+    ----------
+    errors
+        Code of a location error to its value [µm or µrad], or to an array of shape
+        (n,); those left out count as zero.
+    points_mm : array-like, shape (3,) or (n, 3) [mm]
+        The point (ball, workpiece or tool) with all rotary axes at 0, in coordinates
+        along the machine's directions in which the base of the rotary axes stands still
+        (on a swivelling head: coordinates that travel with the head).
+    angles_deg
+        Rotary axis (`a`, `c`) to its angle, or to an array of shape (n,) [°]; axes left
+        out stand at 0.
+    order
+        Rotary axes from the base outward: in `AC` the A axis carries the C axis, as in
+        a tilting rotary table; `C` alone for one axis.
+    pivots_mm
+        Rotary axis to a point of its nominal line [mm], of which C uses x and y, and A
+        uses y and z; the origin where left out.
+
+    Returns
+    -------
+    ndarray, shape (n, 3) [µm]
+        Actual minus nominal position of the carried point, exact in the errors; 0 where
+        all angles are 0.
+
+    Raises
+    ------
+    InvalidContent
+        If an axis is not A or C, or a component is no location error.
+
+    Notes
+    -----
+    The errors are those at angle 0 of all axes: an axis that is carried moves with the
+    one that carries it. In [R] 11 the last element is to be k_z k_z vθ + cθ and the one
+    before it k_y k_z vθ + k_x sθ, as in [R] 9.
+
+    Examples
+    --------
+    An axis 1 µm too far in x throws a point at C = 180° by 2 µm.
+
+    >>> error_um = rotary_location_error({"XOC": 1.0}, [100.0, 0.0, 50.0], {"c": 180.0}, "C")
+    >>> np.allclose(error_um, [[2.0, 0.0, 0.0]])
+    True
+    """
+    carriers = _checked_order(order, angles_deg, errors)
+    pivots = {letter.lower(): pivot for letter, pivot in (pivots_mm or {}).items()}
+    asked = {letter.lower(): np.asarray(angle, float) for letter, angle in angles_deg.items()}
+    points = bounded("points_mm", as_points(points_mm))
+    shapes = [points[:, 0], *asked.values(), *(np.asarray(v, float) for v in errors.values())]
+    n = np.broadcast(*shapes).size
+    actual = nominal = np.broadcast_to(points, (n, 3))
+    # The outermost axis turns first: it is carried by those before it.
+    for letter in reversed(carriers):
+        angle = np.broadcast_to(np.deg2rad(asked.get(letter, np.zeros(()))), (n,))
+        pivot = pivots.get(letter, np.zeros(3))
+        actual = actual_axis(letter, errors, pivot).turn(actual, angle)
+        nominal = actual_axis(letter, {}, pivot).turn(nominal, angle)
+    error_um: FloatArray = (actual - nominal) * UM_PER_MM
+    return error_um
+
+
+def _checked_order(
+    order: str, angles_deg: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+) -> str:
+    carriers = order.lower()
+    unknown = [letter for letter in carriers if letter not in _LOCATIONS]
+    if unknown or not carriers or len(set(carriers)) != len(carriers):
+        raise InvalidContent.of_field(
+            "order",
+            f"expected the rotary axes from the base outward, AC, CA, A or C ([R] has no B), "
+            f"came {order!r}",
+        )
+    absent = [letter for letter in angles_deg if letter.lower() not in carriers]
+    if absent:
+        raise InvalidContent.of_field(
+            "angles_deg", f"expected angles in ° of {order}, came {list_names(absent)}"
+        )
+    for code in errors:
+        if code not in COMPONENTS or COMPONENTS[code].kind is not Kind.ROTARY_LOCATION:
+            known = [code for codes in _LOCATIONS.values() for code in codes]
+            raise InvalidContent.of_field(
+                "errors", f"expected location errors ({list_names(known)}), came {code!r}"
+            )
+    return carriers
+
+
+def _columns(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> FloatArray:
+    """Put three coordinates side by side: shape (3,) or (n, 3)."""
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1).astype(np.float64)
