@@ -8,7 +8,9 @@ prepared, and handed to the next test.
 import os
 import shutil
 from collections import defaultdict
+from contextlib import suppress
 from pathlib import Path
+from time import time
 from uuid import uuid4
 
 import psycopg
@@ -22,6 +24,8 @@ from app.storage.tables import Base
 KINDS = ("sqlite", "postgresql")
 
 POSTGRESQL = os.environ.get("THERMAP_TEST_POSTGRESQL", "postgresql://postgres@127.0.0.1:5432/test")
+
+PREFIX = "thermap_test_"
 
 NO_WAIT = {"options": "-c synchronous_commit=off"}
 """PostgreSQL answers before its disk does: its durability is not what is tested here."""
@@ -56,7 +60,7 @@ class Databases:
 
     def empty(self, kind):
         """Make a database without tables; return its URL."""
-        name = f"thermap_{uuid4().hex}"
+        name = f"{PREFIX}{int(time()):x}_{uuid4().hex[:16]}"
         if kind == "sqlite":
             return f"sqlite:///{self._folder / name}.db"
         self._execute(f'CREATE DATABASE "{name}"')
@@ -111,7 +115,17 @@ class Databases:
             except psycopg.OperationalError as error:
                 shown = make_url(POSTGRESQL).render_as_string()
                 raise NotReachable(f"no PostgreSQL reachable at {shown}: {error}") from None
+            self._sweep()
         self._server.execute(statement)
+
+    def _sweep(self):
+        """Drop what runs that were killed have left: nobody's, and more than an hour old."""
+        names = "SELECT datname FROM pg_database WHERE datname LIKE %s"
+        for (name,) in self._server.execute(names, [f"{PREFIX}%"]).fetchall():
+            made = int(name.removeprefix(PREFIX).split("_")[0], 16)
+            if made < time() - 3600:
+                with suppress(psycopg.Error):
+                    self._server.execute(f'DROP DATABASE IF EXISTS "{name}"')
 
 
 class Refillable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -47,7 +47,7 @@ class Database:
     def __init__(self, url: str) -> None:
         self.engine = _make_engine(url)
         on_sqlite = self.engine.dialect.name == "sqlite"
-        self._turn: AbstractContextManager[Any] = Lock() if on_sqlite else nullcontext()
+        self._writer = Lock() if on_sqlite else None
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -60,7 +60,7 @@ class Database:
         """Open a session that is committed at the end, or rolled back whole."""
         writer = self.engine.execution_options(thermap_writes=True)
         with (
-            self._turn,
+            self._turn(),
             _saying_when_away(),
             Session(writer, expire_on_commit=False) as session,
             session.begin(),
@@ -76,7 +76,7 @@ class Database:
         here, and checked before the commit.
         """
         writer = self.engine.execution_options(thermap_writes=True)
-        with self._turn, _saying_when_away(), writer.connect() as connection:
+        with self._turn(), _saying_when_away(), writer.connect() as connection:
             on_sqlite = connection.dialect.name == "sqlite"
             driver: Any = connection.connection.dbapi_connection
             if on_sqlite:
@@ -91,6 +91,19 @@ class Database:
             finally:
                 if on_sqlite:
                     driver.execute("PRAGMA foreign_keys = ON")
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Wait for this process's other writers, on SQLite; StorageBusy when it takes too long."""
+        if self._writer is None:
+            yield
+            return
+        if not self._writer.acquire(timeout=BUSY_TIMEOUT_S):
+            raise StorageBusy(f"the database is busy: others wrote for {BUSY_TIMEOUT_S:g} s")
+        try:
+            yield
+        finally:
+            self._writer.release()
 
     @property
     def name(self) -> str:
