@@ -38,9 +38,11 @@ def test_a_table_that_others_refer_to_is_made_anew_with_all_rows(database):
 
 def test_a_migration_that_loses_what_rows_refer_to_is_rolled_back(databases):
     """On SQLite; PostgreSQL refuses the statement itself."""
-    database = Database(databases.copied("sqlite", furnish_database))
+    url = databases.prepared("sqlite", furnish_database)
+    database = Database(url)
     before = counts(database)
     with pytest.raises(RuntimeError, match="lost"), database.migrating() as connection:
         connection.execute(text("DELETE FROM machine"))
     assert counts(database) == before
     database.close()
+    databases.give_back(url)
