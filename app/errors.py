@@ -108,3 +108,12 @@ def list_names(names: Iterable[str], limit: int = 20) -> str:
         return "none"
     more = len(shown) - limit
     return ", ".join(shown[:limit]) + (f" and {more} more" if more > 0 else "")
+
+
+def counted(number: int, one: str, more: str | None = None) -> str:
+    """Write a number of things for a sentence; `more` where an s does not make the plural.
+
+    >>> counted(1, "point"), counted(0, "point"), counted(2, "entry", "entries")
+    ('1 point', '0 points', '2 entries')
+    """
+    return f"{number} {one if number == 1 else more or one + 's'}"

@@ -7,6 +7,7 @@ module also says which unit a field's name promises.
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import Final
 
@@ -14,6 +15,11 @@ UM_PER_MM: Final = 1000.0
 MM_PER_M: Final = 1000.0
 URAD_PER_RAD: Final = 1e6
 KELVIN_AT_0_C: Final = 273.15
+
+SMALLEST_POWER: Final = 5
+"""Smaller uncertainties than 10⁻⁵ are written with a power of ten."""
+
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Unit(StrEnum):
@@ -38,6 +44,7 @@ _SYMBOLS: Final = {
     "urad": "µrad",
     "mm": "mm",
     "c": "°C",
+    "deg": "°",
     "s": "s",
     "rpm": "1/min",
 }
@@ -67,3 +74,33 @@ def um_from_urad_mm(product: float) -> float:
     3.0
     """
     return product / MM_PER_M
+
+
+def plus_minus(value: float, error: float | None, unit: str) -> str:
+    """Write a value with its standard error, rounded to what is known.
+
+    Parameters
+    ----------
+    value
+        The value.
+    error
+        One standard deviation; None where none was estimated.
+    unit
+        The unit's symbol.
+
+    Examples
+    --------
+    >>> plus_minus(41.23, 1.9, "min"), plus_minus(-0.2137, 0.0114, "µm/K")
+    ('41 ± 2 min', '-0.214 ± 0.011 µm/K')
+    >>> plus_minus(41.23, None, "min"), plus_minus(2.1e-7, 1e-8, "µm")
+    ('41.2 min', '(2.10 ± 0.10)·10⁻⁷ µm')
+    """
+    if error is None or not error > 0 or not math.isfinite(error):
+        return f"{value:.3g} {unit}"
+    power = math.floor(math.log10(error))
+    if power < -SMALLEST_POWER:
+        exponent = math.floor(math.log10(max(abs(value), error)))
+        scaled = plus_minus(value / 10.0**exponent, error / 10.0**exponent, "").strip()
+        return f"({scaled})·10{str(exponent).translate(_RAISED)} {unit}"
+    digits = max(-power + (1 if error / 10.0**power < 1.5 else 0), 0)
+    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}"

@@ -30,7 +30,12 @@ def test_a_fields_name_ends_in_its_unit(field, unit):
 
 @pytest.mark.parametrize("component", COMPONENTS.values(), ids=lambda c: c.code)
 def test_each_components_fields_promise_its_unit(component):
-    for field in (component.input_field, component.error_field, component.compensation_field):
+    for field in (
+        component.input_field,
+        component.error_field,
+        component.standard_error_field,
+        component.compensation_field,
+    ):
         assert unit_of_field(field) == component.unit.symbol
 
 

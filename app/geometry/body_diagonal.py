@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent, list_names
+from app.geometry.components import LINEAR_LETTERS
 from app.geometry.error_field import ErrorField
 from app.geometry.volumetric_error import NO_TOOL
 from app.geometry.work_volume import WorkVolume
@@ -85,6 +86,8 @@ def diagonal_displacements(
     volume: WorkVolume,
     steps: int = 20,
     tool_offset_mm: ArrayLike = NO_TOOL,
+    *,
+    at_nodes: bool = False,
 ) -> dict[str, FloatArray]:
     """Say what a laser along each body diagonal would read.
 
@@ -98,10 +101,13 @@ def diagonal_displacements(
         Number n of equal steps on each diagonal.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T of the reflector.
+    at_nodes
+        Whether the tables' nodes, and the middles between all stops, are read too: for
+        the extremes of a model rather than the readings of an instrument.
 
     Returns
     -------
-    dict of diagonal to ndarray, shape (n + 1,) [µm]
+    dict of diagonal to ndarray, shape (n + 1,), or longer with nodes [µm]
         Displacement along the diagonal since its start, actual minus nominal; the
         first is 0.
 
@@ -133,12 +139,27 @@ def diagonal_displacements(
             f"expected a diagonal longer than 0 mm in at least 1 step, came "
             f"{volume.diagonal_mm:g} mm in {steps}",
         )
+    shares = np.linspace(0.0, 1.0, steps + 1)
+    if at_nodes:
+        shares = _with_nodes(field, volume, shares)
     found = {}
     for diagonal in DIAGONALS:
         start, end = diagonal_ends(volume, diagonal)
-        errors_um, _ = field.at(np.linspace(start, end, steps + 1), tool_offset_mm)
+        errors_um, _ = field.at(start + shares[:, None] * (end - start), tool_offset_mm)
         found[diagonal] = displacement_along(errors_um, end - start)
     return found
+
+
+def _with_nodes(field: ErrorField, volume: WorkVolume, shares: FloatArray) -> FloatArray:
+    """Add the tables' nodes, in both directions of each axis, and the middles between all."""
+    found = [shares]
+    for axis, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True):
+        if high > low:
+            inside = (field.nodes_mm(axis) - low) / (high - low)
+            inside = inside[(inside > 0.0) & (inside < 1.0)]
+            found += [inside, 1.0 - inside]
+    united = np.unique(np.concatenate(found))
+    return np.sort(np.concatenate([united, (united[1:] + united[:-1]) / 2]))
 
 
 def displacement_along(errors_um: FloatArray, direction: FloatArray) -> FloatArray:

@@ -95,6 +95,11 @@ class Component:
         return f"{_STEM[self.kind] if self.is_table else 'error'}_{self.unit}"
 
     @property
+    def standard_error_field(self) -> str:
+        """Name of the field in which maps and answers state the errors' standard errors."""
+        return f"standard_{'errors' if self.is_table else 'error'}_{self.unit}"
+
+    @property
     def compensation_field(self) -> str:
         """Name of the field in which an answer gives minus the error."""
         return f"compensation_{self.unit}"

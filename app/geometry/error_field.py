@@ -23,13 +23,12 @@ from app.geometry.error_table import (
     PackedTable,
     Table,
     bounded,
-    checked_line,
     checked_table,
     union_of_positions,
 )
+from app.geometry.measuring_line import MeasuringLines
 from app.geometry.volumetric_error import (
     NO_TOOL,
-    MeasuringLines,
     Squareness,
     as_points,
     as_tool_offset,
@@ -52,7 +51,7 @@ class ErrorField:
         Order of the axes.
     tables
         Component code to positions [mm] and values of shape (s, k).
-    measuring_lines_mm
+    measuring_lines
         As for `volumetric_error`.
     states
         Number s of states; None where there is one and answers have no axis for it.
@@ -60,7 +59,7 @@ class ErrorField:
 
     chain: Chain
     tables: Mapping[str, PackedTable]
-    measuring_lines_mm: MeasuringLines
+    measuring_lines: MeasuringLines
     states: int | None
     _axes: Mapping[str, AxisTable]
     _squareness: tuple[Squareness, ...]
@@ -70,7 +69,7 @@ class ErrorField:
         cls,
         chain: Chain,
         tables: Mapping[str, Table],
-        measuring_lines_mm: MeasuringLines | None = None,
+        measuring_lines: MeasuringLines | None = None,
     ) -> ErrorField:
         """Check and pack the tables of all components.
 
@@ -82,7 +81,7 @@ class ErrorField:
             Component code to table [mm, the component's unit]. Components left out
             count as zero; rotary-axis locations are not the linear axes' and are
             left aside.
-        measuring_lines_mm
+        measuring_lines
             As for `volumetric_error`.
 
         Returns
@@ -92,8 +91,8 @@ class ErrorField:
         Raises
         ------
         InvalidContent
-            If a table is not finite, not increasing or of unequal length, if two
-            tables differ in their number of states, or a measuring line is no point.
+            If a table is not finite, not increasing or of unequal length, or if two
+            tables differ in their number of states.
 
         Examples
         --------
@@ -116,17 +115,14 @@ class ErrorField:
             code: (positions, np.broadcast_to(values, (states or 1, values.shape[-1])))
             for code, (positions, values) in checked.items()
         }
-        lines = {
-            axis: checked_line(axis, line) for axis, line in (measuring_lines_mm or {}).items()
-        }
-        return cls._packed(chain, shared, lines, states)
+        return cls._packed(chain, shared, measuring_lines or {}, states)
 
     @classmethod
     def _packed(
         cls,
         chain: Chain,
         tables: Mapping[str, PackedTable],
-        measuring_lines_mm: MeasuringLines,
+        measuring_lines: MeasuringLines,
         states: int | None,
     ) -> ErrorField:
         axes = {axis: packed for axis in chain.axes if (packed := _axis_table(axis, tables))}
@@ -134,7 +130,7 @@ class ErrorField:
             squareness_of({code: float(values[state, 0]) for code, (_, values) in tables.items()})
             for state in range(states or 1)
         )
-        return cls(chain, tables, measuring_lines_mm, states, axes, squareness)
+        return cls(chain, tables, measuring_lines, states, axes, squareness)
 
     def only(self, wanted: Callable[[Component], bool]) -> ErrorField:
         """Keep some components: what a controller knows, or what a definition counts.
@@ -150,7 +146,7 @@ class ErrorField:
             All others count as zero.
         """
         kept = {code: t for code, t in self.tables.items() if wanted(COMPONENTS[code])}
-        return self._packed(self.chain, kept, self.measuring_lines_mm, self.states)
+        return self._packed(self.chain, kept, self.measuring_lines, self.states)
 
     def at(
         self, points_mm: ArrayLike, tool_offset_mm: ArrayLike = NO_TOOL
@@ -263,7 +259,7 @@ class ErrorField:
                 squareness,
                 points_mm,
                 tool_offset_mm,
-                self.measuring_lines_mm,
+                self.measuring_lines,
             )
             for state, squareness in enumerate(self._squareness)
         ]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray, frozen
-from app.errors import InvalidContent
+from app.errors import InvalidContent, counted
 from app.geometry.axis_table import CLOSEST_MM, FARTHEST_MM
-from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.geometry.components import COMPONENTS
 
 
 class Table(NamedTuple):
@@ -66,39 +66,10 @@ def checked_table(code: str, table: Table) -> PackedTable:
     if values.ndim > 2 or values.shape[-1] != expected:
         raise InvalidContent.of_field(
             code,
-            f"expected {expected} values in {unit}, one for each position, or so many for each "
-            f"thermal state, came an array of shape {values.shape}",
+            f"expected {counted(expected, 'value')} in {unit}, one for each position, or "
+            f"so many for each thermal state, came an array of shape {values.shape}",
         )
     return positions, values
-
-
-def checked_line(axis: str, line_mm: ArrayLike) -> tuple[float, float, float]:
-    """Take the point that states an axis' measuring line.
-
-    Parameters
-    ----------
-    axis
-        `x`, `y` or `z`.
-    line_mm : array-like, shape (3,) [mm]
-        A point of the line.
-
-    Returns
-    -------
-    tuple of 3 floats [mm]
-
-    Raises
-    ------
-    InvalidContent
-        If there is no such axis, or the point has not three finite coordinates.
-    """
-    field = f"measuring_lines_mm.{axis}"
-    line = np.asarray(line_mm, dtype=np.float64)
-    if axis not in LINEAR_LETTERS or line.shape != (3,):
-        raise InvalidContent.of_field(
-            field, f"expected x, y and z of a point in mm for axis x, y or z, came {line_mm!r}"
-        )
-    x, y, z = bounded(field, line).tolist()
-    return (x, y, z)
 
 
 def union_of_positions(tables: Iterable[PackedTable]) -> FloatArray:

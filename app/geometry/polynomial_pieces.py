@@ -5,7 +5,7 @@ axis' position, and lever arms and slopes multiply it by coordinates. So the err
 a polynomial of degree 1 along most coordinates, and of degree 2 where
 
 - a workpiece-side axis turns its own offset: u · ω(u), unless its measuring line is
-  stated;
+  stated (what slopes add to the rotation acts on the whole arm all the same);
 - a rotation grows with a coordinate that is also its arm: slope · v · v.
 """
 
@@ -44,7 +44,8 @@ def degree_along(field: ErrorField, axis: str) -> int:
         component = COMPONENTS[code]
         if component.is_rotation and component.axis in field.chain.axes:
             is_arm = axis in field.chain.acts_on(component.axis)
-            turns_itself = component.axis == axis and axis not in field.measuring_lines_mm
+            from_line = component.times is None and axis in field.measuring_lines
+            turns_itself = component.axis == axis and not from_line
             if is_arm and ((turns_itself and positions.size > 1) or component.times == axis):
                 return 2
     return 1

@@ -107,7 +107,7 @@ def actual_axis(
     """
     if letter not in _LOCATIONS:
         raise InvalidContent.of_field(
-            "order", f"expected rotary axes among A and C ([R] has no B), came {letter!r}"
+            "order", f"expected rotary axes among A and C (a B axis is not known), came {letter!r}"
         )
     first, second, tilt, other = (
         np.asarray(errors.get(code, 0.0), dtype=np.float64) for code in _LOCATIONS[letter]
@@ -126,6 +126,32 @@ def actual_axis(
             np.cos(tilt) * np.cos(other), np.cos(tilt) * np.sin(other), -np.sin(tilt)
         )
     return RotaryAxis(point, direction)
+
+
+def location_codes(order: str) -> list[str]:
+    """List the location errors of rotary axes.
+
+    Parameters
+    ----------
+    order
+        The axes from the base outward, `AC`, `CA`, `A` or `C`.
+
+    Returns
+    -------
+    list of str
+        Component codes.
+
+    Raises
+    ------
+    InvalidContent
+        If the order names another axis, one twice, or none.
+
+    Examples
+    --------
+    >>> location_codes("C")
+    ['XOC', 'YOC', 'AOC', 'BOC']
+    """
+    return [code for letter in _checked_order(order) for code in _LOCATIONS[letter]]
 
 
 def rotary_location_error(
@@ -181,10 +207,12 @@ def rotary_location_error(
     >>> np.allclose(error_um, [[2.0, 0.0, 0.0]])
     True
     """
-    carriers = _checked_order(order, angles_deg, errors)
+    carriers = _checked_order(order)
+    _check_belonging(order, angles_deg, errors)
     pivots = {letter.lower(): pivot for letter, pivot in (pivots_mm or {}).items()}
     asked = {letter.lower(): np.asarray(angle, float) for letter, angle in angles_deg.items()}
     points = bounded("points_mm", as_points(points_mm))
+    _check_angles(asked, len(points))
     shapes = [points[:, 0], *asked.values(), *(np.asarray(v, float) for v in errors.values())]
     n = np.broadcast(*shapes).size
     actual = nominal = np.broadcast_to(points, (n, 3))
@@ -198,17 +226,39 @@ def rotary_location_error(
     return error_um
 
 
-def _checked_order(
-    order: str, angles_deg: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-) -> str:
+def _checked_order(order: str) -> str:
     carriers = order.lower()
     unknown = [letter for letter in carriers if letter not in _LOCATIONS]
     if unknown or not carriers or len(set(carriers)) != len(carriers):
         raise InvalidContent.of_field(
             "order",
-            f"expected the rotary axes from the base outward, AC, CA, A or C ([R] has no B), "
-            f"came {order!r}",
+            "expected the rotary axes from the base outward, AC, CA, A or C (a B axis is not "
+            f"known), came {order!r}",
         )
+    return carriers
+
+
+def _check_angles(angles_deg: Mapping[str, FloatArray], points: int) -> None:
+    sizes = {angle.size for angle in angles_deg.values()}
+    n = max(points, *sizes, 1)
+    for letter, angle in angles_deg.items():
+        field = f"angles_deg.{letter.upper()}"
+        if not np.isfinite(angle).all():
+            raise InvalidContent.of_field(
+                field, "expected finite angles in °, came NaN or infinity"
+            )
+        if angle.ndim > 1 or angle.size not in (1, n) or points not in (1, n):
+            raise InvalidContent.of_field(
+                field,
+                f"expected one angle in ° or one for each of {points if points > 1 else n} points "
+                f"or angles, came {angle.size}",
+            )
+
+
+def _check_belonging(
+    order: str, angles_deg: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+) -> None:
+    carriers = order.lower()
     absent = [letter for letter in angles_deg if letter.lower() not in carriers]
     if absent:
         raise InvalidContent.of_field(
@@ -220,7 +270,6 @@ def _checked_order(
             raise InvalidContent.of_field(
                 "errors", f"expected location errors ({list_names(known)}), came {code!r}"
             )
-    return carriers
 
 
 def _columns(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> FloatArray:

@@ -113,7 +113,7 @@ def volumetric_accuracy(
         Size of an even lattice of points; by default the nodes of the axes' tables in
         the volume and its ends.
     diagonal_steps
-        Number of steps on each body diagonal.
+        Number of steps on each body diagonal; the tables' nodes are looked at too.
 
     Returns
     -------
@@ -139,7 +139,9 @@ def volumetric_accuracy(
         linear.look(points, translations.at(points)[0])
         angular.look(points, field.rotation_at(points))
         with_arms.look(points, field.at(points, tool_offset_mm)[0])
-    displacements = diagonal_displacements(field, volume, diagonal_steps, tool_offset_mm)
+    displacements = diagonal_displacements(
+        field, volume, diagonal_steps, tool_offset_mm, at_nodes=True
+    )
     return VolumetricAccuracy(
         linear=linear.spread(),
         angular=angular.spread(),

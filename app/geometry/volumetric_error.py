@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray
-from app.errors import InvalidContent
+from app.errors import InvalidContent, counted
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.geometry.measuring_line import MeasuringLine, MeasuringLines
 from app.units import MM_PER_M
 
-MeasuringLines: TypeAlias = Mapping[str, tuple[float, float, float]]
 Values: TypeAlias = FloatArray | float
 Motion: TypeAlias = dict[str | None, FloatArray]
 """One axis' errors at n points, by what they multiply: None for the errors themselves, a
@@ -37,6 +37,8 @@ Arm: TypeAlias = list[Values | None]
 """Three lengths [m]; None where there is no lever."""
 
 NO_TOOL: Final = (0.0, 0.0, 0.0)
+ROWS: Final = range(3)
+"""Of x, y and z."""
 
 
 def volumetric_error(
@@ -44,7 +46,7 @@ def volumetric_error(
     errors: Mapping[str, FloatArray],
     points_mm: ArrayLike,
     tool_offset_mm: ArrayLike = NO_TOOL,
-    measuring_lines_mm: MeasuringLines | None = None,
+    measuring_lines: MeasuringLines | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Sum all component errors at points of the work volume.
 
@@ -59,10 +61,10 @@ def volumetric_error(
         Nominal positions x, y, z.
     tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
         Tool offset T.
-    measuring_lines_mm
-        Axis to the point of the line along which its translations were measured
-        [mm]: they then contain the rotation times that line's offset already
-        (Y.-Y. Hsu 2011, 17–25), so the lever arms count from that line.
+    measuring_lines
+        Axis to the line along which its translations were measured: they then contain
+        the rotation times that line's offset already (Y.-Y. Hsu 2011, 17–25), so lever
+        arms and nonrigid slopes count from that line.
 
     Returns
     -------
@@ -92,7 +94,7 @@ def volumetric_error(
     tool = as_tool_offset(tool_offset_mm, len(points))
     motions = _motions(chain, errors, len(points))
     total, turned = sum_over_axes(
-        chain, motions, squareness_of(errors), points.T, tool.T, measuring_lines_mm or {}
+        chain, motions, squareness_of(errors), points.T, tool.T, measuring_lines or {}
     )
     return np.ascontiguousarray(total.T), tool_direction(turned).T.copy()
 
@@ -103,13 +105,13 @@ def sum_over_axes(
     squareness: Squareness,
     points_mm: FloatArray,
     tool_offset_mm: FloatArray,
-    measuring_lines_mm: MeasuringLines,
+    measuring_lines: MeasuringLines,
 ) -> tuple[FloatArray, FloatArray]:
     """Sum translations and rotations with their lever arms: the rule itself.
 
     Parameters
     ----------
-    chain, measuring_lines_mm
+    chain, measuring_lines
         As for `volumetric_error`.
     motions
         Axis to its errors at the points, as `Motion`.
@@ -132,11 +134,14 @@ def sum_over_axes(
     turned = np.zeros(points_m.shape)
     for axis in chain.axes:
         if axis in motions:
-            motion = _with_slopes(motions[axis], points_m)
-            arm = _arm(chain, axis, points_m, measuring_lines_mm.get(axis))
-            total += motion[:3]
-            turned += motion[3:]
-            _add_cross(total, motion[3:], arm)
+            line = measuring_lines.get(axis)
+            known, grown = _along_and_beside(motions[axis], points_m, line)
+            arm = [points_m[i] if LINEAR_LETTERS[i] in chain.acts_on(axis) else None for i in ROWS]
+            for motion, lever in ((known, _from_line(arm, axis, line)), (grown, arm)):
+                if motion is not None:
+                    total += motion[:3]
+                    turned += motion[3:]
+                    _add_cross(total, motion[3:], lever)
     # T is an arm of every axis: Σ ω × T = (Σ ω) × T.
     _add_cross(total, turned, [t / MM_PER_M if np.any(t) else None for t in tool_offset_mm])
     for row, times, value in squareness:
@@ -210,8 +215,8 @@ def as_tool_offset(tool_offset_mm: ArrayLike, points: int) -> FloatArray:
     if tool.shape not in {(3,), (points, 3)}:
         raise InvalidContent.of_field(
             "tool_offset_mm",
-            f"expected one tool offset x, y, z in mm or one for each of {points} points, "
-            f"came an array of shape {tool.shape}",
+            "expected one tool offset x, y, z in mm or one for each of "
+            f"{counted(points, 'point')}, came an array of shape {tool.shape}",
         )
     return tool
 
@@ -249,35 +254,40 @@ def squareness_of(errors: Mapping[str, Values]) -> Squareness:
     ]
 
 
-def _with_slopes(motion: Motion, points_m: FloatArray) -> FloatArray:
-    """E(u) + Σ slope · coordinate (8.1–8.18): shape (6, n) [µm, µrad]."""
-    first, *others = (
-        block if times is None else block * points_m[LINEAR_LETTERS.index(times)]
-        for times, block in motion.items()
-    )
-    for block in others:
-        first = first + block
-    return first
+def _along_and_beside(
+    motion: Motion, points_m: FloatArray, line: MeasuringLine | None
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Split E(u) + Σ slope · coordinate (8.1–8.18): on the measuring line, and beside it.
+
+    Without a line all of it acts with the whole lever arm: it is all known on the axis.
+    """
+    known = motion.get(None)
+    grown = None
+    for times, slopes in motion.items():
+        if times is not None:
+            i = LINEAR_LETTERS.index(times)
+            from_mm = 0.0 if line is None else line.point_mm[i]
+            added = slopes * (points_m[i] - from_mm / MM_PER_M)
+            grown = added if grown is None else grown + added
+    if line is None and known is not None and grown is not None:
+        return known + grown, None
+    return known, grown
 
 
-def _arm(
-    chain: Chain,
-    axis: str,
-    points_m: FloatArray,
-    line_mm: tuple[float, float, float] | None,
-) -> Arm:
-    """a_u(p), counted from the measuring line where one is stated [m].
+def _from_line(arm: Arm, axis: str, line: MeasuringLine | None) -> Arm:
+    """Count a lever arm from where the axis' translations were measured [m].
 
     Along its own axis the line is wherever the axis stands: no arm is left there.
     """
-    arm: Arm = [None, None, None]
-    for i, letter in enumerate(LINEAR_LETTERS):
-        if letter in chain.acts_on(axis):
-            if line_mm is None:
-                arm[i] = points_m[i]
-            elif letter != axis:
-                arm[i] = points_m[i] - line_mm[i] / MM_PER_M
-    return arm
+    if line is None:
+        return arm
+    found: Arm = []
+    for i, lever in enumerate(arm):
+        known: Values = -line.tool_offset_mm[i] / MM_PER_M
+        if lever is not None and LINEAR_LETTERS[i] != axis:
+            known = lever - line.point_mm[i] / MM_PER_M + known
+        found.append(known if np.any(known) else None)
+    return found
 
 
 def _add_cross(total: FloatArray, omega: FloatArray, arm: Arm) -> None:

@@ -7,13 +7,18 @@ from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, Kind
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
+from app.geometry.measuring_line import MeasuringLine
 
 RIGID = {Kind.LINEAR, Kind.STRAIGHTNESS, Kind.ANGULAR, Kind.SQUARENESS}
 NONRIGID = RIGID | {Kind.SLOPE}
 TRANSLATIONS = {Kind.LINEAR, Kind.STRAIGHTNESS, Kind.SQUARENESS}
 
 TOOL = (17.0, -29.0, 163.0)
-LINES = {"x": (0.0, 250.0, 100.0), "y": (-120.0, 0.0, 310.0), "z": (75.0, -45.0, 0.0)}
+LINES = {
+    "x": MeasuringLine((0.0, 250.0, 100.0), (3.0, -5.0, 40.0)),
+    "y": MeasuringLine((-120.0, 0.0, 310.0)),
+    "z": MeasuringLine((75.0, -45.0, 0.0), (0.0, 0.0, 160.0)),
+}
 
 
 def codes_of(kinds):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.geometry.axis_table import AxisTable, NodeSearch
+from app.geometry.axis_table import CLOSEST_MM, AxisTable, NodeSearch
 
 EVEN = np.linspace(0.0, 500.0, 41)
 UNEVEN = np.array([-300.0, -120.0, -119.0, 0.0, 7.5, 400.0])
@@ -31,15 +31,19 @@ def test_every_position_is_found_as_by_bisection(nodes):
     np.testing.assert_array_equal(found.beyond_mm, beyond)
 
 
-lengths = st.floats(-1e6, 1e6)
+def drawn_nodes(most_mm):
+    """Whole multiples of CLOSEST_MM: nodes of a table are no closer to each other."""
+    most = round(most_mm / CLOSEST_MM)
+    return st.lists(st.integers(-most, most), min_size=1, max_size=30, unique=True)
 
 
 @given(
-    st.lists(lengths, min_size=1, max_size=30, unique=True),
-    st.lists(lengths, min_size=1, max_size=30),
+    st.sampled_from([1e-4, 1.0, 1e6]).flatmap(drawn_nodes),
+    st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=30),
 )
-def test_whatever_the_nodes_it_is_bisection(nodes, positions):
-    nodes, positions = np.unique(nodes), np.array(positions + nodes)
+def test_whatever_the_nodes_it_is_bisection(multiples, positions):
+    nodes = np.sort(multiples) * CLOSEST_MM
+    positions = np.concatenate([positions, nodes])
     found = NodeSearch(nodes).locate(positions)
     np.testing.assert_array_equal(found.count, expected(nodes, positions)[0])
 

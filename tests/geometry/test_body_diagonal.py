@@ -146,6 +146,20 @@ def test_squareness_alone_enters_ed_once_and_esd_twice(code, sides):
     assert found.esd_um == pytest.approx(2.0 * found.ed_um)
 
 
+def test_squareness_has_the_signs_of_wang_2000_12_and_gives_13():
+    """12 and 13 count θ as 8.58-8.60 count S; 9 and 11 there print −yθ_xy, −zθ_xz, −zθ_yz."""
+    xy, yz, zx = 12.0, -5.0, 7.0
+    found = last(constant_field("FXYZ", {"SXY": xy, "SYZ": yz, "SZX": zx}))
+    by_xy, by_yz, by_zx = np.array([xy * A * B, yz * B * C, zx * C * A]) / R / 1000.0
+    assert found["ppp"] == pytest.approx(by_xy + by_yz + by_zx)
+    assert found["npp"] == pytest.approx(-by_xy + by_yz - by_zx)
+    assert found["pnp"] == pytest.approx(-by_xy - by_yz + by_zx)
+    assert found["ppn"] == pytest.approx(by_xy - by_yz - by_zx)
+    assert (found["ppp"] + found["ppn"]) * R / (2 * A * B) * 1000.0 == pytest.approx(xy)
+    assert (found["ppp"] + found["npp"]) * R / (2 * B * C) * 1000.0 == pytest.approx(yz)
+    assert (found["ppp"] + found["pnp"]) * R / (2 * C * A) * 1000.0 == pytest.approx(zx)
+
+
 readings = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=9)
 
 
@@ -154,6 +168,21 @@ def test_esd_is_never_less_than_ed(displacements):
     found = diagonal_accuracy(displacements)
     assert found.ed_um == max(found.ranges_um.values())
     assert found.esd_um >= found.ed_um
+
+
+# Table 8.2, machines 1 to 10 [µm]; ESd is printed in whole µm.
+PRINTED_ED = [15.9, 33.4, 34.4, 38.3, 45.4, 31.8, 15.8, 41.5, 33.2, 26.9]
+PRINTED_ESD = [30, 33, 33, 33, 46, 34, 27, 45, 54, 44]
+
+
+def test_two_machines_of_table_8_2_have_an_ed_that_their_esd_cannot_have():
+    """The least ESd that goes with an Ed is Ed. Machine 2's 33.4 and 33 may be rounded."""
+    impossible = []
+    for number, (ed, esd) in enumerate(zip(PRINTED_ED, PRINTED_ESD, strict=True), start=1):
+        least = diagonal_accuracy({name: [0.0, 0.0] for name in DIAGONALS} | {"ppp": [0.0, ed]})
+        if least.esd_um > esd + 0.5:
+            impossible.append(number)
+    assert impossible == [3, 4]
 
 
 def test_ranges_by_hand():

@@ -11,6 +11,7 @@ from app.geometry.compensation_levels import Level, compensation_levels, level_t
 from app.geometry.components import COMPONENTS
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
+from app.geometry.measuring_line import MeasuringLine
 from app.geometry.work_volume import WorkVolume
 from tests.geometry.example_fields import (
     LINES,
@@ -80,7 +81,7 @@ def test_what_straightness_tables_leave_is_the_rotations_at_the_present_tool(cha
 
 def test_on_the_measuring_lines_straightness_tables_leave_nothing():
     """Hsu 17-25: what a laser read along a line is right there, angular errors included."""
-    line = {"x": (0.0, 200.0, 150.0)}
+    line = {"x": MeasuringLine((0.0, 200.0, 150.0))}
     tables = {"EXX": Table([0.0, 500.0], [0.0, 9.0]), "EBX": Table([0.0, 500.0], [0.0, 30.0])}
     along = WorkVolume((0.0, 500.0), (200.0, 200.0), (150.0, 150.0))
     measured = ErrorField.make(Chain.parse("XYFZ"), tables, line)
@@ -103,6 +104,57 @@ def test_the_tables_of_a_level_leave_what_the_level_says(chain, lines):
         left = np.linalg.norm(errors - rebuilt.at(points, TOOL)[0], axis=1)
         assert left.max() == pytest.approx(level.max_um, abs=1e-9)
         assert left.mean() == pytest.approx(level.mean_um, abs=1e-9)
+
+
+# 8.83-8.88 and 8.95-8.100 as printed: arm and rotation; X, Z are x + X_t and z + Z_t. Slopes,
+# which stand beside their parents, are left out.
+ROTATIONS_AS_PRINTED = {
+    "8.83": "-Z EBX +Yt EAZ +Z EBY +Yt ECY -Zt EBZ +Yt ECZ",
+    "8.84": "-X ECY +Z EAY -Xt ECZ +Zt EAZ -Xt ECX +Z EAX",
+    "8.85": "-Yt EAZ +Xt EBZ -Yt EAX +Xt EBX -Yt EAY +X EBY",
+    "8.86": "-z EBX -z EBY",
+    "8.87": "-x ECY +z EAY +z EAX",
+    "8.88": "+x EBY",
+    "8.95": "+Z EBX +Yt ECX -Z EBY +Yt ECY -Zt EBZ +Yt ECZ",
+    "8.96": "-X ECY +Z EAY -Xt ECZ +Zt EAZ -Xt ECX +Z EAX",
+    "8.97": "-Yt EAZ +Xt EBZ -Yt EAX +Xt EBX -Yt EAY +X EBY",
+    "8.98": "-Z EBX +Yt ECX -Z EBY +Yt ECY -Zt EBZ +Yt ECZ",
+    "8.99": "-X ECY +Z EAY -Xt ECZ +Zt EAZ -Xt ECX +Z EAX",
+    "8.100": "-Yt EAZ +Xt EBZ -Yt EAX +Xt EBX -Yt EAY +X EBY",
+}
+
+
+def not_as_the_rule(chain, sign):
+    """Equation to the rotations whose printed term is not the rule's, times a sign."""
+    x, y, z = 307.0, -211.0, 503.0
+    xt, yt, zt = 17.0, -29.0, 163.0
+    arms = {"x": x, "z": z, "X": x + xt, "Z": z + zt, "Xt": xt, "Yt": yt, "Zt": zt}
+    wrong = {}
+    for row, (number, text) in enumerate(ROTATIONS_AS_PRINTED.items()):
+        terms = text.split()
+        printed = {
+            code: float(f"{arm[0]}1") * arms[arm[1:]] / 1000.0
+            for arm, code in zip(terms[::2], terms[1::2], strict=True)
+        }
+        tool = NO_TOOL if number in ("8.86", "8.87", "8.88") else (xt, yt, zt)
+        for code in (f"E{about}{axis}" for axis in "XYZ" for about in "ABC"):
+            error_um, _ = constant_field(chain, {code: 1.0}).at([x, y, z], tool)
+            if printed.get(code, 0.0) != pytest.approx(sign * error_um[0, row % 3], abs=1e-12):
+                wrong.setdefault(number, set()).add(code)
+    return wrong
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("chain", ["FXYZ", "XFYZ", "XYFZ", "XYZF"])
+def test_the_printed_compensation_equations_are_of_no_configuration_of_the_chapter(chain, sign):
+    wrong = not_as_the_rule(chain, sign)
+    for first in (83, 86, 95, 98):
+        assert wrong.keys() & {f"8.{first + row}" for row in range(3)}
+
+
+def test_but_for_three_terms_they_are_fyxz_with_every_rotation_the_other_way():
+    """8.83: +(z+Z_t)A_y(y), and Y_t A_x(z) for Y_t A_z(x). 8.95: +(z+Z_t)A_y(x)."""
+    assert not_as_the_rule("FYXZ", -1.0) == {"8.83": {"EBY", "ECX", "EAZ"}, "8.95": {"EBX"}}
 
 
 def test_each_level_has_its_tables():

@@ -212,7 +212,7 @@ def test_a_large_answer_needs_little_more_memory_than_itself():
     [
         ({"EXX": Table([0.0, 1.0], [1.0])}, r"expected 2 values in µm, .* shape \(1,\)"),
         ({"EXX": Table([0.0, 1.0], [[[1.0, 2.0]]])}, r"shape \(1, 1, 2\)"),
-        ({"EXX": Table((), [1.0, 2.0])}, "expected 1 values in µm"),
+        ({"EXX": Table((), [1.0, 2.0])}, "expected 1 value in µm"),
         ({"EBX": Table([0.0, 1.0], [1.0, np.nan])}, "expected finite values in µrad"),
         ({"EXX": Table([0.0, np.inf], [1.0, 2.0])}, "EXX: expected finite numbers .* mm, came inf"),
         ({"EXX": Table([1.0, 0.0], [1.0, 2.0])}, r"increasing positions in mm.* \[1.0, 0.0\]"),
@@ -231,19 +231,6 @@ def test_what_is_no_table_is_refused(tables, message):
 
 
 @pytest.mark.parametrize(
-    ("lines", "message"),
-    [
-        ({"x": (0.0, 1.0)}, "expected x, y and z of a point in mm"),
-        ({"a": (0.0, 1.0, 2.0)}, "for axis x, y or z"),
-        ({"x": (0.0, np.nan, 2.0)}, r"measuring_lines_mm.x: expected finite .* at index \[1\]"),
-    ],
-)
-def test_what_is_no_measuring_line_is_refused(lines, message):
-    with pytest.raises(InvalidContent, match=message):
-        ErrorField.make(Chain.parse("XYFZ"), {}, lines)
-
-
-@pytest.mark.parametrize(
     ("points", "tool", "message"),
     [
         ([[1.0, 2.0]], TOOL, r"points_mm: expected points of 3 coordinates in mm, came 2"),
@@ -255,7 +242,7 @@ def test_what_is_no_measuring_line_is_refused(lines, message):
         ([[0.0, 0, 0], [1.0, 2.0, -np.inf]], TOOL, r"came -inf mm at index \[1, 2\]"),
         ([[1e10, 0, 0]], TOOL, r"within ±1e\+09 mm, came 1e\+10 mm"),
         ([[0.0, 0, 0]], [0.0, np.nan, 0.0], r"tool_offset_mm: .* came nan mm at index \[1\]"),
-        ([[0.0, 0, 0]], [0.0, 1.0], r"one for each of 1 points, came an array of shape \(2,\)"),
+        ([[0.0, 0, 0]], [0.0, 1.0], r"one for each of 1 point, came an array of shape \(2,\)"),
         ([[0.0, 0, 0]] * 2, [TOOL] * 3, r"one for each of 2 points, .* \(3, 3\)"),
     ],
 )

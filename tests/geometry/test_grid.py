@@ -10,7 +10,7 @@ from app.errors import InvalidContent
 from app.geometry.chain import Chain
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
-from app.geometry.grid import ErrorGrid, sample_grid
+from app.geometry.grid import ErrorGrid, place_in_cells, sample_grid
 from tests.geometry.example_fields import TOOL, random_field
 
 X, Y, Z = np.array([0.0, 100.0, 220.0, 480.0]), np.array([10.0, 300.0]), np.array([0.0, 150.0, 500])
@@ -53,6 +53,19 @@ def test_the_corners_have_the_chapters_numbers():
     bottom = [[100.0, 10.0, 150.0], [220.0, 10.0, 150.0], [220.0, 300.0, 150.0], [100.0, 300, 150]]
     assert found[:4].tolist() == bottom
     assert found[4:].tolist() == [[x, y, 500.0] for x, y, _ in bottom]
+
+
+def test_the_shares_of_y_and_z_run_to_corners_4_and_5():
+    """8.103 and 8.104 print corner 2, where y and z are those of corner 1: 0 in the denominator."""
+    where = np.stack(np.meshgrid(X, Y, Z, indexing="ij"), axis=-1)
+    p1, p2, _, p4, p5, *_ = ErrorGrid(X, Y, Z, where).corners(1, 0, 1)
+    assert (p2 - p1).tolist() == [120.0, 0.0, 0.0]
+    point = np.array([133.0, 88.0, 412.0])
+    expected = (point - p1) / [p2[0] - p1[0], p4[1] - p1[1], p5[2] - p1[2]]
+    for nodes, coordinate, cell, share in zip((X, Y, Z), point, (1, 0, 1), expected, strict=True):
+        cells, shares = place_in_cells(nodes, np.array([coordinate]))
+        assert cells[0] == cell
+        assert shares[0] == pytest.approx(share, rel=1e-14)
 
 
 def test_at_the_nodes_it_is_the_grid_and_on_faces_both_cells_agree():

@@ -9,6 +9,7 @@ from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
 from app.geometry.grid import ErrorGrid, sample_grid
 from app.geometry.grid_difference import grid_difference
+from app.geometry.measuring_line import MeasuringLine
 from app.geometry.polynomial_pieces import bernstein_coefficients, cut, degree_along
 from tests.geometry.example_fields import LINES, NONRIGID, RIGID, TOOL, constant_field, random_field
 
@@ -135,11 +136,12 @@ def test_a_grid_that_is_not_the_models_own_is_judged_too():
     [
         ("FXYZ", "EBX", None, [1, 1, 1]),
         ("XFYZ", "EBX", None, [2, 1, 1]),
-        ("XFYZ", "EBX", {"x": (0.0, 1.0, 2.0)}, [1, 1, 1]),
+        ("XFYZ", "EBX", {"x": MeasuringLine((0.0, 1.0, 2.0))}, [1, 1, 1]),
         ("XYZF", "EBZ", None, [1, 1, 2]),
         ("FXYZ", "EBX^z", None, [1, 1, 2]),
         ("FXYZ", "EBY^x", None, [1, 1, 1]),
         ("XYFZ", "EBY^x", None, [2, 2, 1]),
+        ("XYFZ", "EBY^x", {"y": MeasuringLine((0.0, 1.0, 2.0))}, [2, 2, 1]),
         ("XYFZ", "EXX^y", None, [1, 1, 1]),
         ("XYFZ", "EXX", None, [1, 1, 1]),
     ],

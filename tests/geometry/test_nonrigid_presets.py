@@ -89,6 +89,26 @@ def test_the_negligible_ones_that_the_text_names_are_in_no_preset():
         assert not codes & set(find_preset(name).slopes)
 
 
+@pytest.mark.parametrize(
+    ("name", "along", "axes", "negligible"),
+    [
+        (
+            "horizontal-counterweight", "y", "xz",
+            "D_x^y(z) D_y^y(z) D_z^y(z) A_z^y(x) A_x^y(z) A_y^y(z) A_z^y(z)",
+        ),
+        ("large-gantry", "x", "yz", "A_z^x(y) A_z^x(z)"),
+    ],
+)  # fmt: skip
+def test_a_preset_and_what_the_text_neglects_are_all_slopes_of_their_direction(
+    name, along, axes, negligible
+):
+    """Each of twelve once: below 8.36 the second A_y^y(z)y must be A_z^y(z)y."""
+    found = [*find_preset(name).slopes, *(parse_component(n)[0].code for n in negligible.split())]
+    slopes = [c for c in COMPONENTS.values() if c.kind is Kind.SLOPE and c.times == along]
+    assert sorted(found) == sorted(c.code for c in slopes if c.axis in tuple(axes))
+    assert len(found) == 12
+
+
 def test_presets_are_found_by_name_and_an_unknown_one_is_refused_with_the_list():
     assert [find_preset(name).name for name in NONRIGID_PRESETS] == list(PRINTED)
     with pytest.raises(UnknownThing, match=r"\(horizontal-counterweight, large-gantry\), came 'x'"):

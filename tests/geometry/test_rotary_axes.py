@@ -244,7 +244,12 @@ def test_the_order_of_the_axes_matters_and_one_that_stands_still_does_not():
 @pytest.mark.parametrize(
     ("errors", "asked", "order", "message"),
     [
-        ({}, {"b": 1.0}, "BC", r"order: expected .* AC, CA, A or C \(\[R\] has no B\), came 'BC'"),
+        (
+            {},
+            {"b": 1.0},
+            "BC",
+            r"order: expected .* AC, CA, A or C \(a B axis is not known\), came 'BC'",
+        ),
         ({}, {}, "", "came ''"),
         ({}, {}, "CC", "came 'CC'"),
         ({}, {"a": 1.0}, "C", "angles_deg: expected angles in ° of C, came a"),

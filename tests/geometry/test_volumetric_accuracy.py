@@ -100,7 +100,8 @@ def test_an_even_lattice_sees_at_most_as_much_as_the_tables_nodes():
 def test_body_diagonals_are_the_models():
     field = random_field("XYFZ", RIGID)
     found = volumetric_accuracy(field, BOX, TOOL, diagonal_steps=13)
-    assert found.diagonals == diagonal_accuracy(diagonal_displacements(field, BOX, 13, TOOL))
+    read = diagonal_displacements(field, BOX, 13, TOOL, at_nodes=True)
+    assert found.diagonals == diagonal_accuracy(read)
     assert found.diagonals.ed_um <= found.diagonals.esd_um
 
 
@@ -192,3 +193,15 @@ def test_accuracy_is_of_one_thermal_state():
     field = ErrorField.make(Chain.parse("XYFZ"), {"EXX": Table((), [[1.0], [2.0]])})
     with pytest.raises(InvalidContent, match="expected one thermal state"):
         volumetric_accuracy(field, BOX)
+
+
+@pytest.mark.parametrize("chain", ["FXYZ", "XYFZ"])
+def test_ed_finds_the_extremes_between_even_steps(chain):
+    """A fine walk along the diagonals finds no more than what nodes and middles show."""
+    for seed in range(6):
+        field = random_field(chain, RIGID, seed=seed, positions=5)
+        volume = WorkVolume((0.0, 500.0), (0.0, 500.0), (0.0, 500.0))
+        found = volumetric_accuracy(field, volume, TOOL).diagonals
+        fine = diagonal_accuracy(diagonal_displacements(field, volume, 5000, TOOL))
+        assert found.ed_um == pytest.approx(fine.ed_um, abs=0.02)
+        assert found.esd_um == pytest.approx(fine.esd_um, abs=0.03)

@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.geometry.measuring_line import MeasuringLine
 from app.geometry.volumetric_error import volumetric_error
+from tests.geometry.example_fields import LINES
 
 MM = 1000.0  # µm in a mm; µrad times mm is a thousandth of a µm
 RIGID = [c for c in COMPONENTS.values() if c.axis and c.times is None]
@@ -277,10 +279,12 @@ def test_the_body_diagonal_sees_the_rotations_that_the_chapter_lists(chain, comp
     assert found @ np.array(POINT) / length == pytest.approx(sign * 12.0 * arm / MM, abs=1e-12)
 
 
-def measured_along(chain, d, a, axis, line):
-    """What a laser along the axis through `line` reads: rotations' arms are in it."""
-    only = {k: v for k, v in as_components(d, a).items() if k[2] == axis.upper()}
-    return error_at(chain, only, line)[0]
+def measured_along(chain, errors, axis, line):
+    """What a laser along the axis reads on this line: the rotations' arms are in it."""
+    only = {k: v for k, v in errors.items() if COMPONENTS[k].axis == axis}
+    place = np.array(line.point_mm)
+    place["xyz".index(axis)] = POINT["xyz".index(axis)]
+    return error_at(chain, only, place, line.tool_offset_mm)
 
 
 @pytest.mark.parametrize("chain", CHAINS)
@@ -291,38 +295,82 @@ def test_translations_measured_off_the_axis_serve_with_their_measuring_line(chai
     at this position of the axis; the volumetric error must be that of the true ones.
     """
     d, a = chapter_errors(np.random.default_rng(17))
-    lines = {"x": (0.0, 250.0, 100.0), "y": (-120.0, 0.0, 310.0), "z": (75.0, -45.0, 0.0)}
-    read = dict(d)
-    for u, axis in enumerate("xyz"):
-        line = np.array(lines[axis])
-        line[u] = POINT[u]
-        for i, value in enumerate(measured_along(chain, d, a, axis, line)):
-            read[i, axis] = value
-    expected, _ = error_at(chain, as_components(d, a), POINT, TOOL)
-    found, _ = error_at(chain, as_components(read, a), POINT, TOOL, lines)
+    true = as_components(d, a)
+    read = dict(true)
+    for axis, line in LINES.items():
+        for letter, value in zip("XYZ", measured_along(chain, true, axis, line)[0], strict=True):
+            read[f"E{letter}{axis.upper()}"] = value
+    expected, _ = error_at(chain, true, POINT, TOOL)
+    found, _ = error_at(chain, read, POINT, TOOL, LINES)
     np.testing.assert_allclose(found, expected, rtol=1e-11)
-    unaware, _ = error_at(chain, as_components(read, a), POINT, TOOL)
+    unaware, _ = error_at(chain, read, POINT, TOOL)
     assert np.abs(unaware - expected).max() > 1.0
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_on_a_nonrigid_machine_slopes_count_from_the_line_too(chain):
+    """Translations and rotations are read on the line, where slopes have worked already."""
+    rng = np.random.default_rng(18)
+    true = as_components(*chapter_errors(rng)) | {c.code: float(rng.normal(0, 8)) for c in SLOPES}
+    read = dict(true)
+    for axis, line in LINES.items():
+        place = dict(zip("xyz", line.point_mm, strict=True))
+        for letter, value in zip("XYZ", measured_along(chain, true, axis, line)[0], strict=True):
+            read[f"E{letter}{axis.upper()}"] = value
+        for component in SLOPES:
+            parent = COMPONENTS[component.code.partition("^")[0]]
+            if component.axis == axis and parent.is_rotation:
+                read[parent.code] += true[component.code] * place[component.times] / MM
+    expected = error_at(chain, true, POINT, TOOL)
+    found = error_at(chain, read, POINT, TOOL, LINES)
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
 
 
 @pytest.mark.parametrize("along", [0.0, 123.0, -1e4])
 def test_where_along_its_axis_the_line_is_stated_does_not_matter(along):
     errors = {"EBX": 12.0, "ECX": -7.0, "EAX": 3.0}
-    one = error_at("XFYZ", errors, POINT, TOOL, {"x": (0.0, 250.0, 100.0)})
-    other = error_at("XFYZ", errors, POINT, TOOL, {"x": (along, 250.0, 100.0)})
+    one = error_at("XFYZ", errors, POINT, TOOL, {"x": MeasuringLine((0.0, 250.0, 100.0))})
+    other = error_at("XFYZ", errors, POINT, TOOL, {"x": MeasuringLine((along, 250.0, 100.0))})
     np.testing.assert_array_equal(one, other)
 
 
-def test_on_its_measuring_line_a_rotation_is_invisible():
+@pytest.mark.parametrize("chain", CHAINS)
+@pytest.mark.parametrize("tool", [(0.0, 0.0, 0.0), TOOL])
+def test_on_its_measuring_line_a_rotation_is_invisible(chain, tool):
     errors = {"EAX": 12.0, "EBX": -30.0, "ECX": 41.0}
-    for chain in CHAINS:
-        found, _ = error_at(chain, errors, (307.0, 250.0, 100.0), lines={"x": (0.0, 250.0, 100.0)})
-        np.testing.assert_allclose(found, 0.0, atol=1e-14)
+    line = {"x": MeasuringLine((0.0, 250.0, 100.0), tool)}
+    found, _ = error_at(chain, errors, (307.0, 250.0, 100.0), tool, line)
+    np.testing.assert_allclose(found, 0.0, atol=1e-14)
+
+
+def test_off_the_axis_an_exact_rotation_is_read_and_not_hsus_printed_sum():
+    """Hsu 23-25, printed with + throughout: −L_y ECY, −L_z EAY and −L_x EBY are a rotation's."""
+    a, b, c = 31.0, -47.0, 59.0
+    offset_mm = np.array([310.0, 170.0, -230.0])
+    x, y, z = offset_mm / MM
+    turned = Rotation.from_rotvec(np.array([a, b, c]) * 1e-6).apply(offset_mm) - offset_mm
+    found, _ = error_at("FYXZ", {"EAY": a, "EBY": b, "ECY": c}, (0.0, 400.0, 0.0), offset_mm)
+    np.testing.assert_allclose(found, turned * MM, atol=2e-3)
+    np.testing.assert_allclose(found, [z * b - y * c, x * c - z * a, y * a - x * b], rtol=1e-12)
+    printed = [y * c + z * b, x * c + z * a, x * b + y * a]
+    assert (np.abs(found - printed) > 10.0).all()
+
+
+def test_the_second_row_of_the_milling_machines_model_is_that_of_its_own_matrix():
+    """Sratong-on 9 gives δ_y + ε_z p_x − ε_x p_z; its 10 and 11 print ε_x p_z − ε_z p_x."""
+    a, b, c = 31.0, -47.0, 59.0
+    x, y, z = np.array(POINT) / MM
+    matrix = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+    errors = {"EXX": 3.0, "EYX": -4.0, "EZX": 5.0, "EAX": a, "EBX": b, "ECX": c}
+    found, _ = error_at("XFYZ", errors, POINT)
+    np.testing.assert_allclose(found, [3.0, -4.0, 5.0] + matrix @ [x, y, z], rtol=1e-12)
+    printed = [3.0 - c * y + b * z, -4.0 + a * z - c * x, 5.0 - b * x + a * y]
+    assert (np.abs(found - printed) > 1.0).tolist() == [False, True, False]
 
 
 def test_hsus_second_table_is_the_rule_with_the_lines_through_home():
     """FYXZ: ECX has no gain, EAY −Z_m, EBY Z_m and −X_m, ECY +X_m (X_s = Z_s = 0)."""
-    home = dict.fromkeys("xyz", (0.0, 0.0, 0.0))
+    home = dict.fromkeys("xyz", MeasuringLine((0.0, 0.0, 0.0)))
     x, _, z = np.array(POINT) / MM
     rows = {
         "EAX": [0, -z, 0], "EBX": [z, 0, 0], "ECX": [0, 0, 0],
@@ -354,7 +402,7 @@ def test_many_points_are_as_each_alone_with_one_tool_or_one_each():
     rng = np.random.default_rng(3)
     points, tools = rng.uniform(-500, 500, (40, 3)), rng.uniform(-200, 200, (40, 3))
     errors = {c.code: rng.normal(size=40) for c in COMPONENTS.values()}
-    lines = {"y": (10.0, 20.0, 30.0)}
+    lines = {"y": MeasuringLine((10.0, 20.0, 30.0), (0.0, 5.0, 90.0))}
     together, turned = volumetric_error(Chain.parse("XYFZ"), errors, points, tools, lines)
     one_tool, _ = volumetric_error(Chain.parse("XYFZ"), errors, points, TOOL, lines)
     for i in range(40):
