@@ -19,14 +19,23 @@ class ComponentCompensation:
     """One component's errors at the live temperatures, and minus them.
 
     All arrays have the shape of `positions_mm`, or (1,) where the component has no
-    argument; errors and compensation are in the component's unit.
+    argument; errors and compensation are in the component's unit. `standard_errors` are
+    one standard deviation of the errors, and of the compensation too, as far as the
+    measurement of the maps goes; None where a map that enters states none, and where an
+    adopted effect is in the errors: how sure that is, the maps do not say.
+
+    `origin` is the group's state between its maps, None where no two maps have the component
+    and it consists of effects alone; `effects` are the kinds of those that are in the errors.
     """
 
     component: Component
     positions_mm: FloatArray
     errors: FloatArray
     backward_errors: FloatArray | None
-    origin: GroupState
+    standard_errors: FloatArray | None
+    backward_standard_errors: FloatArray | None
+    origin: GroupState | None
+    effects: tuple[str, ...] = ()
 
     @property
     def compensation(self) -> FloatArray:
@@ -40,12 +49,24 @@ class ComponentCompensation:
 
 
 @dataclass(frozen=True, slots=True)
+class EffectInTable:
+    """An adopted effect of the model: what it is, and why it is not in a table, if it is not."""
+
+    kind: str
+    components: tuple[str, ...]
+    sensors: tuple[str, ...]
+    explanation: str
+    missing: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class CompensationTable:
     """Every component at one thermal state.
 
-    `complete` is False when a component of the maps is not in the table or rests on an
-    old temperature; `warnings` say in sentences all that is not as it should be;
-    `states` are the groups of components that lie between the same maps.
+    `complete` is False when a component of the maps or an adopted effect is not in the table,
+    or one rests on an old temperature; `warnings` say in sentences all that is not as it
+    should be; `states` are the groups of components that lie between the same maps, and
+    `corrected` the components with effects: they take the place of those in the groups.
     """
 
     machine_id: str
@@ -54,12 +75,15 @@ class CompensationTable:
     complete: bool
     warnings: Sequence[str]
     states: Sequence[GroupState]
+    corrected: Sequence[ComponentCompensation] = ()
+    effects: Sequence[EffectInTable] = ()
 
     @property
     def components(self) -> list[ComponentCompensation]:
         """All components in the order in which tables list them."""
-        found = [entry for state in self.states for entry in group_compensation(state)]
-        return sorted(found, key=lambda entry: ORDER[entry.component.code])
+        plain = [entry for state in self.states for entry in group_compensation(state)]
+        found = {entry.component.code: entry for entry in (*plain, *self.corrected)}
+        return sorted(found.values(), key=lambda entry: ORDER[entry.component.code])
 
 
 def compensation_table(
@@ -127,6 +151,10 @@ def group_compensation(state: GroupState) -> list[ComponentCompensation]:
             positions_mm=member.positions_mm,
             errors=state.values[member.forward],
             backward_errors=None if member.backward is None else state.values[member.backward],
+            standard_errors=state.standard_errors(member.forward),
+            backward_standard_errors=(
+                None if member.backward is None else state.standard_errors(member.backward)
+            ),
             origin=state,
         )
         for member in state.group.members

@@ -17,12 +17,16 @@ from app.demo.error_maps import run_map
 from app.demo.machine import example_machine
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ErrorMap
+from app.units import Unit
 
 COMPARED_RUNS: Final = (2, 4, 5)
 """Runs that no model has seen."""
 
 STORED_RUNS: Final[tuple[tuple[int, ...], ...]] = ((), (1, 6), (1, 3, 6))
 """Uncompensated; the two outermost maps; the chapter's three."""
+
+_UNITS: Final = (Unit.UM, Unit.UM_PER_M, Unit.URAD)
+"""The units in the order of a row's figures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,8 @@ class RemainingError:
         linear components [µm].
     rms_um_per_m, max_um_per_m
         The same over the three squareness errors [µm/m].
+    rms_urad, max_urad
+        The same over all entries of the nine angular components [µrad].
     """
 
     run: str
@@ -48,6 +54,8 @@ class RemainingError:
     max_um: float
     rms_um_per_m: float
     max_um_per_m: float
+    rms_urad: float
+    max_urad: float
 
 
 def remaining_errors() -> list[RemainingError]:
@@ -62,7 +70,8 @@ def remaining_errors() -> list[RemainingError]:
 
     Notes
     -----
-    The measured maps have noise of their own, 0.3 µm, which no model can remove.
+    The measured maps have noise of their own, 0.3 µm and 0.5 µrad, which no model can
+    remove.
 
     Examples
     --------
@@ -79,16 +88,13 @@ def _remaining(run: int, stored: Sequence[int]) -> RemainingError:
     measured = run_map(run)
     maps = [run_map(number) for number in stored]
     predicted = _predicted_errors(maps, measured) if maps else {}
-    left_um: list[FloatArray] = []
-    left_um_per_m: list[FloatArray] = []
+    left: dict[Unit, list[FloatArray]] = {unit: [] for unit in _UNITS}
     for code, table in measured.tables.items():
-        residual = table.errors - predicted.get(code, 0.0)
-        (left_um if table.component.is_table else left_um_per_m).append(residual)
+        left[table.component.unit].append(table.errors - predicted.get(code, 0.0))
     return RemainingError(
         measured.label,
         tuple(error_map.label for error_map in maps),
-        *_rms_and_max(np.concatenate(left_um)),
-        *_rms_and_max(np.concatenate(left_um_per_m)),
+        *(figure for residuals in left.values() for figure in _rms_and_max(residuals)),
     )
 
 
@@ -102,5 +108,6 @@ def _predicted_errors(maps: Sequence[ErrorMap], measured: ErrorMap) -> dict[str,
     }
 
 
-def _rms_and_max(residuals: FloatArray) -> tuple[float, float]:
+def _rms_and_max(of_components: Sequence[FloatArray]) -> tuple[float, float]:
+    residuals = np.concatenate(of_components)
     return float(np.sqrt(np.mean(residuals**2))), float(np.abs(residuals).max())

@@ -6,7 +6,8 @@ screws and guideways take the heat of friction first and settle while the
 castings, where the sensors sit, go on warming. In terms of a sensor's rise ΔT
 that is (1 − e^{−ΔT/θ}), each component with its own θ. The straightness errors
 have the extremes of 8.2.8. All other numbers are invented: displacement by the
-expansion of the screws, squareness "large" as in 8.2.9.
+expansion of the screws, squareness "large" as in 8.2.9, roll, pitch and yaw of the
+size that is common on vertical machining centres; the chapter gives no angular errors.
 """
 
 from __future__ import annotations
@@ -51,6 +52,16 @@ class _Straightness(NamedTuple):
     settling_c: float
 
 
+class _Rotation(NamedTuple):
+    """Signed extremes cold and hot [µrad]; bend and ripple of the shape; θ [°C]."""
+
+    cold_urad: float
+    hot_urad: float
+    bend: float
+    ripple: float
+    settling_c: float
+
+
 class _Squareness(NamedTuple):
     """Values cold and hot [µm/m]; θ [°C]."""
 
@@ -77,10 +88,22 @@ _SQUARENESS: Final = {
     "SYZ": _Squareness(cold_um_per_m=-22.0, hot_um_per_m=41.0, settling_c=5.5),
     "SZX": _Squareness(cold_um_per_m=15.0, hot_um_per_m=-31.0, settling_c=7.0),
 }
+_ANGULAR: Final = {
+    # Roll, pitch and yaw of x; pitch, roll and yaw of y; z has pitch, yaw and roll.
+    "EAX": _Rotation(cold_urad=-10.0, hot_urad=-16.0, bend=0.2, ripple=0.06, settling_c=5.5),
+    "EBX": _Rotation(cold_urad=22.0, hot_urad=36.0, bend=-0.3, ripple=-0.04, settling_c=5.0),
+    "ECX": _Rotation(cold_urad=12.0, hot_urad=21.0, bend=0.5, ripple=0.05, settling_c=4.5),
+    "EAY": _Rotation(cold_urad=-24.0, hot_urad=-38.0, bend=0.3, ripple=0.03, settling_c=5.0),
+    "EBY": _Rotation(cold_urad=11.0, hot_urad=17.0, bend=-0.2, ripple=-0.07, settling_c=5.5),
+    "ECY": _Rotation(cold_urad=-13.0, hot_urad=-22.0, bend=0.6, ripple=0.04, settling_c=4.0),
+    "EAZ": _Rotation(cold_urad=20.0, hot_urad=33.0, bend=-0.4, ripple=0.05, settling_c=7.5),
+    "EBZ": _Rotation(cold_urad=-14.0, hot_urad=-24.0, bend=0.1, ripple=-0.06, settling_c=7.0),
+    "ECZ": _Rotation(cold_urad=10.0, hot_urad=15.0, bend=0.4, ripple=0.08, settling_c=8.0),
+}
 
 
 def true_errors(temperatures_c: Mapping[str, float]) -> dict[str, FloatArray]:
-    """Give all linear and squareness errors in one thermal state, free of noise.
+    """Give all linear, angular and squareness errors in one thermal state, free of noise.
 
     Parameters
     ----------
@@ -89,13 +112,15 @@ def true_errors(temperatures_c: Mapping[str, float]) -> dict[str, FloatArray]:
 
     Returns
     -------
-    dict of component code to ndarray, shape (21,) [µm] or (1,) [µm/m]
-        Actual minus nominal at `machine.positions_mm`; displacement counts from
-        the start of the travel, straightness from the line through both ends.
+    dict of component code to ndarray, shape (21,) [µm] or [µrad], or (1,) [µm/m]
+        Actual minus nominal at `machine.positions_mm`; displacement and rotation
+        count from the start of the travel, straightness from the line through both
+        ends. Rotation is positive by the right-hand rule.
 
     Notes
     -----
-    Simulated. Section 8.2.8 gives the extremes of straightness, 8.2.9 the sensors.
+    Simulated. Section 8.2.8 gives the extremes of straightness, 8.2.9 the sensors;
+    angular errors are invented.
 
     Examples
     --------
@@ -110,13 +135,18 @@ def true_errors(temperatures_c: Mapping[str, float]) -> dict[str, FloatArray]:
         errors[code] = lead_um + growth_um * _growth_shape(along)
     for code, s in _STRAIGHTNESS.items():
         share = _warming(code, s.settling_c, temperatures_c)
-        extreme_um = (1.0 - share) * s.cold_um + share * s.hot_um
-        errors[code] = extreme_um * _straightness_shape(along, s)
+        errors[code] = _between(s.cold_um, s.hot_um, share) * _straightness_shape(along, s)
     for code, q in _SQUARENESS.items():
         share = _warming(code, q.settling_c, temperatures_c)
-        value = (1.0 - share) * q.cold_um_per_m + share * q.hot_um_per_m
-        errors[code] = np.array([value])
+        errors[code] = np.array([_between(q.cold_um_per_m, q.hot_um_per_m, share)])
+    for code, r in _ANGULAR.items():
+        share = _warming(code, r.settling_c, temperatures_c)
+        errors[code] = _between(r.cold_urad, r.hot_urad, share) * _rotation_shape(along, r)
     return errors
+
+
+def _between(cold: float, hot: float, share: float) -> float:
+    return (1.0 - share) * cold + share * hot
 
 
 def _warming(code: str, settling_c: float, temperatures_c: Mapping[str, float]) -> float:
@@ -152,4 +182,11 @@ def _straightness_shape(along: FloatArray, s: _Straightness) -> FloatArray:
     bow += s.ripple * np.sin(3.0 * np.pi * along)
     bow[-1] = 0.0
     shape: FloatArray = bow / bow[np.abs(bow).argmax()]
+    return shape
+
+
+def _rotation_shape(along: FloatArray, r: _Rotation) -> FloatArray:
+    """A turn that is zero at the start and +1 where it is greatest."""
+    turn = along + r.bend * along * (1.0 - along) + r.ripple * np.sin(3.0 * np.pi * along)
+    shape: FloatArray = turn / turn[np.abs(turn).argmax()]
     return shape

@@ -19,7 +19,8 @@ from app.geometry.components import COMPONENTS, ORDER, Component
 from app.thermal.compiled_model import CompiledModel, Group, Member, Scale
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, SameTemperature, Sensor
-from app.thermal.resampling import common_positions, sample_table
+from app.thermal.one_measuring_line import on_one_line
+from app.thermal.resampling import common_positions, sample_table, sample_variances
 
 
 def compile_model(
@@ -48,13 +49,13 @@ def compile_model(
         If two maps lie closer in temperature than the sensor resolves (unless the
         machine asks for their mean), or their positions have no common range.
     """
+    brought, lines, notes = on_one_line(machine.chain, maps)
     by_code: dict[str, list[ErrorMap]] = defaultdict(list)
-    for error_map in maps:
+    for error_map in brought:
         for code in error_map.tables:
             by_code[code].append(error_map)
     together: dict[tuple[tuple[Scale, ...], tuple[str, ...]], list[_Part]] = defaultdict(list)
     omitted: dict[str, str] = {}
-    notes: list[str] = []
     for code in sorted(by_code, key=ORDER.__getitem__):
         sensor = assignment.get(code) or machine.default_sensor(code)
         if sensor is None:
@@ -67,29 +68,13 @@ def compile_model(
         scales = _scales(machine, sensor, states)
         labels = tuple(state.label for state in states)
         together[(scales, labels)].append(_bring_together(code, states, notes))
-    notes.extend(_different_lines(by_code))
     return CompiledModel(
         machine=machine,
         groups=tuple(_group(*key, parts) for key, parts in together.items()),
         omitted=omitted,
         notes=tuple(notes),
+        measuring_lines=lines,
     )
-
-
-def _different_lines(by_code: Mapping[str, Sequence[ErrorMap]]) -> list[str]:
-    """Say that an axis' translations were measured along different lines in different maps."""
-    found = []
-    for axis in sorted({c.axis for code in by_code if (c := COMPONENTS[code]).axis}):
-        maps = {
-            m.label: m for code, ms in by_code.items() if COMPONENTS[code].axis == axis for m in ms
-        }
-        lines = {m.measuring_lines_mm.get(axis) for m in maps.values()}
-        if len(lines) > 1:
-            found.append(
-                f"maps {list_names(maps)} were measured along different lines of {axis}: between "
-                "them, translations are mixed with rotations times the lines' offset"
-            )
-    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,13 +87,24 @@ class _State:
 
 
 @dataclass(frozen=True, slots=True)
+class _Rows:
+    """One direction of one component: a row for each state.
+
+    `variances` are those of `values`, NaN where a map of the state states none.
+    """
+
+    values: FloatArray
+    variances: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class _Part:
-    """One component over its states: rows of the matrix to be."""
+    """One component over its states: columns of the matrix to be."""
 
     component: Component
     positions_mm: FloatArray
-    forward: FloatArray
-    backward: FloatArray | None
+    forward: _Rows
+    backward: _Rows | None
 
 
 def _thermal_states(
@@ -178,17 +174,31 @@ def _bring_together(code: str, states: Sequence[_State], notes: list[str]) -> _P
     )
 
 
-def _rows(states: Sequence[_State], positions: FloatArray, *, backward: bool) -> FloatArray:
+def _rows(states: Sequence[_State], positions: FloatArray, *, backward: bool) -> _Rows:
     """Sample each state's table, or the mean of its tables, at the positions: (M, n)."""
-    return np.array(
-        [
-            np.mean(
-                [sample_table(table, positions, backward=backward) for table in state.tables],
-                axis=0,
-            )
-            for state in states
-        ]
-    )
+    values = [
+        np.mean(
+            [sample_table(table, positions, backward=backward) for table in state.tables], axis=0
+        )
+        for state in states
+    ]
+    variances = [
+        _mean_variances(
+            [sample_variances(table, positions, backward=backward) for table in state.tables],
+            value.size,
+        )
+        for state, value in zip(states, values, strict=True)
+    ]
+    return _Rows(np.array(values), np.array(variances))
+
+
+def _mean_variances(of_tables: Sequence[FloatArray | None], n: int) -> FloatArray:
+    """Variances of the mean of independent measurements; NaN where one is not known."""
+    known = [variances for variances in of_tables if variances is not None]
+    if len(known) < len(of_tables):
+        return np.full(n, np.nan)
+    mean: FloatArray = np.sum(known, axis=0) / len(known) ** 2
+    return mean
 
 
 def _scales(machine: Machine, sensor: str, states: Sequence[_State]) -> tuple[Scale, ...]:
@@ -213,16 +223,19 @@ def _scales(machine: Machine, sensor: str, states: Sequence[_State]) -> tuple[Sc
 
 def _group(scales: tuple[Scale, ...], labels: tuple[str, ...], parts: Sequence[_Part]) -> Group:
     """Set the tables of one group side by side."""
-    columns: list[FloatArray] = []
+    columns: list[_Rows] = []
     members: list[Member] = []
     width = 0
     for part in parts:
-        n = part.forward.shape[1]
+        n = part.forward.values.shape[1]
         forward = slice(width, width + n)
         backward = None if part.backward is None else slice(width + n, width + 2 * n)
         columns += [part.forward] if part.backward is None else [part.forward, part.backward]
         width += n if part.backward is None else 2 * n
         members.append(Member(part.component, part.positions_mm, forward, backward))
-    nodes = np.hstack(columns)
-    nodes.flags.writeable = False
-    return Group(scales, labels, tuple(members), nodes)
+    nodes = np.hstack([rows.values for rows in columns])
+    variances = np.hstack([rows.variances for rows in columns])
+    for matrix in (nodes, variances):
+        matrix.flags.writeable = False
+    known = not np.isnan(variances).all()
+    return Group(scales, labels, tuple(members), nodes, variances if known else None)

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from app.arrays import FloatArray
 from app.errors import (
     FieldError,
@@ -20,6 +22,7 @@ from app.errors import (
     list_names,
 )
 from app.geometry.components import Component
+from app.geometry.measuring_line import MeasuringLines
 from app.thermal.bracket import Bracket, Status, find_bracket
 from app.thermal.machine import Machine
 
@@ -52,13 +55,16 @@ class Group:
     """The components that lie between the same two maps at any time.
 
     `scales` begins with the assigned sensor's; its stand-ins' follow. `nodes` has
-    a row for each of `labels` [the members' units].
+    a row for each of `labels` [the members' units]. `variances` are those of `nodes`,
+    of the same shape [units squared]: NaN where the maps do not state them, None
+    where they are nowhere stated.
     """
 
     scales: tuple[Scale, ...]
     labels: tuple[str, ...]
     members: tuple[Member, ...]
     nodes: FloatArray
+    variances: FloatArray | None = None
 
     @property
     def sensor(self) -> str:
@@ -79,7 +85,9 @@ class Group:
 class GroupState:
     """A group's errors at one temperature, and how they came about.
 
-    `values` has one number for each column of the group's matrix.
+    `values` has one number for each column of the group's matrix, and so has `variances`,
+    the part of their uncertainty that the measurement of the maps left: NaN where one of
+    the maps that enter states none, None where the group has none at all.
     """
 
     group: Group
@@ -90,11 +98,30 @@ class GroupState:
     weight: float
     status: Status
     values: FloatArray
+    variances: FloatArray | None
 
     @property
     def is_stand_in(self) -> bool:
         """Whether another sensor than the assigned one was used."""
         return self.sensor != self.group.sensor
+
+    def standard_errors(self, columns: slice) -> FloatArray | None:
+        """Give the standard errors of one member's values, None where they are not known.
+
+        Parameters
+        ----------
+        columns
+            The member's `forward` or `backward`.
+
+        Returns
+        -------
+        ndarray, shape (n,) [the member's unit], or None
+        """
+        # A map states all of a component's standard errors or none.
+        if self.variances is None or np.isnan(self.variances[columns.start]):
+            return None
+        found: FloatArray = np.sqrt(self.variances[columns])
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,12 +138,15 @@ class CompiledModel:
         Code to the reason why a component that some map has cannot be.
     notes
         What a user should know about how the maps were brought together.
+    measuring_lines
+        Axis to the line along which its translations count as measured.
     """
 
     machine: Machine
     groups: tuple[Group, ...]
     omitted: Mapping[str, str]
     notes: tuple[str, ...]
+    measuring_lines: MeasuringLines
 
     def errors_at(
         self, temperatures_c: Mapping[str, float], stale_c: Mapping[str, float] | None = None
@@ -178,6 +208,9 @@ class CompiledModel:
             status=bracket.status,
             # (1 − w) E_n + w E_m rather than E_n + w (E_m − E_n): exact at both maps.
             values=(1.0 - w) * group.nodes[lower] + w * group.nodes[upper],
+            variances=None
+            if group.variances is None
+            else _between(group.variances, lower, upper, w),
         )
 
     def bracket(self, group: Group, scale: Scale, temperature_c: float) -> Bracket:
@@ -234,3 +267,15 @@ class CompiledModel:
             f"expected a temperature of {group.sensor} in °C, needed by "
             f"{list_names(group.codes)}, came none that is usable{spare}"
         )
+
+
+def _between(variances: FloatArray, lower: int, upper: int, w: float) -> FloatArray:
+    """Variances of (1 − w) E_n + w E_m, the maps being measured independently (GUM, 5.1.2).
+
+    At a map the other one does not enter, known or not.
+    """
+    if w in (0.0, 1.0):
+        own: FloatArray = variances[upper if w else lower]
+        return own
+    found: FloatArray = (1.0 - w) ** 2 * variances[lower] + w**2 * variances[upper]
+    return found

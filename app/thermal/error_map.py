@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from app.arrays import FloatArray, frozen
 from app.errors import InvalidContent
 from app.geometry.components import Component
+from app.geometry.measuring_line import MeasuringLines
+from app.thermal.uncertainty import check_covariance, standard_errors_of
 
 VALUE_LIMIT = 1e6
 """Larger errors than a metre [µm], a radian [µrad] are no errors but a wrong unit."""
@@ -32,6 +34,10 @@ class ComponentTable:
         Actual minus nominal [component.unit].
     backward_errors : ndarray, same shape, optional
         The errors when the position is approached in the negative direction.
+    covariance, backward_covariance : ndarray, shape (n, n) or (n,), optional
+        Covariance of the errors' own uncertainty (GUM), as the measurement left it
+        [component.unit squared]; the variances alone where the errors are independent
+        of each other, None where nobody stated it.
 
     Raises
     ------
@@ -43,6 +49,8 @@ class ComponentTable:
     positions_mm: FloatArray
     errors: FloatArray
     backward_errors: FloatArray | None = None
+    covariance: FloatArray | None = None
+    backward_covariance: FloatArray | None = None
 
     @classmethod
     def make(
@@ -51,6 +59,8 @@ class ComponentTable:
         errors: ArrayLike,
         positions_mm: ArrayLike = (),
         backward_errors: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        backward_covariance: ArrayLike | None = None,
     ) -> ComponentTable:
         """Make a table from anything array-like, checked.
 
@@ -62,7 +72,10 @@ class ComponentTable:
             component,
             frozen(positions_mm),
             frozen(errors),
-            None if backward_errors is None else frozen(backward_errors),
+            *(
+                None if stated is None else frozen(stated)
+                for stated in (backward_errors, covariance, backward_covariance)
+            ),
         )
 
     def __post_init__(self) -> None:
@@ -75,6 +88,26 @@ class ComponentTable:
                     f"{self.component.code} is one value and has no direction of approach",
                 )
             self._check_values(self.backward_field, self.backward_errors)
+        if self.backward_covariance is not None and self.backward_errors is None:
+            raise InvalidContent.of_field(
+                "backward_covariance",
+                f"expected {self.backward_field} of {self.component.code} beside it, came none",
+            )
+        for name in ("covariance", "backward_covariance"):
+            stated = getattr(self, name)
+            if stated is not None:
+                check_covariance(self.component, name, stated, self.errors.size)
+
+    @property
+    def standard_errors(self) -> FloatArray | None:
+        """Standard error of each value [component.unit], where it is known."""
+        return None if self.covariance is None else standard_errors_of(self.covariance)
+
+    @property
+    def backward_standard_errors(self) -> FloatArray | None:
+        """The same of the backward errors."""
+        of = self.backward_covariance
+        return None if of is None else standard_errors_of(of)
 
     @property
     def backward_field(self) -> str:
@@ -160,9 +193,9 @@ class ErrorMap:
         Sensor name to temperature at that time [°C].
     tables
         Component code to table.
-    measuring_lines_mm
-        Axis to a point (x, y, z) of the line along which its translations were
-        measured [mm]; absent where the line was the axis itself.
+    measuring_lines
+        Axis to the line along which its translations were measured; absent where they
+        are free of the rotations' effect.
     repeatability_um
         Stated repeatability of the measurement, one standard deviation [µm].
     instrument
@@ -173,6 +206,6 @@ class ErrorMap:
     measured_at: datetime
     temperatures_c: Mapping[str, float]
     tables: Mapping[str, ComponentTable]
-    measuring_lines_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    measuring_lines: MeasuringLines = field(default_factory=dict)
     repeatability_um: float | None = None
     instrument: str | None = None

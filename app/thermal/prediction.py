@@ -9,8 +9,8 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent, NotEnoughMaps, OutsideMaps, list_names
-from app.geometry.components import ORDER
-from app.geometry.volumetric_error import MeasuringLines, volumetric_error
+from app.geometry.components import LINEAR_LETTERS, ORDER
+from app.geometry.volumetric_error import volumetric_error
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel, Group, Member
 
@@ -98,18 +98,17 @@ def predict_points(
     points_mm: FloatArray,
     tool_offsets_mm: FloatArray,
     directions: FloatArray,
-    measuring_lines_mm: MeasuringLines,
 ) -> Predicted:
     """Predict the volumetric error at n points and times.
 
     Parameters
     ----------
-    model, temperatures_c, directions
+    model, temperatures_c
         As for `predict_component`.
     points_mm, tool_offsets_mm : ndarray, shape (n, 3) [mm]
         Nominal positions and tool offsets.
-    measuring_lines_mm
-        The maps' measuring lines.
+    directions : ndarray, shape (n, 3)
+        For each axis as for `predict_component`.
 
     Returns
     -------
@@ -131,10 +130,12 @@ def predict_points(
         statuses.append(brackets.status)
         for member in group.members:
             axis = member.component.axis
-            along = points_mm[:, "xyz".index(axis)] if axis else np.zeros(len(points_mm))
-            errors[member.component.code] = _values(group, member, brackets, along, directions)
+            row = LINEAR_LETTERS.index(axis) if axis else 0
+            errors[member.component.code] = _values(
+                group, member, brackets, points_mm[:, row], directions[:, row]
+            )
     values, _ = volumetric_error(
-        model.machine.chain, errors, points_mm, tool_offsets_mm, measuring_lines_mm
+        model.machine.chain, errors, points_mm, tool_offsets_mm, model.measuring_lines
     )
     worst = [max(row, key=_GRAVITY.index) for row in zip(*statuses, strict=True)]
     # Also where the unknown component happens to have no lever at this point.

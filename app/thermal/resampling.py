@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.arrays import FloatArray
 from app.errors import Conflict
 from app.thermal.error_map import ComponentTable
+from app.thermal.uncertainty import variances_of
 
 
 def common_positions(tables: Sequence[ComponentTable]) -> FloatArray:
@@ -90,3 +93,109 @@ def sample_table(
     if not table.depends_on_position:
         return np.full(positions_mm.size, values[0])
     return np.interp(positions_mm, table.positions_mm, values)
+
+
+def sample_variances(
+    table: ComponentTable, positions_mm: FloatArray, *, backward: bool = False
+) -> FloatArray | None:
+    """Carry a table's uncertainty through its linear interpolation: the diagonal of A C Aᵀ.
+
+    Parameters
+    ----------
+    table, positions_mm, backward
+        As for `sample_table`.
+
+    Returns
+    -------
+    ndarray, shape (n,), or (1,) without argument [the component's unit squared]
+        None where the table's uncertainty is not known. Half way between two positions
+        independent errors average out to half their variance, fully correlated ones
+        keep it.
+
+    Examples
+    --------
+    >>> from app.geometry.components import COMPONENTS
+    >>> at = [0.0, 100.0]
+    >>> for covariance in ([4.0, 4.0], [[4.0, 4.0], [4.0, 4.0]]):
+    ...     exx = ComponentTable.make(COMPONENTS["EXX"], [0, 0], at, covariance=covariance)
+    ...     print(sample_variances(exx, np.array([0.0, 50.0])).tolist())
+    [4.0, 2.0]
+    [4.0, 4.0]
+    """
+    covariance = covariance_of(table, backward=backward)
+    if covariance is None:
+        return None
+    variances = variances_of(covariance)
+    if not table.component.is_table:
+        return variances
+    if not table.depends_on_position:
+        return np.full(positions_mm.size, variances[0])
+    left, right, share = _neighbours(table.positions_mm, positions_mm)
+    found: FloatArray = (1 - share) ** 2 * variances[left] + share**2 * variances[right]
+    if covariance.ndim == 2:
+        found += 2 * share * (1 - share) * covariance[left, right]
+    # A covariance that was rounded can leave less than nothing.
+    return np.maximum(found, 0.0)
+
+
+def covariance_of(table: ComponentTable, *, backward: bool = False) -> FloatArray | None:
+    """Choose the covariance that belongs to the errors that `sample_table` samples.
+
+    Parameters
+    ----------
+    table, backward
+        As for `sample_table`.
+
+    Returns
+    -------
+    ndarray, shape (k, k) or (k,) [the component's unit squared], or None
+    """
+    if backward and table.backward_errors is not None:
+        return table.backward_covariance
+    return table.covariance
+
+
+def interpolation_matrix(table: ComponentTable, positions_mm: FloatArray) -> FloatArray:
+    """Write `sample_table` as a matrix A on the table's errors.
+
+    Parameters
+    ----------
+    table
+        One component's table.
+    positions_mm : ndarray, shape (n,) [mm]
+        Where; outside the table its end values hold.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+
+    Examples
+    --------
+    >>> from app.geometry.components import COMPONENTS
+    >>> exx = ComponentTable.make(COMPONENTS["EXX"], [0.0, 4.0], [0.0, 100.0])
+    >>> interpolation_matrix(exx, np.array([25.0])).tolist()
+    [[0.75, 0.25]]
+    """
+    if not table.depends_on_position:
+        return np.ones((positions_mm.size, 1))
+    left, right, share = _neighbours(table.positions_mm, positions_mm)
+    matrix = np.zeros((positions_mm.size, table.positions_mm.size))
+    rows = np.arange(positions_mm.size)
+    matrix[rows, left] = 1 - share
+    matrix[rows, right] = share
+    return matrix
+
+
+class _Neighbours(NamedTuple):
+    """Of n positions the nodes to their left and right, and the right one's share."""
+
+    left: NDArray[np.intp]
+    right: NDArray[np.intp]
+    share: FloatArray
+
+
+def _neighbours(nodes_mm: FloatArray, positions_mm: FloatArray) -> _Neighbours:
+    inside = np.clip(positions_mm, nodes_mm[0], nodes_mm[-1])
+    left = np.clip(np.searchsorted(nodes_mm, inside, side="right") - 1, 0, nodes_mm.size - 2)
+    share = (inside - nodes_mm[left]) / (nodes_mm[left + 1] - nodes_mm[left])
+    return _Neighbours(left, left + 1, share)

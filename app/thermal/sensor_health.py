@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -31,6 +31,7 @@ class Health(StrEnum):
     OUT_OF_RANGE = "out-of-range"
     STUCK = "stuck"
     JUMP = "jump"
+    FAULTY = "faulty"
 
 
 class SensorState(NamedTuple):
@@ -102,7 +103,9 @@ def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[Sensor
     return [_assess(machine, sensor, history) for sensor in machine.sensors.values()]
 
 
-def believed(machine: Machine, history: TemperatureHistory) -> TemperatureHistory:
+def believed(
+    machine: Machine, history: TemperatureHistory, sensors: Collection[str] | None = None
+) -> TemperatureHistory:
     """Leave out of a record all that was not to be believed at its time.
 
     Parameters
@@ -111,6 +114,8 @@ def believed(machine: Machine, history: TemperatureHistory) -> TemperatureHistor
         Whose sensors they are.
     history
         The record; judgement is sure from `record_needed_s` after its beginning.
+    sensors
+        Whose record is wanted; of all sensors without it.
 
     Returns
     -------
@@ -119,6 +124,8 @@ def believed(machine: Machine, history: TemperatureHistory) -> TemperatureHistor
     """
     cleaned = {}
     for name, values in history.temperatures_c.items():
+        if sensors is not None and name not in sensors:
+            continue
         kept = values.copy()
         known = np.flatnonzero(~np.isnan(values))
         verdicts = judge_record(machine, machine.sensor(name), history)
@@ -244,6 +251,8 @@ def _jumped(sensor: Sensor, times: FloatArray, values: FloatArray) -> NDArray[np
     allowance = CLEARLY * sensor.resolution_c
     rate = sensor.max_rate_c_per_min / 60.0
     jumped = np.zeros(values.shape, dtype=bool)
+    if (np.abs(np.diff(values)) <= rate * np.diff(times) + allowance).all():
+        return jumped
     trusted = 0
     for i in range(1, len(values)):
         allowed = rate * (times[i] - times[trusted]) + allowance

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from app.demo.error_maps import REPEATABILITY_UM, run_map
+from app.demo.error_maps import ANGULAR_REPEATABILITY_URAD, REPEATABILITY_UM, run_map
 from app.demo.remaining_error import COMPARED_RUNS, remaining_errors
+from app.geometry.components import Kind
 
 ROWS = {(row.run, len(row.stored)): row for row in remaining_errors()}
 LABELS = [f"Run #{n}" for n in COMPARED_RUNS]
@@ -29,17 +30,31 @@ def test_three_maps_leave_less_than_two_and_less_than_half_of_uncompensated(labe
 
 
 @pytest.mark.parametrize("label", LABELS)
+@pytest.mark.parametrize("figure", ["rms_urad", "max_urad"])
+def test_of_the_angles_too_three_maps_leave_less_than_two(label, figure):
+    # Rotations change by less than displacements do, so that noise is most of what remains.
+    none, two, three = (getattr(ROWS[label, n], figure) for n in (0, 2, 3))
+    assert three < two < 0.2 * none
+
+
+@pytest.mark.parametrize("label", LABELS)
 def test_nothing_can_leave_less_than_the_measurement_scatters(label):
     assert ROWS[label, 3].rms_um > 0.9 * REPEATABILITY_UM
+    assert ROWS[label, 3].rms_urad > 0.9 * ANGULAR_REPEATABILITY_URAD
 
 
 def test_an_uncompensated_row_is_the_measured_map_itself():
     tables = run_map(4).tables.values()
-    linear = np.concatenate([t.errors for t in tables if t.component.is_table])
+    angular = np.concatenate([t.errors for t in tables if t.component.kind is Kind.ANGULAR])
+    linear = np.concatenate(
+        [t.errors for t in tables if t.component.is_table and not t.component.is_rotation]
+    )
     squareness = [abs(t.errors[0]) for t in tables if not t.component.is_table]
-    assert linear.size == 9 * 21
+    assert linear.size == angular.size == 9 * 21
     assert ROWS["Run #4", 0].rms_um == pytest.approx(np.sqrt(np.mean(linear**2)))
     assert ROWS["Run #4", 0].max_um_per_m == max(squareness)
+    assert ROWS["Run #4", 0].rms_urad == pytest.approx(np.sqrt(np.mean(angular**2)))
+    assert ROWS["Run #4", 0].max_urad == np.abs(angular).max()
 
 
 def test_with_two_maps_the_residual_is_measured_minus_the_line_between_them():

@@ -4,6 +4,7 @@ import app.demo
 from app.demo import error_maps, machine, true_errors, warm_up
 from app.demo.error_maps import run_map
 from app.demo.machine import SENSORS, example_machine, positions_mm
+from app.geometry.needed_components import needed_components
 from app.thermal.compile_model import compile_model
 
 
@@ -31,14 +32,20 @@ def test_tables_cover_the_travel():
         assert (positions[0], positions[-1]) == (travel.min_mm, travel.max_mm)
 
 
-def test_all_twelve_components_follow_the_chapters_sensors_without_an_assignment():
+def test_a_map_has_all_that_the_volumetric_error_consists_of():
+    needed = needed_components(example_machine().chain, tool_offset_mm=(10.0, 20.0, 160.0))
+    assert len(needed) == 21
+    assert all(set(run_map(n).tables) == set(needed) for n in warm_up.RUNS)
+
+
+def test_all_components_follow_the_chapters_sensors_without_an_assignment():
     # 8.2.9: x-middle for the errors of x, y and S_xy; z-column for those of z, S_yz and S_zx.
     model = compile_model(example_machine(), [run_map(n) for n in (1, 3, 6)], assignment={})
     assert model.omitted == {}
     assert model.notes == ()
     assert {group.sensor: set(group.codes) for group in model.groups} == {
-        "x-middle": {"EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "SXY"},
-        "z-column": {"EXZ", "EYZ", "EZZ", "SYZ", "SZX"},
+        "x-middle": {f"E{way}{axis}" for way in "XYZABC" for axis in "XY"} | {"SXY"},
+        "z-column": {f"E{way}Z" for way in "XYZABC"} | {"SYZ", "SZX"},
     }
 
 

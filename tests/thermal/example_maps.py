@@ -29,7 +29,7 @@ def table(code, errors, positions_mm=(), backward=None):
     return ComponentTable.make(COMPONENTS[code], errors, positions_mm, backward)
 
 
-def error_map(label, temperatures_c, *tables):
+def error_map(label, temperatures_c, *tables, lines=None):
     """A map; one temperature is that of x-middle and z-column alike."""
     if isinstance(temperatures_c, int | float):
         temperatures_c = {"x-middle": temperatures_c, "z-column": temperatures_c}
@@ -38,6 +38,7 @@ def error_map(label, temperatures_c, *tables):
         measured_at=datetime(2008, 1, 1, tzinfo=UTC),
         temperatures_c=dict(temperatures_c),
         tables={t.component.code: t for t in tables},
+        measuring_lines=lines or {},
     )
 
 

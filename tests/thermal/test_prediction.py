@@ -6,6 +6,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from app.errors import InvalidContent, NotEnoughMaps
 from app.geometry.chain import Chain
+from app.geometry.measuring_line import MeasuringLine
 from app.geometry.volumetric_error import volumetric_error
 from app.thermal.bracket import Status
 from app.thermal.compile_model import compile_model
@@ -153,8 +154,11 @@ def test_a_component_that_the_model_lacks_is_refused_with_the_reason():
 # --- points ------------------------------------------------------------------------------
 
 
+LINES = {"x": MeasuringLine((0.0, 250.0, 100.0), (0.0, 0.0, 60.0))}
+
+
 def rich_maps(rng):
-    """Every kind of component, on sensors of their own, some bidirectional."""
+    """Every kind of component, on sensors of their own, some bidirectional, x on a line."""
     grid = np.array([0.0, 110.0, 500.0])
     return [
         error_map(
@@ -166,6 +170,7 @@ def rich_maps(rng):
             table("EZZ", rng.normal(size=3), grid),
             table("ECZ", rng.normal(scale=30, size=3), grid),
             table("SZX", rng.normal(scale=30, size=1)),
+            lines=LINES,
         )
         for i, t in enumerate([20.0, 24.0, 31.0])
     ]
@@ -178,21 +183,18 @@ def test_points_are_the_volumetric_error_of_the_components_at_their_own_coordina
     t = rng.uniform(20.0, 31.0, n)
     live = {"x-middle": t, "z-column": t + 2.0}
     points, tools = rng.uniform(0, 500, (n, 3)), rng.uniform(-100, 200, (n, 3))
-    directions = rng.integers(-1, 2, n)
-    lines = {"x": (0.0, 250.0, 100.0)}
-    found = predict_points(model, live, points, tools, directions, lines)
+    directions = rng.integers(-1, 2, (n, 3))
+    found = predict_points(model, live, points, tools, directions)
     axis = {"EXX": 0, "EBX": 0, "EAY^x": 1, "EZZ": 2, "ECZ": 2, "SZX": 0}
     alone = {
-        code: predict_component(model, code, live, points[:, i], directions).values
+        code: predict_component(model, code, live, points[:, i], directions[:, i]).values
         for code, i in axis.items()
     }
-    expected, _ = volumetric_error(Chain.parse("XYFZ"), alone, points, tools, lines)
+    expected, _ = volumetric_error(Chain.parse("XYFZ"), alone, points, tools, LINES)
     np.testing.assert_array_equal(found.values, expected)
     for i in range(0, n, 7):
         now = {name: values[i : i + 1] for name, values in live.items()}
-        one = predict_points(
-            model, now, points[i : i + 1], tools[i : i + 1], directions[i : i + 1], lines
-        )
+        one = predict_points(model, now, points[i : i + 1], tools[i : i + 1], directions[i : i + 1])
         np.testing.assert_array_equal(one.values[0], found.values[i])
         assert one.status == [found.status[i]]
 
@@ -210,7 +212,7 @@ def test_a_point_is_as_trustworthy_as_its_worst_component():
     columns = zip(*cases.values(), strict=True)
     live = dict(zip(["x-middle", "z-column", "y-front"], map(np.array, columns), strict=True))
     points = np.full((5, 3), 100.0)
-    found = predict_points(model, live, points, np.zeros((5, 3)), np.zeros(5), {})
+    found = predict_points(model, live, points, np.zeros((5, 3)), np.zeros((5, 3)))
     assert found.status == list(cases)
     assert np.isfinite(found.values[:4]).all()
     assert np.isnan(found.values[4]).all()
@@ -219,7 +221,7 @@ def test_a_point_is_as_trustworthy_as_its_worst_component():
 def test_outside_what_the_policy_allows_there_is_no_point():
     model = compiled(rich_maps(np.random.default_rng(6)), out_of_range=OutOfRange.REJECT)
     live = {"x-middle": np.array([25.0]), "z-column": np.array([90.0])}
-    found = predict_points(model, live, np.ones((1, 3)), np.zeros((1, 3)), UNKNOWN, {})
+    found = predict_points(model, live, np.ones((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)))
     assert found.status == [OUTSIDE_MAPS]
     assert np.isnan(found.values).all()
 
@@ -233,7 +235,7 @@ def test_an_unknown_rotation_makes_a_point_unknown_even_where_it_has_no_lever():
     ]
     live = at_x_middle(25.0, 25.0, **{"z-column": [25.0, np.nan]})
     points = np.ones((2, 3))
-    found = predict_points(compiled(maps), live, points, np.zeros((2, 3)), np.zeros(2), {})
+    found = predict_points(compiled(maps), live, points, np.zeros((2, 3)), np.zeros((2, 3)))
     assert found.status == [Status.INTERPOLATED, NO_READING]
     np.testing.assert_array_equal(found.values, [[1.0, 0.0, 0.0], [np.nan] * 3])
 
@@ -241,5 +243,5 @@ def test_an_unknown_rotation_makes_a_point_unknown_even_where_it_has_no_lever():
 def test_without_two_maps_no_error_known_is_not_an_error_of_zero():
     with pytest.raises(NotEnoughMaps, match="needs at least two error maps"):
         predict_points(
-            compiled([]), at_x_middle(25.0), np.ones((1, 3)), np.zeros((1, 3)), UNKNOWN, {}
+            compiled([]), at_x_middle(25.0), np.ones((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
         )

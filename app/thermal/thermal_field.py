@@ -1,0 +1,85 @@
+"""Tables over position at one thermal state or several: what an error field is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.geometry.components import LINEAR_LETTERS, Component
+from app.geometry.error_table import Table
+from app.thermal.compiled_model import CompiledModel, GroupState
+
+Directions = tuple[int, int, int]
+"""+1, −1 or 0 (the mean of both) for the direction of approach of x, y, z."""
+
+MEAN_OF_BOTH: Directions = (0, 0, 0)
+
+
+def thermal_tables(
+    model: CompiledModel,
+    states: Sequence[Sequence[GroupState]],
+    directions: Directions = MEAN_OF_BOTH,
+) -> dict[str, Table]:
+    """Lay a model's components out at one thermal state or at several.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    states
+        For each thermal state what `CompiledModel.errors_at` found there.
+    directions
+        Direction of approach of each axis: which of a bidirectional component's tables
+        is meant.
+
+    Returns
+    -------
+    dict of component code to Table
+        With an axis of states in the values if there are several.
+    """
+    one = len(states) == 1
+    tables: dict[str, Table] = {}
+    for of_group in zip(*states, strict=True):
+        for member in of_group[0].group.members:
+            rows = [
+                by_direction(
+                    member.component,
+                    state.values[member.forward],
+                    None if member.backward is None else state.values[member.backward],
+                    directions,
+                )
+                for state in of_group
+            ]
+            values = rows[0] if one else np.array(rows)
+            tables[member.component.code] = Table(member.positions_mm, values)
+    return tables
+
+
+def by_direction(
+    component: Component, forward: FloatArray, backward: FloatArray | None, directions: Directions
+) -> FloatArray:
+    """Choose a component's table by its axis' direction of approach.
+
+    Parameters
+    ----------
+    component
+        The component.
+    forward, backward : ndarray, shape (k,)
+        Its errors approached in either direction, None where they are the same.
+    directions
+        Direction of approach of each axis.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        The mean of both where the direction is not stated.
+    """
+    if backward is None:
+        return forward
+    direction = directions[LINEAR_LETTERS.index(str(component.axis))]
+    if direction == 0:
+        mean: FloatArray = (forward + backward) / 2
+        return mean
+    return forward if direction > 0 else backward
