@@ -1,0 +1,1 @@
+"""Methods that turn what an instrument read into error components: one file a method."""

@@ -1,0 +1,251 @@
+"""Body diagonals: how well a machine keeps distances across its volume (ISO 230-6).
+
+C. Wang (2008), 8.3.2.1 and 8.130–8.133; ISO 230-6. A laser points along a body diagonal
+and all axes move together. Four numbers at the four ends answer four questions: how long
+the diagonals are on the whole, and the three squareness errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent
+from app.geometry.body_diagonal import (
+    DIAGONALS,
+    DiagonalAccuracy,
+    diagonal_accuracy,
+    diagonal_ends,
+)
+from app.geometry.chain import Chain
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Kind
+from app.geometry.volumetric_error import volumetric_error
+from app.geometry.work_volume import WorkVolume
+from app.measurement.body_diagonal_input import DiagonalRuns, take_runs
+from app.measurement.result import MeasurementResult
+from app.measurement.stated_numbers import as_standard_deviation
+from app.thermal.error_map import ComponentTable
+from app.units import MM_PER_M
+
+PLANES: Final = ((0, 1), (1, 2), (2, 0))
+"""Of SXY, SYZ, SZX."""
+
+ROUNDING_UM: Final = 1e-6
+"""Runs that differ by no more do not differ."""
+
+UNSEEN: Final = (
+    "Four ends answer four questions: the diagonals' mean scale, which is that of x, y and z "
+    "weighted with the squares of their sides, and three squareness errors, each the sum of two "
+    "straightness slopes. Scales of single axes, and straightness beside its end-point slopes, "
+    "do not show."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyDiagonal:
+    """What measured body diagonals yield.
+
+    Parameters
+    ----------
+    result
+        Three squareness errors where the volume was stated, figures, notes.
+    accuracy
+        Ed, ESd and each diagonal's range, of the means in both directions [µm].
+    reversal_um
+        Diagonal to its largest reversal value, forward less backward mean [µm]; empty
+        where nothing was measured backwards.
+    repeatability_um
+        Standard deviation of one run's reading [µm]: found from repeated runs, or as
+        stated; None where unknown.
+    """
+
+    result: MeasurementResult
+    accuracy: DiagonalAccuracy
+    reversal_um: Mapping[str, float]
+    repeatability_um: float | None
+
+
+def body_diagonal(
+    diagonals: Mapping[str, Mapping[str, ArrayLike]],
+    *,
+    volume: WorkVolume | None = None,
+    chain: Chain | None = None,
+    repeatability_um: float | None = None,
+) -> BodyDiagonal:
+    """Evaluate the four body diagonals, and derive squareness from their ends.
+
+    Parameters
+    ----------
+    diagonals
+        `ppp`, `npp`, `pnp` and `ppn`, each with `positions_mm` (k,) along the diagonal,
+        increasing [mm], and `forward_um` and optionally `backward_um`: displacement along
+        the diagonal less its nominal at those positions, one run (k,) or runs (j, k) [µm].
+    volume
+        The box whose diagonals they are: its sides give the squareness its lever.
+        Without it there is none.
+    chain
+        Order of the axes: says which rotations the squareness contains.
+    repeatability_um
+        Standard deviation of one reading [µm], where runs are not repeated.
+
+    Returns
+    -------
+    BodyDiagonal
+
+    Raises
+    ------
+    InvalidContent
+        If a diagonal is missing or unknown, readings cannot be right, a diagonal is
+        longer than the volume's, or the volume lacks an axis.
+
+    Notes
+    -----
+    Displacements count from the first forward reading's mean. Squareness is solved for
+    together with the mean scale K: displacement of an end = K R ± SXY XY/R ± SYZ YZ/R ± SZX
+    ZX/R with the signs of [V 12], so that each is a difference of two pairs of diagonals.
+    [V 13] adds two diagonals and so takes K R²/(XY) for squareness: it holds only where
+    K = 0.
+
+    Examples
+    --------
+    >>> ends = {"ppp": 4.0, "npp": 2.0, "pnp": 2.0, "ppn": 4.0}
+    >>> read = {d: {"positions_mm": [0, 1300], "forward_um": [0, e]} for d, e in ends.items()}
+    >>> box = WorkVolume((0.0, 300.0), (0.0, 400.0), (0.0, 1200.0))
+    >>> found = body_diagonal(read, volume=box)
+    >>> found.accuracy.ed_um, found.accuracy.esd_um
+    (4.0, 4.0)
+    >>> {t.component.code: t.errors.round(3).tolist() for t in found.result.tables[:1]}
+    {'SXY': [10.833]}
+    """
+    runs = take_runs(diagonals)
+    stated = as_standard_deviation(
+        "repeatability_um", repeatability_um, "µm", largest=math.inf, zero=False
+    )
+    noise, freedom = _repeatability(runs)
+    noise = stated if noise is None else noise
+    accuracy = diagonal_accuracy({name: found.displacements_um for name, found in runs.items()})
+    reversal = {
+        name: found.reversal_um for name, found in runs.items() if found.reversal_um is not None
+    }
+    figures = _figures(accuracy, reversal, noise, freedom)
+    notes = list(_notes(runs, noise))
+    tables: list[ComponentTable] = []
+    if volume is None:
+        notes.append("No squareness: it needs the volume's sides.")
+    else:
+        tables, scale = _squareness(runs, volume, noise)
+        figures["diagonal_scale_um_per_m"] = scale
+        notes += [UNSEEN, *_rotations(chain)]
+    return BodyDiagonal(
+        MeasurementResult(tuple(tables), figures, tuple(notes)), accuracy, reversal, noise
+    )
+
+
+def _figures(
+    accuracy: DiagonalAccuracy, reversal: Mapping[str, float], noise: float | None, freedom: int
+) -> dict[str, float]:
+    figures = {"ed_um": accuracy.ed_um, "esd_um": accuracy.esd_um}
+    figures |= {f"range_{name}_um": value for name, value in accuracy.ranges_um.items()}
+    if reversal:
+        figures["bd_um"] = max(map(abs, reversal.values()))
+    if noise is not None:
+        figures["repeatability_um"] = noise
+    if freedom:
+        figures["degrees_of_freedom"] = float(freedom)
+    return figures
+
+
+def _repeatability(runs: Mapping[str, DiagonalRuns]) -> tuple[float | None, int]:
+    """Pool the spread of repeated runs, each freed of its own zero: µm, degrees of freedom."""
+    squares, freedom = 0.0, 0
+    for found in runs.values():
+        for direction in (found.forward_um, found.backward_um):
+            rest = direction - direction.mean(axis=1, keepdims=True)
+            rest = rest - rest.mean(axis=0, keepdims=True) if len(rest) else rest
+            squares += float((rest**2).sum())
+            freedom += max(len(rest) - 1, 0) * (rest.shape[1] - 1)
+    # Runs of a coarse scale that do not differ at all do not show their noise.
+    if not freedom or squares <= freedom * ROUNDING_UM**2:
+        return None, 0
+    return float(np.sqrt(squares / freedom)), freedom
+
+
+def _squareness(
+    runs: Mapping[str, DiagonalRuns], volume: WorkVolume, noise: float | None
+) -> tuple[list[ComponentTable], float]:
+    """Solve the ends' displacements for mean scale and squareness [µm/m]."""
+    shares = _shares(volume)
+    stretched = np.array([runs[name].stretch_um_per_m(volume.diagonal_mm) for name in DIAGONALS])
+    # Orthogonal columns of ±: the inverse is exact.
+    solution = np.linalg.inv(shares)
+    variance = None
+    if noise is not None:
+        spread = np.array([runs[name].stretch_spread_per_m for name in DIAGONALS])
+        variance = noise**2 * (solution**2 @ spread**2)
+    values = solution @ stretched
+    tables = []
+    for row, (u, v) in enumerate(PLANES, start=1):
+        code = f"S{LINEAR_LETTERS[u]}{LINEAR_LETTERS[v]}".upper()
+        covariance = None if variance is None else [[variance[row]]]
+        tables.append(ComponentTable.make(COMPONENTS[code], values[row], covariance=covariance))
+    return tables, float(values[0])
+
+
+def _shares(volume: WorkVolume) -> FloatArray:
+    """What a scale and each squareness of 1 µm/m add to a diagonal's stretch: (4, 4)."""
+    rows = []
+    for name in DIAGONALS:
+        start, end = diagonal_ends(volume, name)
+        ray = (end - start) / volume.diagonal_mm
+        if not ray.all():
+            raise InvalidContent.of_field(
+                "volume", f"expected three sides above 0 mm, came {np.abs(end - start).tolist()}"
+            )
+        rows.append([1.0, *(ray[u] * ray[v] for u, v in PLANES)])
+    return np.array(rows)
+
+
+def _rotations(chain: Chain | None) -> list[str]:
+    """Say which rotations look like squareness on the diagonals of this chain (8.108–8.111)."""
+    if chain is None:
+        return []
+    box = WorkVolume(*((0.0, MM_PER_M),) * 3)
+    ends = [diagonal_ends(box, name) for name in DIAGONALS]
+    sums = [COMPONENTS[f"S{LINEAR_LETTERS[u]}{LINEAR_LETTERS[v]}".upper()].code for u, v in PLANES]
+    angular = (c for c in COMPONENTS.values() if c.kind is Kind.ANGULAR and c.axis in chain.axes)
+    for component in angular:
+        one = {component.code: np.ones(1)}
+        stretched = []
+        for start, end in ends:
+            errors_um, _ = volumetric_error(chain, one, np.stack([start, end]))
+            stretched.append((errors_um[1] - errors_um[0]) @ (end - start) / box.diagonal_mm)
+        found = np.linalg.solve(_shares(box), np.array(stretched) * MM_PER_M / box.diagonal_mm)
+        for row, sign in enumerate(found[1:].round().tolist()):
+            if sign:
+                sums[row] += f" {'+' if sign > 0 else '−'} {component.code}"
+    return [
+        f"On the diagonals of {chain.text}, the means of rotations at both ends of their axis "
+        f"count as squareness: what is given is {', '.join(sums)}."
+    ]
+
+
+def _notes(runs: Mapping[str, DiagonalRuns], noise: float | None) -> list[str]:
+    found = [note for name in DIAGONALS for note in runs[name].suspicions]
+    one_way = [name for name in DIAGONALS if not len(runs[name].backward_um)]
+    if one_way:
+        found.append(
+            f"Measured in one direction only ({', '.join(one_way)}): Ed of ISO 230-6 is of both, "
+            "and reversal does not show."
+        )
+    if noise is None:
+        found.append(
+            "No uncertainty: runs were not repeated or do not differ, and no repeatability_um was "
+            "stated."
+        )
+    return found

@@ -1,0 +1,261 @@
+"""Errors in a plane from holes that the machine drilled, measured on a coordinate machine.
+
+Each hole is where the machine put the tool when it was told the nominal position. How
+the plate lay on the coordinate machine is unknown, so a rigid motion is fitted and taken
+out (two-dimensional Procrustes, exact rotation). What remains holds scale, squareness
+and, where rows and columns of holes repeat, the errors of each axis:
+
+    e_x = EXX(x) + EXY(y) + SXY·y,    e_y = EYX(x) + EYY(y)
+
+References
+----------
+C. Wang, 8.58–8.60 for the sign of SXY: E_x gains SXY·y.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent, list_names
+from app.measurement.drilled_plate_components import (
+    Squareness,
+    axis_tables,
+    plate_lines,
+    squareness_of,
+)
+from app.measurement.outliers import far_holes
+from app.measurement.result import MeasurementResult
+from app.measurement.rigid_motion import RigidMotion, take_out_rigid_motion
+from app.measurement.rows_and_columns import GridFit, fit_rows_and_columns
+from app.measurement.scale_and_squareness import AffineFit, fit_scale_and_squareness
+from app.measurement.stated_numbers import (
+    FARTHEST_MM,
+    as_numbers,
+    as_point,
+    as_standard_deviation,
+)
+from app.units import MM_PER_M, UM_PER_MM
+
+FEWEST_HOLES: Final = 3
+MOST_NAMED: Final = 10
+LARGEST_EXPANSION: Final = 100.0
+LARGEST_DIFFERENCE_C: Final = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrilledPlate:
+    """What a plate of holes says.
+
+    Parameters
+    ----------
+    rotation_urad
+        How the plate lay on the coordinate machine, about Z by the right-hand rule [µrad].
+    shift_mm : ndarray, shape (2,) [mm]
+        Where its nominal zero lay.
+    scale_um_per_m, scale_standard_errors_um_per_m : ndarray, shape (2,) [µm/m]
+        Of x and y; standard errors are NaN where nothing is known of the noise.
+    squareness_um_per_m
+        SXY [µm/m].
+    errors_um : ndarray, shape (n, 2) [µm]
+        Errors of the holes without the rigid motion.
+    residuals_um : ndarray, shape (n, 2) [µm]
+        Without scale and squareness too.
+    suspicious : tuple of int
+        Indices of holes far from the rest; they are kept.
+    result
+        EXX, EYY and SXY; EXY and EYX too where rows and columns repeat.
+    """
+
+    rotation_urad: float
+    shift_mm: FloatArray
+    scale_um_per_m: FloatArray
+    scale_standard_errors_um_per_m: FloatArray
+    squareness_um_per_m: float
+    errors_um: FloatArray
+    residuals_um: FloatArray
+    suspicious: tuple[int, ...]
+    result: MeasurementResult
+
+
+def evaluate_drilled_plate(
+    nominal_mm: ArrayLike,
+    measured_mm: ArrayLike,
+    *,
+    origin_mm: ArrayLike | None = None,
+    tool_offset_mm: ArrayLike = (0.0, 0.0, 0.0),
+    expansion_um_per_m_k: float = 0.0,
+    drilled_minus_measured_c: float = 0.0,
+    repeatability_um: float | None = None,
+) -> DrilledPlate:
+    """Take scale, squareness and axis errors from the holes of a plate.
+
+    Parameters
+    ----------
+    nominal_mm, measured_mm : array-like, shape (n, 2) [mm]
+        Nominal and measured x, y of the same holes, at least three, not on one line.
+    origin_mm : array-like, shape (3,), optional [mm]
+        Machine position at the plate's nominal zero; tables then count from the machine's
+        zero and their measuring lines are stated.
+    tool_offset_mm : array-like, shape (3,) [mm]
+        Tool offset with which it was drilled.
+    expansion_um_per_m_k
+        The plate's coefficient of expansion [µm/(m K)].
+    drilled_minus_measured_c
+        The plate's temperature when it was drilled minus when it was measured [°C].
+    repeatability_um
+        Standard deviation of one coordinate of a hole [µm], used where the holes leave no
+        degree of freedom.
+
+    Returns
+    -------
+    DrilledPlate
+
+    Raises
+    ------
+    InvalidContent
+        If holes are too few, on one line, or numbers are missing, not finite, or so far
+        from nominal that holes are mixed up, mirrored or in another unit.
+
+    Notes
+    -----
+    Covariances are σ² times those of the least-squares fit; σ is estimated for x and for
+    y from what the fit leaves. A plate that was warmer when it was drilled has shrunk:
+    the measured positions are enlarged by expansion · temperature difference.
+
+    Examples
+    --------
+    >>> nominal = [[0, 0], [200, 0], [0, 100], [200, 100]]
+    >>> measured = [[0, 0], [200.004, 0], [0.001, 100], [200.005, 100]]
+    >>> plate = evaluate_drilled_plate(nominal, measured)
+    >>> plate.scale_um_per_m.round(3).tolist(), round(plate.squareness_um_per_m, 3)
+    ([20.0, 0.0], 10.0)
+    """
+    nominal = _as_holes("nominal_mm", nominal_mm)
+    measured = _as_holes("measured_mm", measured_mm)
+    _expect_the_same_holes(nominal, measured)
+    growth = _growth(expansion_um_per_m_k, drilled_minus_measured_c)
+    spread = as_standard_deviation("repeatability_um", repeatability_um, "µm")
+    origin = None if origin_mm is None else as_point("origin_mm", origin_mm)
+    tool = as_point("tool_offset_mm", tool_offset_mm)
+    rigid = take_out_rigid_motion(nominal, measured * (1 + growth / (UM_PER_MM * MM_PER_M)))
+    grid = fit_rows_and_columns(nominal, rigid.errors_um)
+    affine = fit_scale_and_squareness(nominal, rigid.errors_um, grid, spread)
+    suspicious = far_holes(affine.residuals_um)
+    squareness = squareness_of(rigid.errors_um, affine, grid)
+    before = _radial_rms((measured - nominal) * UM_PER_MM)
+    tables = axis_tables(nominal, rigid.errors_um, affine, grid, origin)
+    return DrilledPlate(
+        rotation_urad=rigid.rotation_urad,
+        shift_mm=rigid.shift_mm,
+        scale_um_per_m=affine.scale_um_per_m,
+        scale_standard_errors_um_per_m=affine.scale_standard_errors_um_per_m,
+        squareness_um_per_m=squareness.value,
+        errors_um=rigid.errors_um,
+        residuals_um=affine.residuals_um,
+        suspicious=suspicious,
+        result=MeasurementResult(
+            tables=(*tables, squareness.table),
+            figures=_figures_of_holes(before, rigid, affine) | _figures(affine, squareness, grid),
+            notes=_notes(affine, grid, growth, suspicious),
+            measuring_lines=plate_lines(nominal, grid, origin, tool),
+        ),
+    )
+
+
+def _as_holes(field: str, stated_mm: ArrayLike) -> FloatArray:
+    holes = as_numbers(field, stated_mm, "mm", FARTHEST_MM, "perhaps in µm")
+    if holes.ndim != 2 or holes.shape[1] != 2 or len(holes) < FEWEST_HOLES:
+        raise InvalidContent.of_field(
+            field,
+            f"expected x and y of at least {FEWEST_HOLES} holes in mm, came an array of shape "
+            f"{holes.shape}",
+        )
+    return holes
+
+
+def _expect_the_same_holes(nominal: FloatArray, measured: FloatArray) -> None:
+    if len(nominal) != len(measured):
+        raise InvalidContent.of_field(
+            "measured_mm", f"expected {len(nominal)} holes as nominal, came {len(measured)}"
+        )
+    wide, narrow = np.linalg.svd(nominal - nominal.mean(axis=0), compute_uv=False)
+    if narrow <= 1e-6 * wide:
+        raise InvalidContent.of_field(
+            "nominal_mm", "expected holes that span a plane, came holes on one line"
+        )
+
+
+def _growth(expansion_um_per_m_k: float, difference_c: float) -> float:
+    """How much longer the plate was when it was drilled [µm/m]."""
+    for field, value, largest, unit in (
+        ("expansion_um_per_m_k", expansion_um_per_m_k, LARGEST_EXPANSION, "µm/(m K)"),
+        ("drilled_minus_measured_c", difference_c, LARGEST_DIFFERENCE_C, "°C"),
+    ):
+        if not abs(value) <= largest:
+            raise InvalidContent.of_field(
+                field, f"expected a number within ±{largest:g} {unit}, came {value:g} {unit}"
+            )
+    return expansion_um_per_m_k * difference_c
+
+
+def _radial_rms(errors_um: FloatArray) -> float:
+    return math.sqrt(float((errors_um**2).sum(axis=1).mean()))
+
+
+def _figures_of_holes(
+    rms_before_um: float, rigid: RigidMotion, affine: AffineFit
+) -> dict[str, float]:
+    return {
+        "holes": float(len(rigid.errors_um)),
+        "rms_before_um": rms_before_um,
+        "rms_without_rigid_motion_um": _radial_rms(rigid.errors_um),
+        "rms_without_scale_and_squareness_um": _radial_rms(affine.residuals_um),
+        "rotation_urad": rigid.rotation_urad,
+        "shift_x_mm": float(rigid.shift_mm[0]),
+        "shift_y_mm": float(rigid.shift_mm[1]),
+    }
+
+
+def _figures(affine: AffineFit, squareness: Squareness, grid: GridFit | None) -> dict[str, float]:
+    figures = {"SXY_um_per_m": squareness.value}
+    for u, scale in zip("xy", affine.scale_um_per_m, strict=True):
+        figures[f"scale_{u}_um_per_m"] = float(scale)
+    if grid is not None:
+        figures["rms_without_rows_and_columns_um"] = _radial_rms(grid.residuals_um)
+    if np.isnan(affine.noise_um).any():
+        return figures
+    figures["SXY_standard_error_um_per_m"] = squareness.standard_error
+    for i, u in enumerate("xy"):
+        standard_error = float(affine.scale_standard_errors_um_per_m[i])
+        figures[f"scale_{u}_standard_error_um_per_m"] = standard_error
+        figures[f"noise_{u}_um"] = float(affine.noise_um[i])
+    figures["noise_degrees_of_freedom"] = float(affine.degrees_of_freedom)
+    return figures
+
+
+def _notes(
+    affine: AffineFit, grid: GridFit | None, growth: float, suspicious: tuple[int, ...]
+) -> tuple[str, ...]:
+    notes = [
+        "Scale is the machine's and the plate's together: a plate 1 K warmer when drilled than "
+        "when measured reads small by its coefficient of expansion (steel about 12 µm/m, "
+        f"aluminium about 23 µm/m). Corrected by {growth:g} µm/m."
+    ]
+    if grid is None:
+        notes.append(
+            "Too few holes share rows and columns: EXX and EYY are straight lines, and "
+            "straightness is not told apart. The standard errors take what is left as random; "
+            "holes that err as their neighbours do make the true ones larger."
+        )
+    if np.isnan(affine.noise_um).any():
+        notes.append("No degree of freedom is left for the noise: there are no standard errors.")
+    if suspicious:
+        named = list_names(map(str, suspicious), MOST_NAMED)
+        notes.append(f"Suspicious holes, far from the rest and kept: index {named}.")
+    return tuple(notes)

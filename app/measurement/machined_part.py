@@ -1,0 +1,273 @@
+"""Straightness of an axis from an edge that it machined, measured on a coordinate machine.
+
+The points along an edge of a finished part (ISO 10791-7) deviate from a straight line as
+the tool did; P. Sratong-on et al. compare them with what the machine's error model says
+at the same positions.
+
+References
+----------
+P. Sratong-on, L. Vongsarngpigoon, W. Nerdnoi, W. Thasana, *Error parameters of milling
+machine by measurement of machined parts* (Thai-Nichi Institute of Technology), section IV
+and Table II. ISO 10791-7, *Accuracy of finished test pieces*.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent
+from app.geometry.components import Component
+from app.geometry.measuring_line import MeasuringLines
+from app.measurement.outliers import far_from_the_rest
+from app.measurement.reference_line import (
+    StraightLine,
+    expect_line,
+    slope_of,
+    without_line,
+)
+from app.measurement.result import MeasurementResult
+from app.measurement.stated_axes import as_straightness, stated_line
+from app.measurement.stated_numbers import as_standard_deviation, suspiciously_small
+from app.measurement.stated_runs import as_positions, as_runs
+from app.measurement.straight_edge import StraightEdge, straight_edge
+from app.thermal.correlation import fisher_interval, pearson_r
+from app.thermal.error_map import ComponentTable
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What a part says against what a model predicts at the same positions.
+
+    Parameters
+    ----------
+    bias_um
+        Mean of measured minus predicted, as both came [µm].
+    slope_difference_um_per_m
+        Least-squares slope of measured minus predicted, as both came [µm/m].
+    rms_difference_um
+        Root mean square of measured minus predicted, as both came [µm].
+    rms_without_line_um
+        The same after the reference line was taken out of both [µm].
+    correlation
+        Of both without their reference lines; None where one of them does not vary.
+    interval
+        Its 95 % confidence interval (Fisher), with one pair less for the slope that both
+        have lost; None of fewer than five points.
+    correlation_as_came
+        Of both as they came: a slope in common makes it large.
+    """
+
+    bias_um: float
+    slope_difference_um_per_m: float
+    rms_difference_um: float
+    rms_without_line_um: float
+    correlation: float | None
+    interval: tuple[float, float] | None
+    correlation_as_came: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MachinedPart:
+    """Straightness of a machined edge.
+
+    Parameters
+    ----------
+    straightness_um
+        Range of the deviations from the reference line [µm].
+    slope_um_per_m
+        Slope that was taken out [µm/m]: alignment on the coordinate machine, and whatever
+        squareness the edge has.
+    comparison
+        With the model; None without a prediction.
+    suspicious_measured, suspicious_predicted : tuples of int
+        Indices of values far from the rest; they are kept.
+    result
+        The straightness component.
+    """
+
+    straightness_um: float
+    slope_um_per_m: float
+    comparison: Comparison | None
+    suspicious_measured: tuple[int, ...]
+    suspicious_predicted: tuple[int, ...]
+    result: MeasurementResult
+
+
+def evaluate_machined_part(
+    component: str,
+    positions_mm: ArrayLike,
+    measured_um: ArrayLike,
+    predicted_um: ArrayLike | None = None,
+    *,
+    line: StraightLine = "least-squares",
+    measuring_line_mm: ArrayLike | None = None,
+    tool_offset_mm: ArrayLike = (0.0, 0.0, 0.0),
+    repeatability_um: float | None = None,
+) -> MachinedPart:
+    """Take the straightness of an axis from points along an edge that it machined.
+
+    Parameters
+    ----------
+    component
+        A straightness component such as `EXY`: points of an edge along y, deviations in x.
+    positions_mm : array-like, shape (m,) [mm]
+        Where along the axis, strictly increasing, at least three.
+    measured_um : array-like, shape (m,), or (n, m) for repeated passes [µm]
+        Actual minus nominal position of the edge.
+    predicted_um : array-like, shape (m,), optional [µm]
+        What the model says there.
+    line
+        `least-squares` (regression, as the source) or `end-points`.
+    measuring_line_mm, tool_offset_mm : array-like, shape (3,), optional [mm]
+        A point of the machine's path along the edge, and the tool offset it was cut with.
+    repeatability_um
+        Standard deviation of one point [µm], for one pass.
+
+    Returns
+    -------
+    MachinedPart
+        The component's errors are the deviations from the line.
+
+    Raises
+    ------
+    InvalidContent
+        If the component is no straightness, or numbers are missing, not finite or so large
+        that they cannot be deviations in µm.
+
+    Notes
+    -----
+    With the projection L that takes the line out, the covariance is σ² L Lᵀ/n. Repeated
+    passes lose a line each, since each is aligned anew, and their scatter gives σ² with
+    (n − 1)(m − 2) degrees of freedom. One pass cannot tell form from noise: its residual
+    standard deviation (m − 2 degrees of freedom) contains both, and σ is
+    `repeatability_um`.
+
+    Examples
+    --------
+    >>> part = evaluate_machined_part("EXY", [0.0, 50.0, 100.0], [0.0, 3.0, 0.0])
+    >>> part.straightness_um, part.result.tables[0].errors.round(9).tolist()
+    (3.0, [-1.0, 2.0, -1.0])
+    """
+    straightness = as_straightness(component)
+    positions = as_positions("positions_mm", positions_mm)
+    expect_line("line", line)
+    if positions.size < 3:
+        raise InvalidContent.of_field(
+            "positions_mm",
+            f"expected at least 3 positions in mm along the edge, came {positions.size}",
+        )
+    passes = as_runs("measured_um", measured_um, positions.size, "µm")
+    spread = as_standard_deviation("repeatability_um", repeatability_um, "µm")
+    predicted = None
+    if predicted_um is not None:
+        predicted = as_runs("predicted_um", predicted_um, positions.size, "µm").mean(axis=0)
+    lines: MeasuringLines = {}
+    if measuring_line_mm is not None and straightness.axis:
+        axis = straightness.axis
+        lines = {axis: stated_line(axis, measuring_line_mm, tool_offset_mm)}
+    edge = straight_edge(positions, passes, line, spread)
+    notes = [*_notes(line, edge), *suspiciously_small("measured_um", passes)]
+    return _part(straightness, edge, predicted, line, lines, notes)
+
+
+def _part(
+    component: Component,
+    edge: StraightEdge,
+    predicted: FloatArray | None,
+    line: StraightLine,
+    lines: MeasuringLines,
+    notes: list[str],
+) -> MachinedPart:
+    """Judge the edge's points, and those of the model beside them."""
+    figures = edge.figures()
+    suspicious = far_from_the_rest(edge.positions_mm, edge.measured_um)
+    notes += _suspicion("measured_um", edge.positions_mm, edge.measured_um, suspicious)
+    comparison: Comparison | None = None
+    suspicious_too: tuple[int, ...] = ()
+    if predicted is not None:
+        comparison = _compare(edge, predicted, line)
+        figures |= _figures_of_comparison(comparison)
+        suspicious_too = far_from_the_rest(edge.positions_mm, predicted)
+        notes += _suspicion("predicted_um", edge.positions_mm, predicted, suspicious_too)
+    table = ComponentTable.make(
+        component, edge.deviations_um, edge.positions_mm, covariance=edge.covariance
+    )
+    return MachinedPart(
+        straightness_um=edge.straightness_um,
+        slope_um_per_m=edge.slope_um_per_m,
+        comparison=comparison,
+        suspicious_measured=suspicious,
+        suspicious_predicted=suspicious_too,
+        result=MeasurementResult((table,), figures, tuple(notes), lines),
+    )
+
+
+def _compare(edge: StraightEdge, predicted: FloatArray, line: StraightLine) -> Comparison:
+    difference = edge.measured_um - predicted
+    straightened = without_line(edge.positions_mm, line) @ predicted
+    r = _correlation(edge.deviations_um, straightened)
+    return Comparison(
+        bias_um=float(difference.mean()),
+        slope_difference_um_per_m=slope_of(edge.positions_mm, difference),
+        rms_difference_um=_rms(difference),
+        rms_without_line_um=_rms(edge.deviations_um - straightened),
+        correlation=r,
+        interval=None if r is None else fisher_interval(r, predicted.size - 1),
+        correlation_as_came=_correlation(edge.measured_um, predicted),
+    )
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float | None:
+    """Pearson's r, or None where one of the two does not vary beyond rounding."""
+    for values in (one, other):
+        if np.ptp(values) <= 1e-9 * max(float(np.abs(one).max()), float(np.abs(other).max())):
+            return None
+    return pearson_r(one, other)
+
+
+def _rms(values: FloatArray) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def _figures_of_comparison(comparison: Comparison) -> dict[str, float]:
+    figures = {
+        "bias_um": comparison.bias_um,
+        "slope_difference_um_per_m": comparison.slope_difference_um_per_m,
+        "rms_difference_um": comparison.rms_difference_um,
+        "rms_without_line_um": comparison.rms_without_line_um,
+    }
+    if comparison.correlation is not None:
+        figures["correlation"] = comparison.correlation
+    if comparison.interval is not None:
+        figures["correlation_low"], figures["correlation_high"] = comparison.interval
+    if comparison.correlation_as_came is not None:
+        figures["correlation_as_came"] = comparison.correlation_as_came
+    return figures
+
+
+def _notes(line: str, edge: StraightEdge) -> list[str]:
+    notes = [
+        f"The reference line is the {line.replace('-', ' ')} line: the edge's slope is taken out, "
+        "so squareness and the part's alignment are not seen. Cutting forces, tool wear and "
+        "the part's own temperature are in the deviations."
+    ]
+    if edge.noise_um is None:
+        notes.append(
+            "One pass without a stated repeatability: form and noise cannot be told apart, so "
+            "there are no standard errors."
+        )
+    return notes
+
+
+def _suspicion(
+    field: str, positions_mm: FloatArray, values: FloatArray, found: tuple[int, ...]
+) -> list[str]:
+    if not found:
+        return []
+    places = ", ".join(f"{values[i]:g} µm at {positions_mm[i]:g} mm" for i in found)
+    return [f"Suspicious in {field}: {places}; far from the line through the others, and kept."]

@@ -1,0 +1,284 @@
+"""R-test of a rotary axis: where a carried ball was at known angles tells how the axis lies.
+
+T.-H. Hsieh et al., Geometric error compensation method using the Laser R-test (2024), [R].
+The axis of rotation is fitted by least squares with the exact motion of Rodrigues ([R] 9,
+22), not by solving [R] 14–16 for two or three points, which are printed for −θ. Angles are
+positive by the right-hand rule; errors have the signs of `app.geometry.rotary_axes`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray, frozen
+from app.errors import InvalidContent
+from app.geometry.components import COMPONENTS
+from app.geometry.rotary_axes import RotaryAxis, actual_axis, rotary_location_error
+from app.measurement.result import MeasurementResult
+from app.measurement.rotary_axis_points import checked_fit, checked_points, number_places
+from app.measurement.rotary_axis_report import (
+    CODES,
+    FittedPoints,
+    figures_of,
+    notes_on,
+)
+from app.measurement.stated_numbers import as_point, as_standard_deviation
+from app.thermal.error_map import VALUE_LIMIT, ComponentTable
+from app.units import UM_PER_MM, URAD_PER_RAD
+
+_FRONT: Final = {"c": 0, "a": 1}
+"""How many coordinates go to the end: (x, y, z) for C, (y, z, x) for A."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotaryAxisMeasurement:
+    """A rotary axis as its R-test shows it.
+
+    Parameters
+    ----------
+    letter
+        `c` or `a`.
+    axis
+        The axis as a line in the coordinates of the points.
+    start_mm : ndarray, shape (3,) [mm]
+        The ball at angle 0 by the fit.
+    pivot_mm : ndarray, shape (3,) [mm]
+        A point of the nominal axis.
+    errors
+        Component code to value [µm, µrad]; without the two tilts where the points do
+        not show them.
+    covariance : ndarray, shape (k, k), or None
+        Of the errors together, in their order [µm², µm·µrad, µrad²].
+    residuals_um : ndarray, shape (n, 3) [µm]
+        Measured minus fitted place of the ball: radial (outward), tangential (in the
+        sense of positive rotation), axial.
+    noise_um
+        Standard deviation of one coordinate [µm], from the residuals or as stated.
+    degrees_of_freedom
+        Of the noise; 0 where it was stated or nobody knows.
+    result
+        The components, figures and notes.
+    """
+
+    letter: str
+    axis: RotaryAxis
+    start_mm: FloatArray
+    pivot_mm: FloatArray
+    errors: Mapping[str, float]
+    covariance: FloatArray | None
+    residuals_um: FloatArray
+    noise_um: float | None
+    degrees_of_freedom: int
+    result: MeasurementResult
+
+    @property
+    def shows_direction(self) -> bool:
+        """Whether the tilts of the axis were measured, or taken as 0."""
+        return len(self.errors) > 2
+
+    def place_mm(self, angle_deg: ArrayLike) -> FloatArray:
+        """Predict where the ball is at any angle ([R] 10, 23).
+
+        Parameters
+        ----------
+        angle_deg : array-like, shape (n,) [°]
+            Angles of the rotary axis.
+
+        Returns
+        -------
+        ndarray, shape (n, 3) [mm]
+        """
+        angles = np.deg2rad(np.atleast_1d(np.asarray(angle_deg, dtype=np.float64)))
+        return self.axis.turn(np.broadcast_to(self.start_mm, (angles.size, 3)), angles)
+
+    def ball_error_um(self, angle_deg: ArrayLike) -> FloatArray:
+        """Predict the ball's error at any angle: actual minus nominal place ([R] 13, 25).
+
+        Parameters
+        ----------
+        angle_deg : array-like, shape (n,) [°]
+            Angles of the rotary axis.
+
+        Returns
+        -------
+        ndarray, shape (n, 3) [µm]
+            0 at the angle 0, where the machine meets the ball.
+        """
+        return path_error(
+            self.errors, self.start_mm, angle_deg, self.letter, pivot_mm=self.pivot_mm
+        )
+
+
+def measure_rotary_axis(
+    axis: str,
+    angle_deg: ArrayLike,
+    position_mm: ArrayLike,
+    *,
+    repeatability_um: float | None = None,
+    pivot_mm: ArrayLike = (0.0, 0.0, 0.0),
+) -> RotaryAxisMeasurement:
+    """Find how a rotary axis lies from the places of a ball that it carries.
+
+    Parameters
+    ----------
+    axis
+        `C` or `A`.
+    angle_deg : array-like, shape (n,) [°]
+        Angle of the rotary axis at each point, positive by the right-hand rule; repeats
+        are welcome.
+    position_mm : array-like, shape (n, 3) [mm]
+        The ball's x, y, z there, in the machine's directions.
+    repeatability_um
+        Standard deviation of one coordinate [µm], used where the points have no
+        redundancy of their own.
+    pivot_mm : array-like, shape (3,) [mm]
+        A point of the nominal axis: C uses x and y, A uses y and z.
+
+    Returns
+    -------
+    RotaryAxisMeasurement
+        XOC, YOC, AOC, BOC, or YOA, ZOA, BOA, COA: the position is where the axis crosses
+        z = 0 (C) or x = 0 (A) of the given coordinates, less the pivot's. From two
+        different angles, or three of which two are almost the same, only the position, as
+        if the direction were the nominal one.
+
+    Raises
+    ------
+    InvalidContent
+        If the axis is neither, if there are fewer than two different angles, or if the
+        points cannot have come from such a turn or lie on too short an arc.
+
+    Notes
+    -----
+    [R] solves two points for the position and three for the direction; here all points
+    count alike. n points have 3n coordinates and 7 unknowns; from two different angles 6
+    (four in the plane of rotation and the ball's height at both angles).
+
+    Examples
+    --------
+    Half a turn moves the ball from x = 101 to −99 mm: the axis is at x = 1, y = 2 mm.
+
+    >>> found = measure_rotary_axis("C", [0, 180], [[101, 2, 50], [-99, 2, 50]])
+    >>> {code: round(error, 6) for code, error in found.errors.items()}
+    {'XOC': 1000.0, 'YOC': 2000.0}
+    """
+    letter = _checked_axis(axis)
+    angles_deg, points = checked_points(angle_deg, position_mm)
+    pivot = frozen(as_point("pivot_mm", pivot_mm, math.inf))
+    repeatability = as_standard_deviation("repeatability_um", repeatability_um, "µm")
+    rolled, angles = np.roll(points, -_FRONT[letter], axis=1), np.deg2rad(angles_deg)
+    fit = checked_fit(letter, rolled, angles, number_places(angles_deg))
+    return _measurement(FittedPoints(letter, fit, rolled, angles, repeatability), pivot)
+
+
+def path_error(
+    errors: Mapping[str, float],
+    ball_mm: ArrayLike,
+    angle_deg: ArrayLike,
+    axis: str,
+    *,
+    compensated: Mapping[str, float] | None = None,
+    pivot_mm: ArrayLike = (0.0, 0.0, 0.0),
+) -> FloatArray:
+    """Say how far a ball is beside the spindle that follows it on a path such as BK1 or BK2.
+
+    Parameters
+    ----------
+    errors
+        Location errors of the rotary axis as it is [µm, µrad].
+    ball_mm : array-like, shape (3,) [mm]
+        The ball at angle 0.
+    angle_deg : array-like, shape (n,) [°]
+        Angles of the path.
+    axis
+        `C` (BK2: X, Y and C together) or `A` (BK1: Y, Z and A together).
+    compensated
+        Location errors that the control knows and follows; none at first.
+    pivot_mm : array-like, shape (3,) [mm]
+        A point of the nominal axis.
+
+    Returns
+    -------
+    ndarray, shape (n, 3) [µm]
+        Actual place of the ball less the one that the spindle follows.
+
+    Raises
+    ------
+    InvalidContent
+        If the axis is neither, or a component is no location error.
+
+    Examples
+    --------
+    >>> found = path_error({"XOC": 3.0}, [100, 0, 50], [0, 180], "C", compensated={"XOC": 2.0})
+    >>> np.allclose(found, [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    True
+    """
+    letter = _checked_axis(axis)
+    turn, pivots = {letter: angle_deg}, {letter: pivot_mm}
+    actual = rotary_location_error(errors, ball_mm, turn, letter, pivots)
+    followed = rotary_location_error(compensated or {}, ball_mm, turn, letter, pivots)
+    return actual - followed
+
+
+def _measurement(found: FittedPoints, pivot_mm: FloatArray) -> RotaryAxisMeasurement:
+    crossing, cofactor = found.fit.at_height_0()
+    errors = _errors(found, crossing, pivot_mm)
+    covariance = found.covariance_of(cofactor)
+    return RotaryAxisMeasurement(
+        letter=found.letter,
+        axis=actual_axis(found.letter, errors, pivot_mm),
+        start_mm=frozen(np.roll(found.fit.start_mm, _FRONT[found.letter])),
+        pivot_mm=pivot_mm,
+        errors=errors,
+        covariance=covariance,
+        residuals_um=found.residuals_um(),
+        noise_um=found.noise_um,
+        degrees_of_freedom=found.degrees_of_freedom,
+        result=MeasurementResult(
+            _tables(errors, covariance), figures_of(found), notes_on(found, errors)
+        ),
+    )
+
+
+def _errors(found: FittedPoints, crossing_mm: FloatArray, pivot_mm: FloatArray) -> dict[str, float]:
+    """Name position and, where it was fitted, direction by their codes."""
+    nominal = np.roll(pivot_mm, -_FRONT[found.letter])[:2]
+    position = (crossing_mm - nominal) * UM_PER_MM
+    if np.abs(position).max() > VALUE_LIMIT:
+        raise InvalidContent.of_field(
+            "pivot_mm",
+            f"expected a point of the nominal axis within {VALUE_LIMIT / UM_PER_MM:g} mm of the "
+            f"actual one, came {nominal.tolist()} mm where the axis is at "
+            f"{crossing_mm.round(1).tolist()} mm",
+        )
+    values = [*position.tolist(), *(found.fit.tilts_rad * URAD_PER_RAD).tolist()]
+    return dict(zip(CODES[found.letter][: len(found.fit.cofactor)], values, strict=False))
+
+
+def _tables(
+    errors: Mapping[str, float], covariance: FloatArray | None
+) -> tuple[ComponentTable, ...]:
+    """Make each component's table with its own variance."""
+    return tuple(
+        ComponentTable.make(
+            COMPONENTS[code],
+            [error],
+            covariance=None if covariance is None else [[covariance[i, i]]],
+        )
+        for i, (code, error) in enumerate(errors.items())
+    )
+
+
+def _checked_axis(axis: str) -> str:
+    letter = axis.lower() if isinstance(axis, str) else ""
+    if letter not in CODES:
+        raise InvalidContent.of_field(
+            "axis", f"expected rotary axis A or C (a B axis is not known), came {axis!r}"
+        )
+    return letter

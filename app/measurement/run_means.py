@@ -1,0 +1,125 @@
+"""The mean of repeated runs over the positions of an axis, and what their scatter says of it.
+
+References
+----------
+ISO 230-2:2014, clause 3: the estimator s_i of the standard deviation, and the repeatability
+that follows from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray, frozen
+from app.geometry.components import COMPONENTS
+from app.measurement.run_scatter import RunScatter, covariance_in_a_run, scatter_of_runs, varies
+from app.thermal.error_map import ComponentTable
+
+COVER: Final = 2
+"""ISO 230-2 widens by two standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunMeans:
+    """The mean of repeated runs at each position, and what their scatter says of it.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (m,)
+        Mean over the runs [unit of the readings].
+    standard_deviation : ndarray, shape (m,), or None
+        ISO 230-2's estimator s_i; None of one run.
+    covariance : ndarray, shape (m, m), or None
+        Of the mean [unit squared].
+    runs
+        Number n of runs.
+    scatter
+        Shift, slope and noise of the runs; None of one run.
+    """
+
+    mean: FloatArray
+    standard_deviation: FloatArray | None
+    covariance: FloatArray | None
+    runs: int
+    scatter: RunScatter | None
+
+    @property
+    def repeatability(self) -> FloatArray | None:
+        """ISO 230-2's unidirectional repeatability at each position, R_i = 4 s_i."""
+        deviation = self.standard_deviation
+        return None if deviation is None else 2 * COVER * deviation
+
+
+def mean_of_runs(
+    positions_mm: FloatArray, readings: FloatArray, repeatability: float | None = None
+) -> RunMeans:
+    """Average runs, and tell the covariance of their mean from the scatter of the runs.
+
+    Parameters
+    ----------
+    positions_mm : ndarray, shape (m,) [mm]
+        Increasing.
+    readings : ndarray, shape (n, m)
+        n runs over the positions [any unit].
+    repeatability
+        Standard deviation of one reading, used for one run alone and for runs that do not
+        differ [the same unit].
+
+    Returns
+    -------
+    RunMeans
+
+    Notes
+    -----
+    Runs that are equal, as on a coarse scale, leave the noise unknown: it is not 0.
+
+    A reading is position's error + run's shift + run's slope · distance + noise; the
+    covariance of the mean is that of `covariance_in_a_run` over n.
+
+    Examples
+    --------
+    >>> mean_of_runs(np.array([0.0, 90.0]), np.array([[0.0, 4.0], [2.0, 6.0]])).mean.tolist()
+    [1.0, 5.0]
+    """
+    n, m = readings.shape
+    mean = frozen(readings.mean(axis=0))
+    stated = None if repeatability is None else repeatability**2 * np.eye(m) / n
+    if n < 2:
+        return RunMeans(mean, None, stated, n, None)
+    deviation = readings.std(axis=0, ddof=1)
+    scatter = scatter_of_runs(positions_mm, readings)
+    if not varies(readings):
+        return RunMeans(mean, deviation, stated, n, scatter)
+    covariance = covariance_in_a_run(positions_mm, readings, readings) / n
+    return RunMeans(mean, deviation, covariance, n, scatter)
+
+
+def table_of_means(
+    code: str, positions_mm: FloatArray, forward: RunMeans, backward: RunMeans | None
+) -> ComponentTable:
+    """Make the component's table from the means of both directions.
+
+    Parameters
+    ----------
+    code
+        The component's code.
+    positions_mm : ndarray, shape (m,) [mm]
+        Strictly increasing.
+    forward, backward
+        The means [the component's unit].
+
+    Returns
+    -------
+    ComponentTable
+    """
+    return ComponentTable.make(
+        COMPONENTS[code],
+        forward.mean,
+        positions_mm,
+        backward_errors=None if backward is None else backward.mean,
+        covariance=forward.covariance,
+        backward_covariance=None if backward is None else backward.covariance,
+    )
