@@ -1,0 +1,1 @@
+"""What the model lacks: which effects the residuals hold, how sure that is, and what remains."""

@@ -1,0 +1,184 @@
+"""Whether something is left that no term explains."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from scipy.special import fdtrc
+
+from app.identification.draws import Draws
+from app.identification.findings import HeldOut, Unexplained
+from app.identification.joint_fit import Fit
+from app.identification.moments import BoolArray
+from app.identification.noise import pure_error, repeatability
+from app.identification.problem import Problem, Term
+from app.identification.scan import Scan
+from app.identification.selection import Selector
+from app.identification.threshold import threshold, upper_tail
+
+OVER_FLOOR: Final = 1.3
+"""Held-out RMS over the noise floor from which something is missing."""
+
+SURELY: Final = 1.15
+"""So much of it must hold at the lower end of its interval: there are many components."""
+
+OF_ONE_FAMILY: Final = 3
+"""So many terms of one family on one channel imitate something unknown."""
+
+LEADS: Final = 3
+"""So many leads of the generic test are named."""
+
+ENOUGH_REPLICATES: Final = 5
+ENOUGH_VISITS: Final = 8
+"""Of fewer visits nothing is said about what held-out ones leave."""
+
+
+def adequacy(
+    selector: Selector,
+    terms: Sequence[Term],
+    fit: Fit,
+    use: BoolArray,
+    draws: Draws,
+    held_out: Mapping[int | None, HeldOut],
+) -> list[Unexplained]:
+    """Ask all tests whether something is left.
+
+    Parameters
+    ----------
+    selector
+        Holds the library and the false-alarm level.
+    terms, fit
+        What was found.
+    use : ndarray, shape (n,)
+        Rows that take part.
+    draws
+        Draws of noise.
+    held_out
+        Figures on held-out visits.
+
+    Returns
+    -------
+    list of Unexplained
+    """
+    problem, level = selector.library.problem, selector.false_alarm
+    return [
+        *_generic(selector, terms, draws, level),
+        *_lack_of_fit(problem, fit, use, level),
+        *_visit_variance(selector, terms, level),
+        *_above_floor(problem, use, held_out),
+        *_imitation(terms),
+    ]
+
+
+def _generic(
+    selector: Selector, terms: Sequence[Term], draws: Draws, level: float
+) -> list[Unexplained]:
+    """The largest of all smooth shapes, against its distribution under noise."""
+    candidates, entries = selector.library.candidates, selector.library.entries
+    generic = np.array([candidates[e.candidate].generic for e in entries])
+    if not generic.any():
+        return []
+    found = selector.scan(terms, draws, generic=True)
+    rank = found.rank * generic
+    limit = threshold(Scan(found.ratio, found.noise, rank), selector.groups, level)
+    surprises = limit.of(Scan(found.ratio, found.noise, rank))
+    leads = [i for i in np.argsort(-surprises, kind="stable") if surprises[i] >= limit.surprise]
+    return [
+        Unexplained(
+            "generic",
+            _channel_of(selector, int(i)),
+            candidates[entries[i].candidate].key,
+            float(found.ratio[i]),
+            limit.global_p(float(surprises[i])),
+        )
+        for i in leads[:LEADS]
+    ]
+
+
+def _channel_of(selector: Selector, entry: int) -> int | None:
+    for batch in selector.library.batches:
+        if entry in batch.entries:
+            return batch.channels[0] if len(batch.channels) == 1 else None
+    return None
+
+
+def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> list[Unexplained]:
+    """What is left within visits, against what replicates differ by (F test)."""
+    found = []
+    for c, fixed in problem.fixed.items():
+        pure, freedom = pure_error(problem.rows, c, use)
+        n = len(fixed.channel.rows)
+        spent = fixed.channel.nuisance.shape[1] + len(fixed.channel.starts)
+        if freedom < ENOUGH_REPLICATES or pure <= 0 or n - spent <= freedom:
+            continue
+        left = fit.scatter[c] * fixed.channel.scale**2 * n
+        ratio = (left - pure * freedom) / max(n - freedom, 1) / pure
+        p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
+        if p * len(problem.fixed) < level / 4:
+            found.append(Unexplained("lack-of-fit", c, None, float(ratio), p))
+    return found
+
+
+def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> list[Unexplained]:
+    """Visits that scatter more than was declared: an unknown cause changes between them."""
+    problem = selector.library.problem
+    declared = [
+        c for c in problem.fixed if (n := problem.rows.noise.get(c)) and n.setup_shift is not None
+    ]
+    found = []
+    states = selector.given(terms) if declared else {}
+    for c in declared:
+        channel, null = states[c].fixed.channel, states[c].null - states[c].fixed.channel.prior
+        ratio = 2.0 * float(null.max() - null[: channel.declared + 1].max())
+        p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
+        if p * len(declared) < level / 4:
+            found.append(Unexplained("visit-variance", c, None, ratio, p))
+    return found
+
+
+def _above_floor(
+    problem: Problem, use: BoolArray, held_out: Mapping[int | None, HeldOut]
+) -> list[Unexplained]:
+    found = []
+    for c, h in held_out.items():
+        if c is not None and h.floor > 0 and h.visits >= ENOUGH_VISITS:
+            floor = h.floor * _allowance(problem, use, c)
+            if h.after.low > SURELY * floor and h.after.rms > OVER_FLOOR * floor:
+                found.append(Unexplained("held-out", c, None, h.after.rms / h.floor, None))
+    return found
+
+
+def _allowance(problem: Problem, use: BoolArray, channel: int) -> float:
+    """How much too low a floor may be whose repeatability was only estimated (two sigma)."""
+    known = repeatability(problem.rows, channel, use)
+    if known.origin != "replicates":
+        return 1.0
+    _, freedom = pure_error(problem.rows, channel, use)
+    return 1.0 + 2.0 / float(np.sqrt(2.0 * freedom))
+
+
+def _imitation(terms: Sequence[Term]) -> list[Unexplained]:
+    """Many terms on the same channels: one family's, or whatever fits a bit."""
+    families = Counter((t.candidate.family, c) for t in terms for c in t.channels)
+    places = Counter(t.channels for t in terms)
+    twice = Counter((t.candidate.family, t.channels) for t in terms if t.candidate.only_once)
+    return (
+        [
+            Unexplained("many-of-one-family", c, family, float(count), None)
+            for (family, c), count in families.items()
+            if count >= OF_ONE_FAMILY
+        ]
+        + [
+            Unexplained("many-of-one-family", channels[0], family, float(count), None)
+            for (family, channels), count in twice.items()
+            if 1 < count < OF_ONE_FAMILY
+        ]
+        + [
+            Unexplained("many-at-one-place", channels[0], None, float(count), None)
+            for channels, count in places.items()
+            if count >= OF_ONE_FAMILY
+        ]
+    )

@@ -1,0 +1,277 @@
+"""From a campaign to an answer: residuals, the repertoire of effects, the search, the sentences."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.errors import list_names
+from app.identification.advice import summary, what_next
+from app.identification.analysis import (
+    Analysis,
+    FoundEffect,
+    LeftOutCount,
+    NotTested,
+    SmallestSeen,
+    UnexplainedPart,
+)
+from app.identification.before_after import (
+    component_figures,
+    lengths,
+    pooled,
+    pooled_figures,
+    used_rows,
+)
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.curves import plots
+from app.identification.doubted_sensors import comparisons, doubts
+from app.identification.effects.registry import KINDS, Repertoire, kind_of, repertoire
+from app.identification.effects.sensor_fault import SPIKES
+from app.identification.effects.site import Site
+from app.identification.findings import Findings, Untested, Verdict
+from app.identification.found_effects import Found, faults_of_readings, found_effects
+from app.identification.leads import leads, words_of
+from app.identification.map_uncertainty import map_uncertainty
+from app.identification.reading_faults import ReadingFaults, reading_faults
+from app.identification.residuals import Residuals, channel_unit, zero_columns
+from app.identification.search import Cancelled, Progress, search
+
+VERDICTS: Final = {
+    Verdict.FOUND: "effects-found",
+    Verdict.NOTHING: "nothing-found",
+    Verdict.UNEXPLAINED: "unexplained",
+}
+
+OUTLIERS: Final = {"outlier": "outlier", "visit-apart": "a visit far from all others"}
+
+PREPARED: Final = 0.05
+"""Share of the work before the search begins."""
+
+MOST_SUBJECTS: Final = 12
+"""So many subjects are named behind one reason."""
+
+
+def analyse(
+    campaign: Campaign,
+    *,
+    holdout_fraction: float = 0.3,
+    kinds: Collection[str] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    cancelled: Cancelled | None = None,
+) -> Analysis:
+    """Find what a model lacks, or say that nothing can be found.
+
+    Parameters
+    ----------
+    campaign
+        Verifications, model and record.
+    holdout_fraction
+        Share of the visits that is held out in turn.
+    kinds
+        Kinds of effects to look for; all without it.
+    seed
+        Of all draws: the same campaign and seed give the same answer.
+    progress
+        Told the share done, 0 to 1, never falling, and what is being done.
+    cancelled
+        Asked often; the analysis stops when it says yes.
+
+    Returns
+    -------
+    Analysis
+
+    Raises
+    ------
+    InvalidContent
+        If there is no such kind, no observation can be compared with the model, or measured
+        values are evidently in another unit.
+    SearchCancelled
+        If it was told to stop.
+    """
+    if progress is not None:
+        progress(0.0, "subtracting the model")
+    faults = reading_faults(campaign)
+    campaign, as_given = faults.campaign, campaign
+    residuals = residuals_of(campaign)
+    projection = residuals.projection
+    site = Site(campaign.model, campaign.maps, residuals.rows, projection.conditions)
+    library = repertoire(site, None if kinds is None else _known(kinds))
+    rows = residuals.as_rows()
+    findings = search(
+        rows,
+        [*map_uncertainty(projection, campaign.maps), *zero_columns(residuals.rows)],
+        [*library.candidates, *leads(site)],
+        holdout_fraction=holdout_fraction,
+        seed=seed,
+        progress=_later(progress),
+        cancelled=cancelled,
+    )
+    use = used_rows(findings, len(rows.values))
+    found = Found(residuals, rows, findings, use, library.hypotheses)
+    faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
+    answer = _answer(found, library, faulty, seed)
+    doubted = doubts(campaign.model, campaign.readings)
+    return replace(
+        answer,
+        not_testable=(*doubted, *answer.not_testable),
+        what_next=(*comparisons(doubted), *answer.what_next),
+    )
+
+
+def _known(kinds: Collection[str]) -> list[str]:
+    """Order kinds as the registry does, so that the order of asking decides nothing."""
+    for name in kinds:
+        kind_of(name)
+    return [name for name in KINDS if name in kinds]
+
+
+def _later(progress: Progress | None) -> Progress | None:
+    if progress is None:
+        return None
+    return lambda share, words: progress(PREPARED + (1.0 - PREPARED) * share, words)
+
+
+def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -> FloatArray:
+    """Give the residuals with faulty readings believed; NaN where they were not believed."""
+    found = np.full(len(residuals.rows), np.nan)
+    if any(effect.variant == SPIKES for effect in faults.effects):
+        given = residuals_of(as_given)
+        values = np.full(len(given.kept), np.nan)
+        values[given.kept] = given.values
+        found = values[residuals.kept]
+    return found
+
+
+def _answer(
+    found: Found, library: Repertoire, faulty: Sequence[FoundEffect], seed: int
+) -> Analysis:
+    findings = found.findings
+    effects = found.effects()
+    explained = sum((found.explained(e) for e in effects), np.zeros(len(found.use)))
+    chosen = found.use & lengths(found.residuals)
+    seen = np.where(np.isfinite(findings.adopted), 0.0, np.nan)
+    left = found.rows.values - explained
+    before = pooled_figures(found.rows, found.zeros, found.rows.values, seen, chosen, seed)
+    after = pooled_figures(found.rows, found.zeros, left, findings.adopted, chosen, seed)
+    described = [*found_effects(found, effects), *faulty]
+    components = component_figures(found.residuals, found.rows, explained, findings, found.use)
+    unexplained = _unexplained(found, left)
+    not_testable = _not_testable(library, findings)
+    verdict = VERDICTS[findings.verdict]
+    if faulty and findings.verdict is Verdict.NOTHING:
+        verdict = VERDICTS[Verdict.FOUND]
+    noise_um, floor_um = _noise(found)
+    return Analysis(
+        verdict=verdict,
+        summary=summary(verdict, described, unexplained, before, after, noise_um),
+        noise_um=noise_um,
+        floor_um=floor_um,
+        before=before,
+        after=after,
+        after_with_maps_refitted=pooled_figures(
+            found.rows, found.zeros, left, findings.predicted, chosen, seed
+        ),
+        p_global=findings.global_p,
+        visits=int(np.unique(found.rows.visit[found.use]).size),
+        values=int(found.use.sum()),
+        components=tuple(components),
+        effects=tuple(described),
+        unexplained=tuple(unexplained),
+        excluded=tuple(_excluded(found.residuals, findings)),
+        not_testable=tuple(not_testable),
+        detectable=tuple(_detectable(found)),
+        what_next=what_next(described, unexplained, not_testable, found.residuals.rows.visits),
+        plots=plots(found, effects),
+    )
+
+
+def _noise(found: Found) -> tuple[float | None, float | None]:
+    """Pool repeatability and floor over the channels in µm, or over all where there is none."""
+    chosen = lengths(found.residuals)
+    numbers = [n for n in found.findings.noise if chosen[found.rows.channel == n].any()]
+    noise, held = found.findings.noise, found.findings.held_out
+    floors = [n for n in numbers if n in held]
+    return (
+        pooled([noise[n].fitted for n in numbers], [noise[n].rows for n in numbers]),
+        pooled([held[n].floor for n in floors], [held[n].rows for n in floors]),
+    )
+
+
+def _unexplained(found: Found, left: FloatArray) -> list[UnexplainedPart]:
+    """Gather what is left by channel, with what it moves with."""
+    by_channel = defaultdict(list)
+    for one in found.findings.unexplained:
+        by_channel[one.channel].append(one)
+    names = found.residuals.rows.channels
+    parts = []
+    for channel, ones in by_channel.items():
+        own = found.use if channel is None else found.use & (found.rows.channel == channel)
+        noise = [n.fitted for c, n in found.findings.noise.items() if channel in (None, c)]
+        leads_here = [words_of(o.lead) for o in ones if o.test == "generic" and o.lead]
+        parts.append(
+            UnexplainedPart(
+                component="all components" if channel is None else names[channel],
+                rms_um=float(np.sqrt(np.mean(left[own] ** 2))),
+                noise_um=float(np.mean(noise)),
+                unit=channel_unit(names[channel or 0]).symbol,
+                leads=tuple(dict.fromkeys(leads_here)),
+                tests=tuple(dict.fromkeys(o.test for o in ones)),
+            )
+        )
+    return sorted(parts, key=lambda p: -p.rms_um / max(p.noise_um, 1e-12))
+
+
+def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOutCount]:
+    counts = Counter({one.reason: one.count for one in residuals.left_out})
+    for one in findings.excluded:
+        counts[OUTLIERS[one.reason]] += len(one.rows)
+    return [LeftOutCount(reason, count) for reason, count in counts.most_common()]
+
+
+def _not_testable(library: Repertoire, findings: Findings) -> list[NotTested]:
+    """List what could not be tested, subjects with the same reason together."""
+    subjects: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for one in library.not_testable:
+        subjects[one.kind, one.reason].append(one.subject)
+    for untested in findings.untested:
+        hypothesis = library.hypotheses[untested.key]
+        subjects[hypothesis.kind, _why(untested)].append(list_names(hypothesis.components, 3))
+    return [
+        NotTested(kind, list_names(filter(None, dict.fromkeys(names)), MOST_SUBJECTS), reason)
+        for (kind, reason), names in subjects.items()
+    ]
+
+
+def _why(untested: Untested) -> str:
+    if untested.reason == "few-visits":
+        return f"needs {untested.visits_needed} visits, came {untested.visits}"
+    return "these observations do not show it: what drives it never changed where it would act"
+
+
+def _detectable(found: Found) -> list[SmallestSeen]:
+    """Give the smallest effect of each kind on each component that would have been seen."""
+    best: dict[tuple[str, str], SmallestSeen] = {}
+    noise = found.findings.noise
+    numbers = {name: i for i, name in enumerate(found.residuals.rows.channels)}
+    for least in found.findings.detectable:
+        hypothesis = found.hypotheses[least.key]
+        component = list_names(hypothesis.components, 3)
+        channel = numbers.get(hypothesis.components[0])
+        own = [noise[channel]] if channel is not None and channel in noise else noise.values()
+        size = float(np.median([one.fitted for one in own]))
+        seen = SmallestSeen(
+            hypothesis.kind,
+            component,
+            channel_unit(hypothesis.components[0]).symbol if channel in noise else "µm",
+            least.smallest * size,
+        )
+        key = (hypothesis.kind, component)
+        if key not in best or seen.smallest_rms < best[key].smallest_rms:
+            best[key] = seen
+    return list(best.values())

@@ -1,0 +1,75 @@
+"""Everything that an analysis starts from: the model, what was measured, and what was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from app.identification.conditions import recorded_conditions
+from app.identification.doubted_sensors import trusted_readings
+from app.identification.effects.effect import Effect
+from app.identification.observations import Verification, observation_rows
+from app.identification.residuals import Residuals, compute_residuals
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.error_map import ErrorMap
+from app.thermal.temperature_history import TemperatureHistory
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Verifications of one machine, with the model that they are held against.
+
+    Plain values throughout, so that it can be sent to a process of its own.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    maps
+        The error maps that it was made of.
+    verifications
+        What was measured.
+    readings
+        Temperatures as they came, believable or not, from well before the first observation:
+        an effect with a time constant needs five of them.
+    state_readings
+        Time [s] and the machine's state of each reading, in order of time.
+    effects
+        Effects that the model version has adopted already.
+    """
+
+    model: CompiledModel
+    maps: Sequence[ErrorMap]
+    verifications: Sequence[Verification]
+    readings: TemperatureHistory
+    state_readings: Sequence[tuple[float, Mapping[str, float]]] = ()
+    effects: Sequence[Effect] = ()
+
+
+def residuals_of(campaign: Campaign) -> Residuals:
+    """Subtract what the model says, adopted effects included, from what was measured.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+
+    Returns
+    -------
+    Residuals
+
+    Raises
+    ------
+    InvalidContent
+        If no observation can be compared with the model, or values are in another unit.
+    """
+    machine = campaign.model.machine
+    rows = observation_rows(campaign.verifications)
+    conditions = recorded_conditions(
+        machine.sensors,
+        trusted_readings(campaign.model, campaign.readings),
+        campaign.state_readings,
+        rows.times_s,
+        rows.states,
+    )
+    return compute_residuals(campaign.model, rows, conditions, campaign.effects, campaign.readings)

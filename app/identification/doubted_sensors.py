@@ -1,0 +1,86 @@
+"""Sensors that left their neighbours, in an analysis: kept out of the search, and named.
+
+A failed sensor that no component follows does the tables no harm, but it is a driver like
+any other to the search, and its failure imitates whatever else began on that day.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from app.identification.analysis import NotTested
+from app.identification.effects.sensor_fault import SensorFault
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.doubtful_sensors import DoubtfulSensor, doubtful_sensors, without_doubtful
+from app.thermal.sensor_health import believed
+from app.thermal.temperature_history import TemperatureHistory
+
+
+def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> TemperatureHistory:
+    """Leave out of a record what no search may rely on.
+
+    Parameters
+    ----------
+    model
+        The compiled model: a sensor that its components follow is not left out, as the
+        effect `sensor-fault` says what its failure does to the tables.
+    readings
+        Temperatures as they came.
+
+    Returns
+    -------
+    TemperatureHistory
+        The same times, NaN where a value was not to be believed.
+    """
+    trusted = believed(model.machine, readings)
+    followed = _followed(model)
+    return without_doubtful(
+        trusted, [one for one in doubtful_sensors(trusted) if one.sensor not in followed]
+    )
+
+
+def doubts(model: CompiledModel, readings: TemperatureHistory) -> tuple[NotTested, ...]:
+    """Name the sensors that left their neighbours, and what became of their readings.
+
+    Parameters
+    ----------
+    model, readings
+        As for `trusted_readings`.
+    """
+    found = doubtful_sensors(believed(model.machine, readings))
+    return tuple(
+        NotTested(SensorFault.kind, one.sensor, _reason(one, one.sensor in _followed(model)))
+        for one in found
+    )
+
+
+def comparisons(doubted: Sequence[NotTested]) -> tuple[str, ...]:
+    """Say what to do about doubtful sensors.
+
+    Parameters
+    ----------
+    doubted
+        What `doubts` found.
+    """
+    return tuple(
+        f"Compare {one.on} with a calibrated thermometer at its place: it {one.reason}."
+        for one in doubted
+    )
+
+
+def _followed(model: CompiledModel) -> set[str]:
+    return {scale.sensor for group in model.groups for scale in group.scales}
+
+
+def _reason(one: DoubtfulSensor, is_followed: bool) -> str:
+    since = datetime.fromtimestamp(one.since_s, UTC)
+    used = (
+        "components follow it, and its readings are used as they are"
+        if is_followed
+        else "no component follows it, and its readings since then drive nothing"
+    )
+    return (
+        f"left its neighbours by {one.off_by_k:+.1f} K on {since:%Y-%m-%d %H:%M} UTC, where it "
+        f"used to stay within {one.usual_k:.1f} K; {used}"
+    )

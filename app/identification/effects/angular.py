@@ -1,0 +1,79 @@
+"""Roll, pitch or yaw that the maps lack: it acts through the lever arms and the tool offset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from app.geometry.components import COMPONENTS, Kind
+from app.identification.effects.driver import AboveReference, Always, Driver
+from app.identification.effects.effect import Effect
+from app.identification.effects.hypothesis import Hypothesis
+from app.identification.effects.kind import EffectKind, Need, Proposals, amplitudes_of
+from app.identification.effects.site import Site
+from app.identification.effects.term import Term
+from app.identification.effects.words import parameter, strongest, symbol_of, where
+
+CONSTANT, WITH_TEMPERATURE = "constant", "with temperature"
+
+
+class Angular(EffectKind):
+    """A rotation of an axis that no map has, constant in time or growing with a temperature."""
+
+    kind: ClassVar[str] = "angular"
+    text: ClassVar[str] = "roll, pitch or yaw that the map lacks"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    within_visit: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure the same points with a short and a long tool, or {component} itself with a level "
+        "or an angular interferometer"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "nonrigid-slope": "measure the same points with a short and a long tool: a rotation grows "
+        "with the tool, a slope does not",
+        "angular": "measure lines along all three axes with a short and a long tool: each "
+        "rotation has its own lever arms",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every rotation that the model lacks and that shows at some point."""
+        found = Proposals()
+        lacking = [
+            c.code
+            for c in COMPONENTS.values()
+            if c.kind is Kind.ANGULAR and c.code not in site.in_model and site.shows(c.code)
+        ]
+        if not lacking:
+            found.not_testable.append(self.refuse("", "the maps have all rotations that show"))
+        for code in lacking:
+            found.hypotheses.append(_hypothesis(site, code, None))
+            found.hypotheses.extend(_hypothesis(site, code, s) for s in site.varying_sensors)
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say what turns, and by how much."""
+        code = effect.components[0]
+        if not effect.sensors:
+            name = strongest(effect, "angle")
+            how = parameter(effect, name, symbol_of(code))
+            return f"{code}, which the maps lack, turns the tool by {how}{where(name)}"
+        name = strongest(effect, "slope")
+        how = parameter(effect, name, symbol_of(code, "K"))
+        return f"{code}, which the maps lack, turns with {effect.sensors[0]}, {how}{where(name)}"
+
+
+def _hypothesis(site: Site, code: str, sensor: str | None) -> Hypothesis:
+    unit = COMPONENTS[code].unit
+    driver: Driver = Always()
+    if sensor is not None:
+        driver = AboveReference(sensor, site.reference_c(sensor))
+    shapes = site.shapes(code)
+    return Hypothesis(
+        kind=Angular.kind,
+        variant=CONSTANT if sensor is None else WITH_TEMPERATURE,
+        components=(code,),
+        sensors=() if sensor is None else (sensor,),
+        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
+        amplitudes=amplitudes_of(shapes, f"slope_{unit}_per_k" if sensor else f"angle_{unit}"),
+        is_within_visit=sensor is None,
+    )

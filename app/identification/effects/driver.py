@@ -1,0 +1,236 @@
+"""What drives an effect: a number at each moment, made of temperatures, states and time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.identification.conditions import SECONDS_PER_DAY, Conditions, Signal
+
+
+@dataclass(frozen=True)
+class Driver(ABC):
+    """Something that changes with the conditions; equal drivers are the same."""
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give the driver at n moments, shape (n,); NaN where a condition is missing."""
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """What it is made of, and with which time constant [s]."""
+        return ()
+
+    def why_missing(self, conditions: Conditions) -> str:
+        """Say which condition is missing where the driver is NaN."""
+        for signal, tau_s in self.signals:
+            present = conditions.temperature if signal.kind == "temperature" else conditions.state
+            values = present(signal.name) if tau_s is None else conditions.lagged(signal, tau_s)
+            if np.isnan(values).any():
+                return conditions.why_missing(signal, tau_s)
+        return ""
+
+
+@dataclass(frozen=True)
+class Always(Driver):
+    """One, always."""
+
+    name: ClassVar[str] = "always"
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give 1."""
+        return np.ones(len(conditions))
+
+
+@dataclass(frozen=True)
+class AboveReference(Driver):
+    """A sensor's temperature above a fixed one [K]."""
+
+    name: ClassVar[str] = "above-reference"
+    sensor: str
+    reference_c: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T − reference [K]."""
+        return conditions.temperature(self.sensor) - self.reference_c
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor."""
+        return ((Signal("temperature", self.sensor), None),)
+
+
+@dataclass(frozen=True)
+class Behind(Driver):
+    """How far a low-pass of a sensor lies from the sensor itself [K]."""
+
+    name: ClassVar[str] = "behind"
+    sensor: str
+    time_constant_s: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T_lag − T [K]: negative while the sensor warms up."""
+        lagged = conditions.lagged(Signal("temperature", self.sensor), self.time_constant_s)
+        return lagged - conditions.temperature(self.sensor)
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor now, and its past."""
+        signal = Signal("temperature", self.sensor)
+        return ((signal, None), (signal, self.time_constant_s))
+
+
+@dataclass(frozen=True)
+class Difference(Driver):
+    """The difference of two sensors, above what it was on average [K]."""
+
+    name: ClassVar[str] = "difference"
+    sensor: str
+    minus: str
+    reference_k: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T_a − T_b − reference [K]."""
+        difference = conditions.temperature(self.sensor) - conditions.temperature(self.minus)
+        return difference - self.reference_k
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """Both sensors."""
+        return (
+            (Signal("temperature", self.sensor), None),
+            (Signal("temperature", self.minus), None),
+        )
+
+
+@dataclass(frozen=True)
+class BeyondMaps(Driver):
+    """How far a temperature, or a difference of two, is from what it was in the maps [K].
+
+    What a second sensor did while the maps were measured is inside them: at any temperature of
+    the component's own sensor the model interpolates it along. Only the rest is lacking.
+
+    Parameters
+    ----------
+    sensor, minus
+        The sensor, and the one that is subtracted, or an empty name.
+    own
+        The sensor that the component follows.
+    in_maps_c
+        In each map, in the order of the own sensor's temperature: that temperature, and what
+        the sensor or the difference was [°C; °C or K].
+    """
+
+    name: ClassVar[str] = "beyond-maps"
+    sensor: str
+    minus: str
+    own: str
+    in_maps_c: tuple[tuple[float, float], ...]
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T − T in the maps at the own sensor's temperature [K]."""
+        value = conditions.temperature(self.sensor)
+        if self.minus:
+            value = value - conditions.temperature(self.minus)
+        scale, there = np.array(self.in_maps_c).T
+        found: FloatArray = value - np.interp(conditions.temperature(self.own), scale, there)
+        return found
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """All sensors."""
+        names = filter(None, (self.sensor, self.minus, self.own))
+        return tuple((Signal("temperature", name), None) for name in names)
+
+
+@dataclass(frozen=True)
+class Curvature(Driver):
+    """What a parabola in temperature does between fixed temperatures, zero at each of them [K²].
+
+    With the temperatures of all maps it is how far a parabola hangs below its chords, each
+    between two neighbouring maps: what linear interpolation lacks though every map is right.
+    With the first and the last alone it is one parabola over the whole range.
+    """
+
+    name: ClassVar[str] = "curvature"
+    sensor: str
+    temperatures_c: tuple[float, ...]
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give (T − T_n)(T − T_m) of the neighbours T_n, T_m [K²]; beyond the ends 0."""
+        scale = np.array(self.temperatures_c)
+        t = np.clip(conditions.temperature(self.sensor), scale[0], scale[-1])
+        lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
+        found: FloatArray = (t - scale[lower]) * (t - scale[lower + 1])
+        return found
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor."""
+        return ((Signal("temperature", self.sensor), None),)
+
+
+@dataclass(frozen=True)
+class State(Driver):
+    """A power of a state of the machine, at once or through a low-pass."""
+
+    name: ClassVar[str] = "state"
+    state: str
+    power: int = 1
+    time_constant_s: float | None = None
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give x^power, or its low-pass."""
+        if self.time_constant_s is None:
+            present: FloatArray = conditions.state(self.state) ** self.power
+            return present
+        return conditions.lagged(self._signal, self.time_constant_s)
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The state, and its past if that matters."""
+        return ((self._signal, self.time_constant_s),)
+
+    @property
+    def _signal(self) -> Signal:
+        return Signal("state", self.state, self.power)
+
+
+@dataclass(frozen=True)
+class SinceReference(Driver):
+    """Time since a fixed moment [days]."""
+
+    name: ClassVar[str] = "since-reference"
+    reference_time_s: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give the time since then [days], negative before."""
+        return (conditions.times_s - self.reference_time_s) / SECONDS_PER_DAY
+
+
+@dataclass(frozen=True)
+class StepAfter(Driver):
+    """Zero before a moment, one from then on."""
+
+    name: ClassVar[str] = "step-after"
+    time_s: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give 0 or 1."""
+        return (conditions.times_s >= self.time_s).astype(np.float64)
+
+
+DRIVERS: Final[dict[str, type[Driver]]] = {
+    kind.name: kind
+    for kind in (
+        *(Always, AboveReference, Behind, Difference, BeyondMaps, Curvature),
+        *(State, SinceReference, StepAfter),
+    )
+}
+"""Every driver by the name under which it is stored."""

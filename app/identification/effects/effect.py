@@ -1,0 +1,88 @@
+"""An effect that was found: what a model version stores and a live table contains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.errors import InvalidContent
+from app.identification.effects.term import Term, term_from_json
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect with its parameters and the terms that it adds.
+
+    Parameters
+    ----------
+    kind
+        Which kind, as the registry names it.
+    variant
+        Which of the kind's forms, empty where it has one only.
+    components
+        The components that it acts on.
+    sensors, states
+        What drives it.
+    parameters, standard_errors
+        By name with unit, such as `time_constant_min`; one standard deviation of each. A
+        parameter that was not estimated has no standard error.
+    terms
+        What it adds to the model.
+    """
+
+    kind: str
+    components: tuple[str, ...]
+    sensors: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+    variant: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    standard_errors: Mapping[str, float] = field(default_factory=dict)
+    terms: tuple[Term, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Write it down as a model version stores it."""
+        return {
+            "kind": self.kind,
+            "variant": self.variant,
+            "components": list(self.components),
+            "sensors": list(self.sensors),
+            "states": list(self.states),
+            "parameters": dict(self.parameters),
+            "standard_errors": dict(self.standard_errors),
+            "terms": [term.to_json() for term in self.terms],
+        }
+
+
+def effect_from_json(stored: Mapping[str, Any]) -> Effect:
+    """Read an effect as `Effect.to_json` wrote it.
+
+    Parameters
+    ----------
+    stored
+        The stored form.
+
+    Raises
+    ------
+    InvalidContent
+        If something is missing, or names what does not exist.
+    """
+    try:
+        return Effect(
+            kind=str(stored["kind"]),
+            variant=str(stored.get("variant", "")),
+            components=tuple(stored["components"]),
+            sensors=tuple(stored["sensors"]),
+            states=tuple(stored.get("states", ())),
+            parameters=dict(stored["parameters"]),
+            standard_errors=dict(stored["standard_errors"]),
+            terms=_terms(stored["terms"]),
+        )
+    except (KeyError, TypeError) as error:
+        raise InvalidContent.of_field(
+            "effects", f"expected a stored effect, came one that lacks or mistakes {error}"
+        ) from None
+
+
+def _terms(stored: Sequence[Mapping[str, Any]]) -> tuple[Term, ...]:
+    return tuple(term_from_json(term) for term in stored)

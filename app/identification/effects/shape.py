@@ -1,0 +1,281 @@
+"""How an effect looks along an axis: what its driver is multiplied by at each position.
+
+Shapes of position alone have no unit. `Sensitivity` and `Exchange` are made of the model's
+own tables and carry the component's unit.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.identification.conditions import Conditions
+from app.identification.map_tables import hat_weights, temperature_table
+from app.thermal.compiled_model import CompiledModel
+
+POINTS_A_PITCH: Final = 16
+"""A polygon of so many corners a pitch is within 2 % of its sine."""
+
+MOST_POINTS: Final = 4000
+"""A table is not made finer than so many positions."""
+
+
+class Places(NamedTuple):
+    """Where one axis stands, and from which side it came: shape (n,) each.
+
+    `positions_mm` are NaN and `directions` 0 where there is no such axis.
+    """
+
+    positions_mm: FloatArray
+    directions: FloatArray
+
+
+@dataclass(frozen=True)
+class Shape(ABC):
+    """A dependence on position, and for fingerprints on temperature."""
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the error for the driver's value.
+
+        Parameters
+        ----------
+        model
+            The compiled model.
+        component
+            Whose error it is.
+        places
+            Positions and directions.
+        conditions
+            What held then.
+        driver : ndarray, shape (n,)
+            The driver.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Driver times shape.
+        """
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Give the positions that a table needs to show this shape [mm]."""
+        return np.array([low_mm, high_mm])
+
+    def why_missing(self, model: CompiledModel, component: str) -> str:
+        """Say what this shape lacks in a model, empty where nothing."""
+        return ""
+
+
+@dataclass(frozen=True)
+class Everywhere(Shape):
+    """The same at all positions."""
+
+    name: ClassVar[str] = "everywhere"
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver itself."""
+        return driver
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need no position at all."""
+        return np.empty(0)
+
+
+@dataclass(frozen=True)
+class Rising(Shape):
+    """A straight line: −1 at one end of the travel, 0 in its middle, +1 at the other end."""
+
+    name: ClassVar[str] = "rising"
+    middle_mm: float
+    half_mm: float
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times (position − middle) / half."""
+        return driver * (places.positions_mm - self.middle_mm) / self.half_mm
+
+
+@dataclass(frozen=True)
+class Wave(Shape):
+    """A sine or a cosine over position, counted from position 0."""
+
+    name: ClassVar[str] = "wave"
+    pitch_mm: float
+    is_cosine: bool
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times the sine or cosine of 2π position / pitch."""
+        turns = places.positions_mm / self.pitch_mm
+        wave = np.cos if self.is_cosine else np.sin
+        found: FloatArray = driver * wave(2.0 * np.pi * turns)
+        return found
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need sixteen positions in each pitch."""
+        count = int(np.ceil((high_mm - low_mm) / self.pitch_mm * POINTS_A_PITCH)) + 1
+        return np.linspace(low_mm, high_mm, min(max(count, 2), MOST_POINTS))
+
+
+@dataclass(frozen=True)
+class Profile(Shape):
+    """A polygon over positions, its end values beyond them."""
+
+    name: ClassVar[str] = "profile"
+    positions_mm: tuple[float, ...]
+    heights: tuple[float, ...]
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times the polygon."""
+        left, right, share = hat_weights(np.array(self.positions_mm), places.positions_mm)
+        heights = np.array(self.heights)
+        found: FloatArray = driver * ((1.0 - share) * heights[left] + share * heights[right])
+        return found
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need the polygon's corners."""
+        return np.array(self.positions_mm)
+
+
+@dataclass(frozen=True)
+class Sensitivity(Shape):
+    """The model's own change of a component with its sensor's temperature.
+
+    Parameters
+    ----------
+    is_local
+        True: the derivative at the present temperature, times the driver. False: the
+        change over the whole stretch of temperature that the driver [K] names, which is
+        right also where a map lies within it.
+    """
+
+    name: ClassVar[str] = "sensitivity"
+    is_local: bool
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give dE/dT times the driver, or E(T + driver) − E(T)."""
+        found = model.find(component)
+        table = temperature_table(model, component)
+        if found is None or table is None:
+            return np.full(driver.shape, np.nan)
+        now = conditions.temperature(found[0].sensor)
+        if self.is_local:
+            return driver * table.slope(now, *places)
+        return table.moved(now, driver, *places)
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need none beside the model's own."""
+        return np.empty(0)
+
+    def why_missing(self, model: CompiledModel, component: str) -> str:
+        """Say that the model lacks the component."""
+        return "" if model.find(component) else f"the model has no {component}"
+
+
+@dataclass(frozen=True)
+class Exchange(Shape):
+    """The same maps read by another sensor, minus what they say by the assigned one.
+
+    Parameters
+    ----------
+    sensor
+        The other sensor.
+    map_temperatures_c
+        Label and the other sensor's temperature of each map [°C].
+    """
+
+    name: ClassVar[str] = "exchange"
+    sensor: str
+    map_temperatures_c: tuple[tuple[str, float], ...]
+
+    @classmethod
+    def of(cls, sensor: str, map_temperatures_c: Mapping[str, float]) -> Exchange:
+        """Make one from a mapping of labels."""
+        return cls(sensor, tuple(map_temperatures_c.items()))
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times E by the other sensor minus E by the assigned one."""
+        found = model.find(component)
+        own = temperature_table(model, component)
+        other = temperature_table(model, component, dict(self.map_temperatures_c))
+        if found is None or own is None or other is None:
+            return np.full(driver.shape, np.nan)
+        by_other = other.at(conditions.temperature(self.sensor), *places)
+        return driver * (by_other - own.at(conditions.temperature(found[0].sensor), *places))
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need none beside the model's own."""
+        return np.empty(0)
+
+    def why_missing(self, model: CompiledModel, component: str) -> str:
+        """Say which map does not state the other sensor."""
+        found = model.find(component)
+        if found is None:
+            return f"the model has no {component}"
+        stated = dict(self.map_temperatures_c)
+        lacking = [label for label in found[0].labels if label not in stated]
+        if lacking:
+            return (
+                f"map {lacking[0]!r} came after the analysis: what {self.sensor} read is not known"
+            )
+        return ""
+
+
+SHAPES: Final[dict[str, type[Shape]]] = {
+    kind.name: kind for kind in (Everywhere, Rising, Wave, Profile, Sensitivity, Exchange)
+}
+"""Every shape by the name under which it is stored."""

@@ -1,0 +1,72 @@
+"""A component is not linear between the maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from app.geometry.components import COMPONENTS
+from app.identification.effects.driver import Curvature
+from app.identification.effects.effect import Effect
+from app.identification.effects.hypothesis import Hypothesis
+from app.identification.effects.kind import EffectKind, Need, Proposals, amplitudes_of
+from app.identification.effects.site import Site
+from app.identification.effects.term import Term
+from app.identification.effects.words import parameter, strongest, symbol_of, where
+
+BETWEEN, OVERALL = "between maps", "over all maps"
+
+
+class TemperatureCurvature(EffectKind):
+    """A parabola in the component's own temperature, zero where maps were measured."""
+
+    kind: ClassVar[str] = "temperature-curvature"
+    text: ClassVar[str] = "a component is not linear in temperature between the maps"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure {component} half way between the maps' temperatures of {sensor}: one more map "
+        "there settles it"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "outdated-map": "measure {component} at the temperature of one of the maps: a curved "
+        "component is right there",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component with its own sensor: between neighbouring maps, and over all of them."""
+        found = Proposals()
+        for code in site.components:
+            sensor = site.sensor_of(code)
+            if sensor not in site.varying_sensors:
+                found.not_testable.append(self.refuse(code, f"{sensor} did not change"))
+                continue
+            group = site.model.find(code)
+            scale = group[0].scales[0].temperatures_c if group else ()
+            found.hypotheses.append(_hypothesis(site, code, OVERALL, (scale[0], scale[-1])))
+            if len(scale) > 2:
+                found.hypotheses.append(_hypothesis(site, code, BETWEEN, scale))
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how strongly what is curved in which temperature."""
+        name = strongest(effect, "curvature")
+        how = parameter(effect, name, symbol_of(effect.components[0], "K²"))
+        return (
+            f"{effect.components[0]} is curved over the temperature of {effect.sensors[0]} "
+            f"{effect.variant}, {how}{where(name)}"
+        )
+
+
+def _hypothesis(site: Site, code: str, variant: str, scale: tuple[float, ...]) -> Hypothesis:
+    sensor = site.sensor_of(code)
+    driver = Curvature(sensor, scale)
+    shapes = site.shapes(code)
+    return Hypothesis(
+        kind=TemperatureCurvature.kind,
+        variant=variant,
+        components=(code,),
+        sensors=(sensor,),
+        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
+        amplitudes=amplitudes_of(shapes, f"curvature_{COMPONENTS[code].unit}_per_k2"),
+    )

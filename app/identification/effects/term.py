@@ -1,0 +1,172 @@
+"""One term of an effect: coefficient × driver × shape on one component."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent, list_names
+from app.geometry.components import COMPONENTS
+from app.identification.conditions import Conditions, Signal
+from app.identification.effects.driver import DRIVERS, Driver
+from app.identification.effects.shape import (
+    SHAPES,
+    Everywhere,
+    Exchange,
+    Places,
+    Sensitivity,
+    Shape,
+)
+from app.thermal.compiled_model import CompiledModel
+
+EVERYWHERE: Final = Everywhere()
+Part = TypeVar("Part", bound=Driver | Shape)
+
+
+@dataclass(frozen=True)
+class Term:
+    """An additive error of one component.
+
+    Parameters
+    ----------
+    component
+        The component's code.
+    driver
+        What makes it change.
+    shape
+        How it looks along the axis.
+    coefficient
+        How strong it is [the component's unit for each unit of driver and shape].
+    is_reversing
+        Whether its sign is that of the approach: plus coming from below, minus from above.
+    """
+
+    component: str
+    driver: Driver
+    shape: Shape = EVERYWHERE
+    coefficient: float = 1.0
+    is_reversing: bool = False
+
+    def times(self, factor: float) -> Term:
+        """Scale the term."""
+        return replace(self, coefficient=factor * self.coefficient)
+
+    def at(self, model: CompiledModel, places: Places, conditions: Conditions) -> FloatArray:
+        """Give the error at n places, each at its own moment.
+
+        Parameters
+        ----------
+        model
+            The compiled model: fingerprints are made of its tables.
+        places
+            Positions and directions of the component's axis.
+        conditions
+            What held at these moments.
+
+        Returns
+        -------
+        ndarray, shape (n,) [the component's unit]
+            NaN where a condition is missing; 0 for a reversing term where the direction is
+            not known, as the tables then give the mean of both.
+        """
+        driver = self.driver.at(conditions)
+        found = self.coefficient * self.shape.along(
+            model, self.component, places, conditions, driver
+        )
+        return found * np.sign(places.directions) if self.is_reversing else found
+
+    def everywhere_at(self, model: CompiledModel, places: Places, moment: Conditions) -> FloatArray:
+        """Give the error at k places, all at one moment.
+
+        Parameters
+        ----------
+        model
+            The compiled model.
+        places
+            Positions and directions, shape (k,).
+        moment
+            Conditions of one moment.
+
+        Returns
+        -------
+        ndarray, shape (k,) [the component's unit]
+        """
+        # One moment's driver stands for all places: n = 1 broadcasts against k.
+        return np.broadcast_to(self.at(model, places, moment), places.positions_mm.shape)
+
+    def why_missing(self, model: CompiledModel, conditions: Conditions) -> str:
+        """Say which condition is missing where the term is NaN, empty where none."""
+        said = self.driver.why_missing(conditions)
+        said = said or self.shape.why_missing(model, self.component)
+        for sensor in () if said else self._sensors_of_tables(model):
+            if np.isnan(conditions.temperature(sensor)).any():
+                return conditions.why_missing(Signal("temperature", sensor))
+        return said
+
+    def to_json(self) -> dict[str, Any]:
+        """Write it down as a model version stores it."""
+        return {
+            "component": self.component,
+            "coefficient": self.coefficient,
+            "reversing": self.is_reversing,
+            "driver": {"name": self.driver.name, **asdict(self.driver)},
+            "shape": {"name": self.shape.name, **asdict(self.shape)},
+        }
+
+    def _sensors_of_tables(self, model: CompiledModel) -> list[str]:
+        found = model.find(self.component)
+        if found is None or not isinstance(self.shape, Sensitivity | Exchange):
+            return []
+        other = [self.shape.sensor] if isinstance(self.shape, Exchange) else []
+        return [found[0].sensor, *other]
+
+
+def term_from_json(stored: Mapping[str, Any]) -> Term:
+    """Read a term as `Term.to_json` wrote it.
+
+    Parameters
+    ----------
+    stored
+        The stored form.
+
+    Raises
+    ------
+    InvalidContent
+        If it names something that does not exist.
+    """
+    code = stored["component"]
+    if code not in COMPONENTS:
+        raise InvalidContent.of_field("terms", f"expected an error component, came {code!r}")
+    return Term(
+        component=code,
+        driver=_part("driver", DRIVERS, stored["driver"]),
+        shape=_part("shape", SHAPES, stored["shape"]),
+        coefficient=float(stored["coefficient"]),
+        is_reversing=bool(stored["reversing"]),
+    )
+
+
+def _part(what: str, kinds: Mapping[str, type[Part]], stored: Mapping[str, Any]) -> Part:
+    kind = kinds.get(stored.get("name", ""))
+    if kind is None:
+        raise InvalidContent.of_field(
+            "terms", f"expected a {what} among {list_names(kinds)}, came {stored.get('name')!r}"
+        )
+    given = {name: _tuples(value) for name, value in stored.items() if name != "name"}
+    expected = {field.name for field in fields(kind)}
+    if not set(given) <= expected:
+        raise InvalidContent.of_field(
+            "terms",
+            f"expected {kind.name} to have {list_names(sorted(expected))}, came "
+            f"{list_names(sorted(given))}",
+        )
+    return kind(**given)
+
+
+def _tuples(value: Any) -> Any:
+    """Turn JSON's lists back into tuples, at any depth."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value

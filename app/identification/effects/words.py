@@ -1,0 +1,74 @@
+"""Numbers and lists as people read them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from app.errors import list_names
+from app.geometry.components import COMPONENTS
+from app.identification.effects.effect import Effect
+from app.units import plus_minus, unit_of_field
+
+
+def parameter(effect: Effect, name: str, unit: str | None = None) -> str:
+    """Write one of an effect's parameters with its standard error and unit.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    name
+        The parameter's name, which ends in its unit.
+    unit
+        The unit's symbol, where the name does not say it.
+    """
+    symbol = unit or unit_of_field(name) or ""
+    return plus_minus(effect.parameters[name], effect.standard_errors.get(name), symbol).strip()
+
+
+def strongest(effect: Effect, stem: str) -> str:
+    """Name the parameter of a stem (`slope`) that stands clearest above its standard error."""
+    names = [n for n in effect.parameters if n.partition("_")[0] == stem]
+    return max(names, key=lambda n: _clearness(effect, n))
+
+
+def where(name: str) -> str:
+    """Say where a parameter applies: at the ends of the travel for a rise."""
+    return " from the middle to the end of travel" if "_rise_" in name else ""
+
+
+def components(effect: Effect) -> str:
+    """List the components of an effect, with how many more."""
+    return list_names(effect.components, 3)
+
+
+def symbol_of(code: str, per: str = "") -> str:
+    """Give the symbol of a component's unit, per something else.
+
+    >>> symbol_of("EXX", "K"), symbol_of("SXY", "day")
+    ('µm/K', 'µm/m/day')
+    """
+    symbol = COMPONENTS[code].unit.symbol
+    return f"{symbol}/{per}" if per else symbol
+
+
+def date_of(time_s: float) -> str:
+    """Write a time as people do, UTC.
+
+    >>> date_of(0.0)
+    '1970-01-01 00:00 UTC'
+    """
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def verb(codes: Sequence[str], singular: str, plural: str) -> str:
+    """Choose the verb's form for a list of components."""
+    return singular if len(codes) == 1 else plural
+
+
+def _clearness(effect: Effect, name: str) -> float:
+    error = effect.standard_errors.get(name, 0.0)
+    value = abs(effect.parameters[name])
+    return value / error if error > 0 else math.inf if value else 0.0

@@ -1,0 +1,314 @@
+"""What a search says: what was found, how sure, against which rivals, and what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from app.arrays import FloatArray
+from app.errors import ThermapError
+from app.identification.rows import IntArray
+
+
+class SearchCancelled(ThermapError):
+    """The search was told to stop before it had an answer."""
+
+
+class Verdict(StrEnum):
+    """The answer in a word."""
+
+    NOTHING = "nothing"
+    FOUND = "found"
+    UNEXPLAINED = "unexplained"
+
+
+class Status(StrEnum):
+    """What observations that took no part in the search say of a term."""
+
+    CONFIRMED = "confirmed"
+    NOT_CONFIRMABLE = "not-confirmable"
+    SUSPECTED = "suspected"
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """Measured against predicted contribution on held-out visits: 1 is right, 0 is nothing.
+
+    `information` is the square of the slope's expected value over its error, were it 1.
+    """
+
+    value: float
+    error: float
+    information: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """Another explanation of what a term explains.
+
+    Parameters
+    ----------
+    key, family, theta
+        The other candidate.
+    behind
+        2 ln B of the term against it; below 6 the evidence hardly decides.
+    alias_share
+        Share of the term's fitted signal that the rival reproduces.
+    tied
+        Whether these rows cannot tell the two apart.
+    """
+
+    key: str
+    family: str
+    theta: float | None
+    behind: float
+    alias_share: float
+    tied: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FoundTerm:
+    """One term that the rows call for.
+
+    Parameters
+    ----------
+    key, family, channels
+        Which candidate, and where it acts.
+    theta, theta_error
+        Its nonlinear parameter and standard error; infinite where the rows do not bound it.
+    amplitudes : ndarray, shape (k,)
+        In the candidate's own unit; all visits together.
+    covariance : ndarray, shape (k, k)
+        Of the amplitudes.
+    likelihood_ratio, degrees_of_freedom
+        Twice the rise of the log likelihood, the other terms given.
+    evidence
+        2 ln B against its absence.
+    global_p
+        Probability that noise surprises as much anywhere in the library.
+    rivals
+        The best of every other family, and members of its own that come close.
+    slope
+        On visits held out in turn; None: never found without them.
+    forward_slope
+        On the last visits, found on the earlier ones: for trends.
+    inclusion
+        Share of the folds that find it, or one it is tied with, again.
+    status
+        What the held-out visits say.
+    strongest_visits, leverage
+        The two visits that carry most of the evidence, and their share of it.
+    """
+
+    key: str
+    family: str
+    channels: tuple[int, ...]
+    theta: float | None
+    theta_error: float | None
+    amplitudes: FloatArray
+    covariance: FloatArray
+    likelihood_ratio: float
+    degrees_of_freedom: int
+    evidence: float
+    global_p: float
+    rivals: tuple[Rival, ...]
+    slope: Slope | None
+    forward_slope: Slope | None
+    inclusion: float | None
+    status: Status
+    strongest_visits: tuple[int, ...]
+    leverage: float
+
+    @property
+    def ties(self) -> tuple[Rival, ...]:
+        """The rivals that these rows cannot tell from it."""
+        return tuple(r for r in self.rivals if r.tied)
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """Root mean square with its 95 % interval over visits, and 95th percentile of |residual|."""
+
+    rms: float
+    low: float
+    high: float
+    p95: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Residuals on visits that took no part in what predicts them.
+
+    Parameters
+    ----------
+    rows, visits
+        How many.
+    before
+        As given.
+    refit
+        With the maps refitted within their uncertainty, without any term.
+    after
+        With the terms, and the maps refitted beside them.
+    adopted
+        With the terms alone: what adopting them gives.
+    tie_average
+        With each term averaged over those it is tied with, by evidence.
+    floor
+        What repeatability and set-up scatter alone would leave (RMS).
+    """
+
+    rows: int
+    visits: int
+    before: Figure
+    refit: Figure
+    after: Figure
+    adopted: Figure
+    tie_average: Figure
+    floor: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelNoise:
+    """A channel's scatter, in its unit.
+
+    Parameters
+    ----------
+    repeatability, origin
+        Standard deviation of one observation, and whether it was `declared`, came from
+        `replicates` or from `residuals`.
+    fitted
+        The same from what the final model leaves.
+    shift_factor, tilt_factor
+        Fitted set-up variances over those declared (or assumed).
+    setup_declared
+        Whether the set-up scatter was declared.
+    visits, rows
+        How many took part.
+    """
+
+    repeatability: float
+    origin: str
+    fitted: float
+    shift_factor: float
+    tilt_factor: float
+    setup_declared: bool
+    visits: int
+    rows: int
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """Structure that the found terms do not explain.
+
+    Parameters
+    ----------
+    test
+        `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family` or
+        `many-at-one-place`.
+    channel
+        Where; None: everywhere.
+    lead
+        What it moves with: a generic candidate's key, a family; None: not known.
+    statistic, p
+        The test's value and its probability under noise (None: not a test of that kind).
+    """
+
+    test: str
+    channel: int | None
+    lead: str | None
+    statistic: float
+    p: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Excluded:
+    """Rows that took no part, and why: `outlier` or `visit-apart`."""
+
+    rows: tuple[int, ...]
+    reason: str
+    channel: int
+    visit: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Untested:
+    """A candidate that these rows cannot test: `few-visits` or `not-excited`."""
+
+    key: str
+    reason: str
+    visits_needed: int = 0
+    visits: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """How small an effect could be and still be seen with these rows.
+
+    Parameters
+    ----------
+    key, family, theta
+        The candidate, at the middle of its grid.
+    smallest
+        Root mean square of the effect over its rows, in repeatabilities, that is found
+        nine times in ten.
+    distinguishable
+        The same to be told from its best rival.
+    smallest_amplitude
+        For a candidate with one amplitude: `smallest` in the candidate's own unit.
+    rival, overlap
+        The candidate of another family that imitates it best, and how much of it; None
+        where rivals were not looked at.
+    """
+
+    key: str
+    family: str
+    theta: float | None
+    smallest: float
+    distinguishable: float
+    smallest_amplitude: float | None
+    rival: str | None
+    overlap: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """The whole answer.
+
+    Parameters
+    ----------
+    verdict
+        In a word; `unexplained` may still hold terms: they are proxies then.
+    terms
+        Found terms, the strongest first.
+    unexplained
+        What remains, with leads.
+    noise
+        Channel to its scatter.
+    held_out
+        Channel to figures before and after; None as key: over all, in repeatabilities.
+    global_p
+        Probability that noise alone surprises as much as the strongest candidate did.
+    excluded, untested
+        What took no part, and what could not be tested.
+    detectable
+        The smallest effects that would have been seen.
+    predicted, adopted : ndarray, shape (n,)
+        Predicted part of each row by a model that did not see its visit, with refitted maps
+        and by the terms alone; nan: excluded.
+    fold : ndarray, shape (n,)
+        Which fold held the row out; −1: none.
+    """
+
+    verdict: Verdict
+    terms: tuple[FoundTerm, ...]
+    unexplained: tuple[Unexplained, ...]
+    noise: Mapping[int, ChannelNoise]
+    held_out: Mapping[int | None, HeldOut]
+    global_p: float
+    excluded: tuple[Excluded, ...]
+    untested: tuple[Untested, ...]
+    detectable: tuple[Detectable, ...]
+    predicted: FloatArray
+    adopted: FloatArray
+    fold: IntArray

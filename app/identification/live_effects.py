@@ -1,0 +1,288 @@
+"""Adopted effects in what the service gives out: live tables, and predictions at many times."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.geometry.axis_table import CLOSEST_MM
+from app.geometry.components import COMPONENTS, ORDER, Component
+from app.identification.conditions import Conditions
+from app.identification.effects.effect import Effect
+from app.identification.effects.shape import Places
+from app.identification.effects.site import travel_of
+from app.identification.effects.term import Term
+from app.identification.faulty_sensors import set_faulty_aside
+from app.identification.map_tables import positions_of
+from app.identification.observations import BoolArray
+from app.identification.projection import Projection, sum_of_terms
+from app.thermal.compiled_model import CompiledModel, GroupState
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """An effect that is not in an answer, and why."""
+
+    effect: int
+    kind: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What effects add to one component at one moment.
+
+    Parameters
+    ----------
+    component
+        The component; the model need not have it.
+    positions_mm : ndarray, shape (k,) [mm]
+        Increasing; none for a component without argument.
+    forward, backward : ndarray, shape (k,), or (1,) without argument
+        What is to be added to the errors of either approach [the component's unit].
+    effects
+        Numbers of the effects that take part.
+    """
+
+    component: Component
+    positions_mm: FloatArray
+    forward: FloatArray
+    backward: FloatArray
+    effects: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LiveEffects:
+    """All corrections at one moment, and the effects that could not be evaluated."""
+
+    corrections: tuple[Correction, ...]
+    missing: tuple[Missing, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Contributions:
+    """What effects add to many predictions.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (n,)
+        What is to be added [the rows' units]; an effect adds nothing where its condition is
+        not known.
+    is_lacking : ndarray, shape (n,)
+        Where some effect's condition is not known.
+    missing
+        The effects that lack a condition at some row.
+    """
+
+    errors: FloatArray
+    is_lacking: BoolArray
+    missing: tuple[Missing, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedTable:
+    """One component's errors with its effects.
+
+    Parameters
+    ----------
+    component
+        The component.
+    positions_mm : ndarray, shape (k,) [mm]
+        The maps' positions and those that the effects need.
+    errors : ndarray, shape (k,), or (1,) without argument [the component's unit]
+        Actual minus nominal.
+    backward_errors : ndarray, same shape, or None
+        The same for positions approached in the negative direction, where that differs.
+    effects
+        Numbers of the effects in it.
+    origin
+        The group's state without effects; None for a component that no map has.
+    """
+
+    component: Component
+    positions_mm: FloatArray
+    errors: FloatArray
+    backward_errors: FloatArray | None
+    effects: tuple[int, ...]
+    origin: GroupState | None
+
+
+def corrections(model: CompiledModel, effects: Sequence[Effect], moment: Conditions) -> LiveEffects:
+    """Evaluate effects at one moment, at all positions that their tables need.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    effects
+        The adopted effects, numbered by their order.
+    moment
+        Conditions of one moment (`Conditions.of_moment`), faulty sensors' readings included.
+
+    Returns
+    -------
+    LiveEffects
+        To be added to what the tables say by `SetAside.conditions`. An effect that lacks its
+        condition is left out entirely, with the reason.
+    """
+    missing: list[Missing] = []
+    terms: dict[str, list[tuple[int, Term]]] = defaultdict(list)
+    aside = set_faulty_aside(model, effects, moment).effects
+    for number, effect in enumerate(effects):
+        if number in aside:
+            continue
+        reason = next(filter(None, (t.why_missing(model, moment) for t in effect.terms)), "")
+        if reason:
+            missing.append(Missing(number, effect.kind, reason))
+            continue
+        for term in effect.terms:
+            terms[term.component].append((number, term))
+    found = [
+        _correction(model, COMPONENTS[code], terms[code], moment)
+        for code in sorted(terms, key=ORDER.__getitem__)
+    ]
+    return LiveEffects(tuple(found), tuple(missing))
+
+
+def corrected_tables(
+    states: Iterable[GroupState], found: Sequence[Correction]
+) -> list[CorrectedTable]:
+    """Add corrections to the tables of one moment.
+
+    Parameters
+    ----------
+    states
+        What `CompiledModel.errors_at` found.
+    found
+        The corrections of the same moment.
+
+    Returns
+    -------
+    list of CorrectedTable
+        Every component of the states and of the corrections, in the order of tables.
+    """
+    by_code = {correction.component.code: correction for correction in found}
+    tables = []
+    for state in states:
+        for member in state.group.members:
+            own = CorrectedTable(
+                member.component,
+                member.positions_mm,
+                state.values[member.forward],
+                None if member.backward is None else state.values[member.backward],
+                (),
+                state,
+            )
+            correction = by_code.pop(member.component.code, None)
+            tables.append(own if correction is None else _added(own, correction))
+    for correction in by_code.values():
+        nothing = np.zeros(correction.forward.shape)
+        new = CorrectedTable(correction.component, correction.positions_mm, nothing, None, (), None)
+        tables.append(_added(new, correction))
+    return sorted(tables, key=lambda table: ORDER[table.component.code])
+
+
+def contributions(projection: Projection, effects: Sequence[Effect]) -> Contributions:
+    """Evaluate effects at many observations.
+
+    Parameters
+    ----------
+    projection
+        The rows: where, when, from which side; faulty sensors' readings included.
+    effects
+        The adopted effects.
+
+    Returns
+    -------
+    Contributions
+        To be added to what the tables say by `SetAside.conditions`.
+    """
+    total = np.zeros(len(projection.rows))
+    lacking = np.zeros(len(projection.rows), dtype=np.bool_)
+    missing = []
+    aside = set_faulty_aside(projection.model, effects, projection.conditions).effects
+    for number, effect in enumerate(effects):
+        own = sum_of_terms(projection, effect.terms)
+        own = np.where(aside.get(number, False), 0.0, own)
+        unknown = np.flatnonzero(np.isnan(own))
+        if unknown.size:
+            there = projection.conditions.take(unknown)
+            reasons = (t.why_missing(projection.model, there) for t in effect.terms)
+            reason = next(filter(None, reasons), "a condition is not known")
+            missing.append(Missing(number, effect.kind, f"{reason} ({unknown.size} values)"))
+            lacking[unknown] = True
+        total += np.nan_to_num(own, nan=0.0)
+    return Contributions(total, lacking, tuple(missing))
+
+
+def _correction(
+    model: CompiledModel,
+    component: Component,
+    terms: Sequence[tuple[int, Term]],
+    moment: Conditions,
+) -> Correction:
+    positions = _positions(model, component, [term for _, term in terms])
+    at = positions if component.is_table else np.full(1, np.nan)
+    sides = [
+        sum(
+            (
+                term.everywhere_at(model, Places(at, np.full(at.shape, side)), moment)
+                for _, term in terms
+            ),
+            start=np.zeros(at.shape),
+        )
+        for side in (1.0, -1.0)
+    ]
+    numbers = tuple(dict.fromkeys(number for number, _ in terms))
+    return Correction(component, positions, sides[0], sides[1], numbers)
+
+
+def _positions(model: CompiledModel, component: Component, terms: Sequence[Term]) -> FloatArray:
+    """Unite the table's positions and those that the shapes need."""
+    if not component.is_table:
+        return np.empty(0)
+    found = model.find(component.code)
+    own = positions_of(found[1] if found else None)
+    travel = travel_of(model, component)
+    low, high = (travel.min_mm, travel.max_mm) if travel else (0.0, 0.0)
+    if own.size > 1:
+        low, high = min(low, float(own[0])), max(high, float(own[-1]))
+    needed = [own, *(term.shape.nodes_mm(low, high) for term in terms)]
+    positions = _distinct(np.unique(np.concatenate(needed)))
+    return positions if positions.size else np.array([(low + high) / 2.0])
+
+
+def _distinct(positions_mm: FloatArray) -> FloatArray:
+    """Leave out positions that only rounding tells from their neighbour."""
+    if positions_mm.size < 2:
+        return positions_mm
+    apart = np.diff(positions_mm) > CLOSEST_MM
+    found: FloatArray = positions_mm[np.concatenate([[True], apart])]
+    return found
+
+
+def _added(own: CorrectedTable, correction: Correction) -> CorrectedTable:
+    positions = correction.positions_mm
+    forward = _on(positions, own.positions_mm, own.errors) + correction.forward
+    base = own.errors if own.backward_errors is None else own.backward_errors
+    backward = _on(positions, own.positions_mm, base) + correction.backward
+    same = own.backward_errors is None and np.array_equal(correction.forward, correction.backward)
+    return CorrectedTable(
+        own.component,
+        positions,
+        forward,
+        None if same else backward,
+        correction.effects,
+        own.origin,
+    )
+
+
+def _on(positions_mm: FloatArray, own_mm: FloatArray, values: FloatArray) -> FloatArray:
+    """Read a table at more positions; outside it its end values hold."""
+    if own_mm.size < 2 or np.array_equal(positions_mm, own_mm):
+        return np.broadcast_to(values, (max(positions_mm.size, 1),))
+    return np.interp(positions_mm, own_mm, values)

@@ -1,0 +1,159 @@
+"""Residuals summed up along everything that they may depend on: arrays for a page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.identification.observations import BoolArray
+from app.identification.residuals import Residuals, channel_unit
+from app.units import Unit
+
+BINS: Final = 10
+FEWEST: Final = 6
+"""Of fewer values nothing is shown over a quantity."""
+
+DIRECTIONS: Final = {1.0: "+", 0.0: "not stated", -1.0: "−"}
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """Some residuals together.
+
+    `low` and `high` bound what they have in common, None for a name. `rms`, `p95` and `mean`
+    are in the channels' unit; `share_above` says how many exceed the repeatability in size
+    (noise alone: 32 %), None where that is not known.
+    """
+
+    label: str
+    low: float | None
+    high: float | None
+    count: int
+    mean: float
+    rms: float
+    p95: float
+    share_above: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Residuals over one quantity, in the order of that quantity."""
+
+    over: str
+    bins: tuple[Bin, ...]
+
+
+def summarise(
+    residuals: Residuals, values: FloatArray | None = None, repeatability_um: float | None = None
+) -> list[Summary]:
+    """Sum residuals up by component, and those in µm by place, time, temperature and state.
+
+    Parameters
+    ----------
+    residuals
+        Where they belong.
+    values : ndarray, shape (n,) [the channels' units]
+        Other residuals of the same rows: after effects, for example.
+    repeatability_um
+        Standard deviation of one observation [µm].
+
+    Returns
+    -------
+    list of Summary
+        Quantities that do not vary are left out.
+    """
+    rows, conditions = residuals.rows, residuals.projection.conditions
+    own = residuals.values if values is None else values
+    names = np.array(rows.channels)[rows.channel]
+    in_um = [channel_unit(name) is Unit.UM for name in rows.channels]
+    components = tuple(
+        _bin(name, None, None, own[names == name], repeatability_um if um else None)
+        for name, um in zip(rows.channels, in_um, strict=True)
+        if (names == name).any()
+    )
+    found = [Summary("component", components)]
+    lengths = np.array(in_um)[rows.channel]
+    along: dict[str, FloatArray] = {
+        f"position {axis} [mm]": rows.points_mm[:, i] for i, axis in enumerate("xyz")
+    }
+    along["time [s]"] = rows.times_s
+    along |= {f"temperature {s} [°C]": t for s, t in conditions.temperatures_c.items()}
+    along |= {f"rate {s} [°C/h]": t for s, t in conditions.rates_c_per_h.items()}
+    along |= {f"state {name}": x for name, x in conditions.states.items()}
+    for over, quantity in along.items():
+        known = lengths & ~np.isnan(quantity)
+        if known.sum() >= FEWEST and np.ptp(quantity[known]) > 0:
+            found.append(by_range(over, own[known], quantity[known], repeatability_um))
+    for i, axis in enumerate("xyz"):
+        moved = lengths & ~np.isnan(rows.points_mm[:, i])
+        found.append(_by_direction(axis, own, rows.directions[:, i], moved, repeatability_um))
+    return [summary for summary in found if summary.bins]
+
+
+def by_range(
+    over: str, values: FloatArray, quantity: FloatArray, repeatability: float | None = None
+) -> Summary:
+    """Sum values up in ranges of a quantity that hold about equally many of them.
+
+    Parameters
+    ----------
+    over
+        What the quantity is.
+    values, quantity : ndarray, shape (n,)
+        The residuals and the quantity.
+    repeatability
+        Standard deviation of one observation, in the values' unit.
+
+    Examples
+    --------
+    >>> cold_and_warm = np.array([20.0, 20.0, 30.0, 30.0])
+    >>> by_range("T", np.array([1.0, -1.0, 2.0, 2.0]), cold_and_warm).bins[1].rms
+    2.0
+    """
+    few = np.unique(quantity)
+    edges = np.unique(np.quantile(quantity, np.linspace(0.0, 1.0, BINS + 1)))
+    if few.size <= BINS:
+        # Values that stand apart, as a spindle's speeds do, are bins of their own.
+        edges = np.concatenate([few[:1], (few[1:] + few[:-1]) / 2.0, few[-1:]])
+    which = np.clip(np.searchsorted(edges, quantity, side="right") - 1, 0, edges.size - 2)
+    bins = []
+    for i in np.unique(which):
+        here = quantity[which == i]
+        low, high = float(here.min()), float(here.max())
+        label = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        bins.append(_bin(label, low, high, values[which == i], repeatability))
+    return Summary(over, tuple(bins))
+
+
+def _by_direction(
+    axis: str,
+    values: FloatArray,
+    directions: FloatArray,
+    moved: BoolArray,
+    repeatability: float | None,
+) -> Summary:
+    bins = [
+        _bin(label, None, None, values[moved & (directions == sign)], repeatability)
+        for sign, label in DIRECTIONS.items()
+        if (moved & (directions == sign)).any()
+    ]
+    return Summary(f"direction {axis}", tuple(bins) if len(bins) > 1 else ())
+
+
+def _bin(
+    label: str, low: float | None, high: float | None, values: FloatArray, limit: float | None
+) -> Bin:
+    size = np.abs(values)
+    return Bin(
+        label=label,
+        low=low,
+        high=high,
+        count=int(values.size),
+        mean=float(values.mean()),
+        rms=float(np.sqrt(np.mean(values**2))),
+        p95=float(np.quantile(size, 0.95)),
+        share_above=None if limit is None else float(np.mean(size > limit)),
+    )

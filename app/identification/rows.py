@@ -1,0 +1,157 @@
+"""What a search starts from: residuals by visit and channel, their noise, the maps' own freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent
+
+IntArray = NDArray[np.intp]
+"""Numbers of rows, visits and channels."""
+
+
+class Datum(StrEnum):
+    """What zero means for one channel in one visit.
+
+    `FIRST`: the first observation was set to zero, so that its own error is in all the
+    others. With that row kept among the rows (its value is exactly zero) this is the same
+    likelihood as `FREE`, an unknown constant: zeroing only chooses the contrasts. Both
+    therefore get a constant of unlimited variance.
+    """
+
+    ABSOLUTE = "absolute"
+    FIRST = "first"
+    FREE = "free"
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredNoise:
+    """What is known about a channel's scatter before the search, in the channel's unit.
+
+    Parameters
+    ----------
+    repeatability
+        Standard deviation of one observation within a visit; without it, it is taken
+        from replicates or from the residuals.
+    setup_shift
+        Standard deviation of a whole visit's shift; without it, it is estimated.
+    setup_tilt
+        Standard deviation of a visit's coefficient on each tilt column: one number for
+        all of them, or one for each.
+    """
+
+    repeatability: float | None = None
+    setup_shift: float | None = None
+    setup_tilt: float | tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Residuals, one row for each observation of one channel.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Measured minus predicted, each in its channel's unit.
+    visit : ndarray, shape (n,)
+        Numbers of the visits, growing with time.
+    channel : ndarray, shape (n,)
+        Numbers of the components or volumetric directions.
+    tilt : ndarray, shape (n, q)
+        Columns along which a visit may tilt: scaled positions.
+    replicate : ndarray, shape (n,)
+        Rows of one visit and channel with the same number repeat each other; −1: none.
+    noise
+        Channel to what is declared about it.
+    datum
+        (visit, channel) to what its zero means; absolute where not named.
+    alike
+        Channel to a name that it shares with channels of the same instrument and unit, whose
+        scatter is about the same: a scatter of few replicates leans on theirs.
+    """
+
+    values: FloatArray
+    visit: IntArray
+    channel: IntArray
+    tilt: FloatArray
+    replicate: IntArray
+    noise: Mapping[int, DeclaredNoise] = field(default_factory=dict)
+    datum: Mapping[tuple[int, int], Datum] = field(default_factory=dict)
+    alike: Mapping[int, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.values)
+        for name in ("values", "visit", "channel", "replicate"):
+            if getattr(self, name).shape != (n,):
+                raise InvalidContent.of_field(
+                    name, f"expected {n} values, came shape {getattr(self, name).shape}"
+                )
+        if self.tilt.ndim != 2 or len(self.tilt) != n:
+            raise InvalidContent.of_field(
+                "tilt", f"expected {n} rows of columns, came shape {self.tilt.shape}"
+            )
+        if n == 0 or not (np.isfinite(self.values).all() and np.isfinite(self.tilt).all()):
+            raise InvalidContent.of_field("values", "expected at least one row, all finite")
+        for channel, noise in self.noise.items():
+            _refuse_impossible_noise(channel, noise, self.tilt.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Columns that a channel's tables may follow within their own uncertainty.
+
+    Parameters
+    ----------
+    channel
+        The channel that they act on.
+    rows : ndarray, shape (m,)
+        Which rows they act on; zero elsewhere.
+    columns : ndarray, shape (m, p)
+        The channel's change for each unit of each table entry.
+    prior : ndarray, shape (p,)
+        Standard deviation of each entry; infinite: entirely free.
+    shared : ndarray, shape (e, p), or None
+        Each column's amplitude as a combination of e unit errors that several channels share:
+        one and the same map is wrong in all of them. None: each channel has its own.
+    """
+
+    channel: int
+    rows: IntArray
+    columns: FloatArray
+    prior: FloatArray
+    shared: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.columns.shape != (len(self.rows), len(self.prior)):
+            raise InvalidContent.of_field(
+                "columns",
+                f"expected shape {(len(self.rows), len(self.prior))}, came {self.columns.shape}",
+            )
+        if not (self.prior > 0).all():
+            raise InvalidContent.of_field(
+                "prior", "expected standard deviations above 0: leave out what is exact"
+            )
+
+
+def _refuse_impossible_noise(channel: int, noise: DeclaredNoise, tilts: int) -> None:
+    if noise.repeatability is not None and not 0 < noise.repeatability < np.inf:
+        raise InvalidContent.of_field(
+            f"noise.{channel}.repeatability",
+            f"expected a standard deviation above 0, came {noise.repeatability:g}",
+        )
+    tilt = noise.setup_tilt if isinstance(noise.setup_tilt, tuple) else ()
+    if tilt and len(tilt) != tilts:
+        raise InvalidContent.of_field(
+            f"noise.{channel}.setup_tilt", f"expected {tilts} values, came {len(tilt)}"
+        )
+    single = noise.setup_tilt if isinstance(noise.setup_tilt, float) else 0.0
+    if min(noise.setup_shift or 0.0, single, *tilt, 0.0) < 0:
+        raise InvalidContent.of_field(
+            f"noise.{channel}", "expected standard deviations of at least 0"
+        )

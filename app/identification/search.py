@@ -1,0 +1,305 @@
+"""The search: what the residuals hold beside noise, how sure that is, and what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.errors import InvalidContent
+from app.identification.adequacy import adequacy
+from app.identification.candidate import Candidate
+from app.identification.detectability import smallest_effects
+from app.identification.draws import Draws
+from app.identification.findings import (
+    ChannelNoise,
+    Detectable,
+    Findings,
+    FoundTerm,
+    SearchCancelled,
+    Untested,
+    Verdict,
+)
+from app.identification.held_out import held_out_figures, typical_level
+from app.identification.joint_fit import Fit
+from app.identification.leverage import leverage
+from app.identification.library import Library, read_library
+from app.identification.moments import BoolArray
+from app.identification.noise import repeatability
+from app.identification.problem import Problem, Term, make_problem
+from app.identification.refinement import refine
+from app.identification.rivals import find_rivals
+from app.identification.rows import IntArray, Nuisance, Rows
+from app.identification.screening import screen
+from app.identification.selection import Selection, Selector
+from app.identification.splits import Splits, split_visits
+from app.identification.validation import Rivals, Validation, status_of, validate
+from app.identification.visit_scatter import multipliers
+
+FEWEST_VISITS: Final = 8
+"""Below so many visits only what a single visit excites can be tested."""
+
+DRAWS: Final = 200
+"""Draws of noise behind the threshold."""
+
+Progress = Callable[[float, str], None]
+Cancelled = Callable[[], bool]
+
+
+@dataclass(eq=False)
+class _Course:
+    """Tells how far the search is, never backwards, and stops it when asked to."""
+
+    progress: Progress | None
+    cancelled: Cancelled | None
+    share: float = 0.0
+
+    def __call__(self, share: float, words: str) -> None:
+        if self.cancelled is not None and self.cancelled():
+            raise SearchCancelled("the search was told to stop")
+        self.share = max(self.share, min(share, 1.0))
+        if self.progress is not None:
+            self.progress(self.share, words)
+
+
+def search(
+    rows: Rows,
+    nuisance: Sequence[Nuisance],
+    candidates: Sequence[Candidate],
+    *,
+    holdout_fraction: float = 0.2,
+    seed: int = 0,
+    false_alarm: float = 0.01,
+    most_terms: int = 4,
+    progress: Progress | None = None,
+    cancelled: Cancelled | None = None,
+) -> Findings:
+    """Search residuals for the effects that a model lacks.
+
+    All visits together decide what is found; then the whole search is repeated with
+    every fold of visits held out in turn, which gives the figures before and after, the
+    calibration slopes and how often each term is found again.
+
+    Parameters
+    ----------
+    rows
+        Residuals: measured minus predicted.
+    nuisance
+        The maps' own freedom.
+    candidates
+        What may be lacking; generic ones only say that something is left.
+    holdout_fraction
+        Share of the visits held out each time: one fold for each 1/share.
+    seed
+        Of all draws; the same rows, candidates and seed give the same findings.
+    false_alarm
+        Accepted probability that anything is found in noise.
+    most_terms
+        Most terms.
+    progress
+        Told the share done, 0 to 1, never falling, and what is being done.
+    cancelled
+        Asked often; the search stops when it says yes.
+
+    Returns
+    -------
+    Findings
+
+    Raises
+    ------
+    SearchCancelled
+        If it was told to stop.
+    InvalidContent
+        If two candidates have one key, or a share is not between 0 and 1.
+    """
+    _refuse(candidates, holdout_fraction, false_alarm)
+    course = _Course(progress, cancelled)
+    course(0.0, "screening rows")
+    use, excluded = screen(rows, nuisance)
+    splits = split_visits(rows.visit[use], holdout_fraction)
+    problem = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
+    draws = Draws(seed, DRAWS)
+    library = read_library(
+        problem, candidates, draws, lambda s: course(0.02 + 0.33 * s, "reading candidates")
+    )
+    allowed = _testable(library)
+    everything = np.ones(splits.cells, dtype=bool)
+    selector = Selector(
+        library, everything, allowed, false_alarm, most_terms, lambda: course(0.35, "searching")
+    )
+    main = selector.select(draws)
+    course(0.55, "comparing rivals")
+    main.terms = _in_order(selector, main.terms)
+    rivals = [find_rivals(selector, main.terms, i) for i in range(len(main.terms))]
+    course(0.65, "holding visits out")
+    checked = validate(
+        library,
+        splits,
+        main,
+        allowed,
+        rivals,
+        lambda s: course(0.65 + 0.25 * s, "holding visits out"),
+    )
+    course(0.9, "looking for what is left")
+    fit = selector.fit(main.terms)
+    typical = typical_level(selector.given(main.terms))
+    held = held_out_figures(problem, fit, typical, checked, seed)
+    left = adequacy(selector, main.terms, fit, use, draws, held)
+    course(0.95, "summing up")
+    terms = [_found(selector, main, fit, rivals, checked, i) for i in range(len(main.terms))]
+    answer = Findings(
+        verdict=Verdict.UNEXPLAINED if left else Verdict.FOUND if terms else Verdict.NOTHING,
+        terms=tuple(terms),
+        unexplained=tuple(left),
+        noise=_noise(problem, fit, use),
+        held_out=held,
+        global_p=main.stages[0].global_p,
+        excluded=tuple(excluded),
+        untested=tuple(_untested(library, main.stages[0].rank)),
+        detectable=tuple(_detectable(selector, fit, main)),
+        predicted=_in_own_unit(problem, checked.after),
+        adopted=_in_own_unit(problem, checked.adopted),
+        fold=_folds(problem, splits),
+    )
+    course(1.0, "done")
+    return answer
+
+
+def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alarm: float) -> None:
+    keys = [c.key for c in candidates]
+    twice = sorted({k for k in keys if keys.count(k) > 1}) if len(set(keys)) < len(keys) else []
+    if twice:
+        raise InvalidContent.of_field(
+            "candidates", f"expected different keys, came twice: {twice[0]}"
+        )
+    for name, share in (("holdout_fraction", holdout_fraction), ("false_alarm", false_alarm)):
+        if not 0 < share < 1:
+            raise InvalidContent.of_field(name, f"expected a share between 0 and 1, came {share:g}")
+
+
+def _testable(library: Library) -> BoolArray:
+    """Say which entries may be chosen: with few visits only what one visit excites."""
+    visits = _visits_of_entries(library)
+    allowed = np.zeros(len(library.entries), dtype=bool)
+    for i, entry in enumerate(library.entries):
+        candidate = library.candidates[entry.candidate]
+        enough = candidate.within_visit or visits[i] >= FEWEST_VISITS
+        allowed[i] = entry.excited and enough and not candidate.generic
+    return allowed
+
+
+def _untested(library: Library, rank: FloatArray) -> list[Untested]:
+    """List candidates that no value of their grid could be tested for, and why."""
+    visits = _visits_of_entries(library)
+    most: dict[int, tuple[float, int]] = {}
+    for i, entry in enumerate(library.entries):
+        known = most.get(entry.candidate, (0.0, 0))
+        most[entry.candidate] = (max(known[0], rank[i]), max(known[1], int(visits[i])))
+    found = []
+    for number, (testable, count) in most.items():
+        candidate = library.candidates[number]
+        few = count < FEWEST_VISITS and not candidate.within_visit
+        if not testable and not candidate.generic:
+            found.append(Untested(candidate.key, "not-excited"))
+        elif few and not candidate.generic:
+            found.append(Untested(candidate.key, "few-visits", FEWEST_VISITS, count))
+    return found
+
+
+def _visits_of_entries(library: Library) -> IntArray:
+    """Count the visits behind every entry: the most of any channel it acts on."""
+    found = np.zeros(len(library.entries), dtype=np.intp)
+    for batch in library.batches:
+        counts = [len(library.problem.fixed[c].channel.starts) for c in batch.channels]
+        found[batch.entries] = max(counts)
+    return found
+
+
+def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
+    """Put the strongest first, with the standard errors of nonlinear parameters."""
+    strength = [-selector.evidence(t, terms[:i] + terms[i + 1 :]) for i, t in enumerate(terms)]
+    order = [terms[i] for i in np.argsort(strength, kind="stable")]
+    return [
+        refine(
+            selector.library.problem, selector.states, t, order[:i] + order[i + 1 :], errors=True
+        )
+        for i, t in enumerate(order)
+    ]
+
+
+def _found(
+    selector: Selector, main: Selection, fit: Fit, rivals: Rivals, checked: Validation, number: int
+) -> FoundTerm:
+    term = main.terms[number]
+    others = main.terms[:number] + main.terms[number + 1 :]
+    start = sum(t.size for t in main.terms[:number])
+    part = slice(start, start + term.size)
+    norms = np.where(term.norms > 0, term.norms, np.inf)
+    ratio = 2.0 * (fit.log_likelihood - selector.fit(others).log_likelihood)
+    strongest, share = leverage(selector, main.terms, number)
+    slope, inclusion = checked.slope(number), checked.inclusion(number)
+    return FoundTerm(
+        key=term.candidate.key,
+        family=term.candidate.family,
+        channels=term.channels,
+        theta=term.theta,
+        theta_error=term.theta_error,
+        amplitudes=fit.amplitudes[part] / norms,
+        covariance=fit.covariance[part, part] / np.outer(norms, norms),
+        likelihood_ratio=ratio,
+        degrees_of_freedom=term.size + term.candidate.nonlinear,
+        evidence=ratio - selector.cost(term),
+        global_p=main.stages[min(number, len(main.stages) - 1)].global_p,
+        rivals=tuple(r for r, _ in rivals[number]),
+        slope=slope,
+        forward_slope=checked.forward[number],
+        inclusion=inclusion,
+        status=status_of(slope, checked.forward[number], inclusion, ratio, share),
+        strongest_visits=strongest,
+        leverage=share,
+    )
+
+
+def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise]:
+    found = {}
+    for c, fixed in problem.fixed.items():
+        channel, known = fixed.channel, repeatability(problem.rows, c, use)
+        scales = multipliers(channel.shapes.shape[1] - 1, not bool(channel.free.all()))
+        declared = problem.rows.noise.get(c)
+        found[c] = ChannelNoise(
+            repeatability=channel.scale,
+            origin=known.origin,
+            fitted=channel.scale * float(np.sqrt(fit.scatter[c])),
+            shift_factor=float(scales[fit.level[c], 0]),
+            tilt_factor=float(scales[fit.level[c], 1]),
+            setup_declared=declared is not None and declared.setup_shift is not None,
+            visits=len(channel.starts),
+            rows=len(channel.rows),
+        )
+    return found
+
+
+def _detectable(selector: Selector, fit: Fit, main: Selection) -> list[Detectable]:
+    limit = 10.0 ** -main.stages[0].limit.surprise
+    known = (selector.library, selector.states, fit.level, fit.scatter, selector.allowed)
+    return smallest_effects(*known, limit, rivals=False)
+
+
+def _in_own_unit(problem: Problem, predicted: FloatArray) -> FloatArray:
+    found = np.full(len(predicted), np.nan)
+    for fixed in problem.fixed.values():
+        rows = fixed.channel.rows
+        found[rows] = predicted[rows] * fixed.channel.scale
+    return found
+
+
+def _folds(problem: Problem, splits: Splits) -> IntArray:
+    found = np.full(len(problem.place), -1, dtype=np.intp)
+    for fixed in problem.fixed.values():
+        channel = fixed.channel
+        if splits.folds:
+            found[channel.rows] = channel.cells[channel.block] // 2
+    return found

@@ -1,0 +1,160 @@
+"""Effects that tests adopt on the example machine, and readings that drive them."""
+
+import math
+from datetime import timedelta
+from itertools import pairwise
+
+import numpy as np
+
+from app.identification.effects.driver import (
+    AboveReference,
+    Always,
+    Behind,
+    SinceReference,
+    State,
+    StepAfter,
+)
+from app.identification.effects.effect import Effect
+from app.identification.effects.shape import Everywhere, Rising, Sensitivity, Wave
+from app.identification.effects.term import Term
+from app.services.adopt_effects import adopt_effects
+from tests.service_examples import ROOM, START, iso, reading
+
+HALF = Rising(250.0, 250.0)
+TAU_S = 600.0
+LAG = Effect(
+    "thermal-lag",
+    ("EZZ",),
+    ("z-column",),
+    parameters={"time_constant_min": TAU_S / 60.0, "share": 1.0},
+    terms=(Term("EZZ", Behind("z-column", TAU_S), Sensitivity(is_local=False)),),
+)
+SPEED = Effect(
+    "state-variable",
+    ("EXX",),
+    states=("spindle_rpm",),
+    variant="at once",
+    parameters={"slope_um_per_spindle_rpm": 0.001},
+    terms=(Term("EXX", State("spindle_rpm"), Everywhere(), 0.001),),
+)
+SPEED_LATE = Effect(
+    "state-variable",
+    ("EXX",),
+    states=("spindle_rpm",),
+    variant="late",
+    parameters={"slope_um_per_spindle_rpm": 0.001, "time_constant_min": 15.0},
+    terms=(Term("EXX", State("spindle_rpm", 1, 900.0), Everywhere(), 0.001),),
+)
+BACKLASH = Effect(
+    "backlash",
+    ("EXX",),
+    variant="constant",
+    parameters={"reversal_um": 3.0},
+    terms=(Term("EXX", Always(), Everywhere(), 1.5, is_reversing=True),),
+)
+SINE = Effect(
+    "periodic",
+    ("EXX",),
+    parameters={"pitch_mm": 20.0, "amplitude_um": 2.0, "phase_deg": 0.0},
+    terms=(Term("EXX", Always(), Wave(20.0, is_cosine=False), 2.0),),
+)
+ROLL = Effect(
+    "angular",
+    ("EAX",),
+    variant="constant",
+    parameters={"angle_urad": 7.0, "angle_rise_urad": 4.0},
+    terms=(Term("EAX", Always(), Everywhere(), 7.0), Term("EAX", Always(), HALF, 4.0)),
+)
+SLOPE = Effect(
+    "nonrigid-slope",
+    ("EXX^z",),
+    ("spindle",),
+    variant="with temperature",
+    parameters={"slope_um_per_m_per_k": 2.0},
+    terms=(Term("EXX^z", AboveReference("spindle", 25.0), Everywhere(), 2.0),),
+)
+DRIFT = Effect(
+    "drift",
+    ("SXY",),
+    parameters={"drift_um_per_m_per_day": 2.0},
+    terms=(Term("SXY", SinceReference(START.timestamp() - 86400.0), Everywhere(), 2.0),),
+)
+OUTDATED = Effect(
+    "outdated-map",
+    ("EXX",),
+    variant="shift",
+    parameters={"shift_um": 3.0},
+    terms=(Term("EXX", Always(), Everywhere(), 3.0),),
+)
+
+
+def fault(sensor, codes, bias_k=1.5):
+    changed_s = START.timestamp() - 3600.0
+    term = (StepAfter(changed_s), Sensitivity(is_local=True), -bias_k)
+    return Effect(
+        "sensor-fault",
+        codes,
+        (sensor,),
+        variant="bias",
+        parameters={"bias_k": bias_k, "changed_at_unix_s": changed_s},
+        terms=tuple(Term(code, *term) for code in codes),
+    )
+
+
+def adopt(service, *effects):
+    return adopt_effects(service.state.context, "mcfv5050", effects, "adopted in a test")
+
+
+def warm_up(minutes=70, start=START):
+    """A reading a minute up to the start: a slow rise with a wave, and a speed that changes."""
+    found = []
+    for minute in range(minutes + 1):
+        t_c = 22.0 + 0.05 * minute + 0.4 * math.sin(minute / 7.0)
+        state = {"spindle_rpm": 1000.0 * (minute // 9 % 4)}
+        time = start - timedelta(minutes=minutes - minute)
+        found.append(reading(time, round(t_c, 3), state=state))
+    return found
+
+
+async def stored(client, readings):
+    answer = await client.post(f"{ROOM}/readings", json=readings)
+    assert answer.status_code == 201, answer.text
+
+
+async def current(client):
+    answer = await client.get(f"{ROOM}/compensation")
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+async def predicted(client, *observations, time=START):
+    asked = [{"time": iso(time), **observation} for observation in observations]
+    answer = await client.post(f"{ROOM}/predictions", json={"observations": asked})
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def numbers(document):
+    """All numbers of a table, one after the other."""
+    return np.concatenate(
+        [
+            np.atleast_1d(value)
+            for entry in document["components"]
+            for name, value in sorted(entry.items())
+            if "error" in name or "compensation" in name or name == "positions_mm"
+        ]
+    )
+
+
+def low_pass_by_steps(readings, value, tau_s, rise):
+    """The filter once more, by small steps of Euler's rule from reading to reading."""
+    values = [value(r) for r in readings]
+    y = values[0]
+    for a, b in pairwise(values):
+        for i in range(500):
+            u = a + (b - a) * (i + 0.5) / 500 if rise else a
+            y += (u - y) * (60.0 / 500) / tau_s
+    return y
+
+
+ALL = (LAG, SPEED, SPEED_LATE, BACKLASH, SINE, ROLL, SLOPE, DRIFT)

@@ -1,0 +1,202 @@
+"""From a campaign to an answer: found, nothing, what is left out, what stops it."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.errors import InvalidContent
+from app.identification.analyse import analyse
+from app.identification.campaign import residuals_of
+from app.identification.effects.effect import effect_from_json
+from app.identification.findings import SearchCancelled
+from app.identification.rows import Datum
+from app.thermal.temperature_history import TemperatureHistory
+from benchmarks.closing_the_loop_bodies import campaign_of_bodies
+from benchmarks.undeclared import make_campaign
+
+FEW_KINDS = ("backlash", "drift", "outdated-map", "thermal-lag")
+
+
+def campaign_with(planted=None, amplitude=3.0, seed=5, **conditions):
+    made = make_campaign(seed, planted, amplitude, **{"visits": 20, "days": 4, **conditions})
+    return made, campaign_of_bodies(
+        made.machine, made.error_maps, made.readings, made.verifications
+    )
+
+
+def answer_of(campaign, kinds=FEW_KINDS, **how):
+    found = analyse(campaign, kinds=kinds, **how).to_json()
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    return found
+
+
+@pytest.fixture(scope="module")
+def with_lag():
+    made, campaign = campaign_with("thermal-lag:sensor")
+    return made, campaign, answer_of(campaign, kinds=None)
+
+
+def test_an_effect_is_found_named_and_measured(with_lag):
+    made, _, found = with_lag
+    (effect,) = found["effects"]
+    (true,) = made.truth.effects
+    assert found["verdict"] == "effects-found"
+    assert effect["kind"] == "thermal-lag"
+    assert set(effect["components"]) == set(true["components"])
+    assert effect["sensors"] == true["sensors"]
+    tau = true["parameters"]["time_constant_min"]
+    error = effect["standard_errors"]["time_constant_min"]
+    assert abs(effect["parameters"]["time_constant_min"] - tau) < 4 * error
+    assert effect["status"] == "confirmed"
+    assert not effect["is_proxy"]
+    assert effect["evidence"]["p_global"] < 1e-6
+    assert 0.7 < effect["evidence"]["calibration_slope"] < 1.3
+
+
+def test_before_and_after_stand_beside_the_noise(with_lag):
+    _, _, found = with_lag
+    before, after = found["before"], found["after"]
+    assert after["holdout_rms_um"] < 0.75 * before["holdout_rms_um"]
+    low, high = after["holdout_rms_ci95_um"]
+    assert low < after["holdout_rms_um"] < high
+    assert found["floor_um"] < after["holdout_rms_um"] < 1.25 * found["floor_um"]
+    assert found["after_with_maps_refitted"]["holdout_rms_um"] < after["holdout_rms_um"]
+    (effect,) = found["effects"]
+    assert effect["after_rms_um"] < 0.7 * effect["before_rms_um"]
+    assert {c["component"] for c in found["components"]} >= {"EXX", "points x", "SXY"}
+    assert "follow" in found["summary"]
+    assert found["what_next"]
+
+
+def test_plots_can_be_drawn_without_the_data(with_lag):
+    _, _, found = with_lag
+    (curve,) = found["plots"]["effects"]
+    n = len(curve["driver"])
+    assert 50 < n <= 400
+    assert all(len(curve[k]) == n for k in ("before", "after", "explained", "components"))
+    assert np.std(curve["after"]) < 0.85 * np.std(curve["before"])
+    assert np.corrcoef(curve["before"], curve["explained"])[0, 1] > 0.6
+    visits = {v["component"]: v for v in found["plots"]["visits"]}
+    assert len(visits["points x"]["time_s"]) == 20
+
+
+def test_what_is_adopted_explains_the_residuals(with_lag):
+    made, campaign, found = with_lag
+    effects = [effect_from_json(e["effect"]) for e in found["effects"]]
+    without = residuals_of(campaign)
+    adopted = residuals_of(replace(campaign, effects=effects))
+    removed = without.values - adopted.values
+    true = made.truth.contribution_um[without.kept]
+    assert np.sqrt(np.mean((removed - true) ** 2)) < 0.3 * np.sqrt(np.mean(true**2))
+
+
+def test_without_an_effect_nothing_is_found():
+    _, campaign = campaign_with()
+    found = answer_of(campaign)
+    assert found["verdict"] == "nothing-found"
+    assert found["effects"] == []
+    assert found["unexplained"] == []
+    assert found["detectable"]
+    assert all(one["smallest_rms"] > 0 for one in found["detectable"])
+    assert "Nothing was found" in found["summary"]
+
+
+def test_the_same_campaign_gives_the_same_answer_in_another_process_too():
+    _, campaign = campaign_with("backlash:constant")
+    sent = pickle.loads(pickle.dumps(campaign))
+    assert answer_of(campaign) == answer_of(sent)
+
+
+def test_what_is_left_out_is_counted():
+    _, campaign = campaign_with()
+    first = campaign.verifications[0]
+    early = [replace(o, time_s=o.time_s - 30 * 86400.0) for o in first.observations[:4]]
+    twice = list(first.observations[:1])
+    changed = replace(first, observations=[*first.observations, *twice, *early])
+    campaign = replace(campaign, verifications=[changed, *campaign.verifications[1:]])
+    excluded = {e["reason"]: e["count"] for e in answer_of(campaign)["excluded"]}
+    assert excluded["before the first reading"] >= 4
+    assert excluded["repeated word for word"] >= 1
+
+
+def test_a_verification_in_another_unit_is_refused():
+    _, campaign = campaign_with()
+    in_mm = [
+        replace(
+            v,
+            observations=[
+                replace(o, measured=tuple(m / 1000.0 for m in o.measured)) for o in v.observations
+            ],
+        )
+        for v in campaign.verifications
+    ]
+    with pytest.raises(InvalidContent, match="were they meant in mm"):
+        analyse(replace(campaign, verifications=in_mm))
+
+
+def test_an_unknown_kind_is_refused():
+    _, campaign = campaign_with()
+    with pytest.raises(InvalidContent, match="thermal-lag"):
+        analyse(campaign, kinds=["wear"])
+
+
+def test_few_visits_are_no_error():
+    _, campaign = campaign_with("backlash:constant")
+    found = answer_of(replace(campaign, verifications=campaign.verifications[:5]))
+    reasons = {n["reason"] for n in found["not_testable"]}
+    assert any("needs 8 visits" in reason for reason in reasons)
+    one = answer_of(replace(campaign, verifications=campaign.verifications[:1]))
+    assert one["before"]["holdout_rms_um"] is None
+
+
+def test_it_can_be_cancelled_and_tells_how_far_it_is():
+    _, campaign = campaign_with()
+    told = []
+    with pytest.raises(SearchCancelled):
+        analyse(
+            campaign,
+            kinds=FEW_KINDS,
+            progress=lambda share, words: told.append(share),
+            cancelled=lambda: len(told) > 30,
+        )
+    assert told == sorted(told)
+    assert told[-1] < 1.0
+
+
+def test_an_unknown_zero_hides_what_changes_from_visit_to_visit():
+    _, campaign = campaign_with("backlash:constant", datum="free")
+    assert all(v.datum is Datum.FREE for v in campaign.verifications)
+    found = answer_of(campaign)
+    assert [e["kind"] for e in found["effects"]] == ["backlash"]
+    assert found["after"]["holdout_rms_um"] < 1.4
+
+
+# Faults that the readings themselves show.
+
+
+@pytest.mark.parametrize("variant", ["stuck", "spikes"])
+def test_a_faulty_sensor_is_named(variant):
+    made, campaign = campaign_with(f"sensor-fault:{variant}", 2.0, seed=3, days=8)
+    found = answer_of(campaign)
+    (effect,) = found["effects"]
+    (true,) = made.truth.effects
+    assert (effect["kind"], effect["variant"]) == ("sensor-fault", variant)
+    assert effect["sensors"] == true["sensors"]
+    assert effect["sensors"][0] in effect["evidence"]["seen_in_readings"]
+    assert found["verdict"] == "effects-found"
+    if variant == "spikes":
+        assert effect["after_rms_um"] < effect["before_rms_um"]
+        share = true["parameters"]["share_of_readings"]
+        assert effect["parameters"]["share"] == pytest.approx(share, rel=0.25)
+
+
+def test_heating_that_begins_is_no_spike():
+    _, campaign = campaign_with()
+    times = campaign.readings.times_s
+    heating = 20.0 + 2.0 * np.minimum(np.abs((times / 3600.0) % 4.0 - 2.0), 1.0)
+    changed = {**campaign.readings.temperatures_c, "spindle": np.round(heating, 2)}
+    campaign = replace(campaign, readings=TemperatureHistory(times, changed))
+    assert answer_of(campaign, kinds=["backlash"])["effects"] == []

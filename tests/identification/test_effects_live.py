@@ -1,0 +1,158 @@
+"""Effects in live tables: new components, both directions, finer positions, missing conditions."""
+
+import numpy as np
+import pytest
+
+from app.identification.conditions import Conditions, Signal
+from app.identification.effects.driver import (
+    AboveReference,
+    Always,
+    Behind,
+    SinceReference,
+    State,
+)
+from app.identification.effects.effect import Effect
+from app.identification.effects.shape import Everywhere, Exchange, Rising, Sensitivity, Wave
+from app.identification.effects.term import Term
+from app.identification.live_effects import contributions, corrected_tables, corrections
+from app.identification.live_lags import LiveLags
+from app.identification.low_pass import Hold, LagState
+from tests.identification.example_site import START_S, site
+
+HALF = Rising(250.0, 250.0)
+TEMPERATURES = {"x-middle": 22.0, "y-front": 21.0, "z-column": 24.0, "spindle": 34.0}
+
+
+def effect(*terms, kind="outdated-map"):
+    return Effect(kind, tuple(dict.fromkeys(t.component for t in terms)), terms=terms)
+
+
+def tables(*effects, moment=None):
+    model = site().model
+    found = corrections(model, effects, moment or Conditions.of_moment(START_S, TEMPERATURES))
+    states = model.errors_at(TEMPERATURES)
+    return {t.component.code: t for t in corrected_tables(states, found.corrections)}, found.missing
+
+
+def test_without_effects_tables_are_what_they_were():
+    found, missing = tables()
+    assert not missing
+    assert found["EXX"].errors.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert found["EXX"].effects == ()
+    assert list(found) == ["EXX", "EYX", "EYY", "EZZ", "SXY"]
+
+
+def test_a_shift_and_a_slope_add_up():
+    found, _ = tables(
+        effect(Term("EXX", Always(), Everywhere(), 3.0)), effect(Term("EXX", Always(), HALF, 1.0))
+    )
+    assert found["EXX"].errors.tolist() == [2.0, 3.0, 4.0, 5.0, 6.0]
+    assert found["EXX"].backward_errors is None
+    assert found["EXX"].effects == (0, 1)
+    assert found["EYX"].effects == ()
+
+
+def test_a_reversal_gives_both_directions():
+    found, _ = tables(effect(Term("EXX", Always(), Everywhere(), 1.5, is_reversing=True)))
+    assert found["EXX"].errors.tolist() == [1.5, 2.0, 2.5, 3.0, 3.5]
+    assert found["EXX"].backward_errors.tolist() == [-1.5, -1.0, -0.5, 0.0, 0.5]
+
+
+def test_a_sine_refines_the_positions_and_keeps_the_maps_own():
+    found, _ = tables(effect(Term("EXX", Always(), Wave(20.0, False), 2.0)))
+    exx = found["EXX"]
+    assert np.isin([0.0, 125.0, 250.0, 375.0, 500.0], exx.positions_mm).all()
+    assert np.diff(exx.positions_mm).max() <= 20.0 / 16 + 1e-9
+    expected = 2.0 * exx.positions_mm / 500.0 + 2.0 * np.sin(2 * np.pi * exx.positions_mm / 20.0)
+    np.testing.assert_allclose(exx.errors, expected, atol=1e-9)
+    # Between the corners a polygon stays within 2 % of its sine.
+    at = np.linspace(0.0, 500.0, 7919)
+    polygon = np.interp(at, exx.positions_mm, exx.errors) - 2.0 * at / 500.0
+    assert np.abs(polygon - 2.0 * np.sin(2 * np.pi * at / 20.0)).max() < 0.04
+
+
+def test_squareness_has_no_position():
+    found, _ = tables(effect(Term("SXY", SinceReference(START_S - 86400.0), Everywhere(), 2.0)))
+    assert found["SXY"].positions_mm.size == 0
+    assert found["SXY"].errors.tolist() == [3.0 * 2.0 + 2.0]
+
+
+def test_components_that_no_map_has_appear():
+    found, _ = tables(
+        effect(Term("EAX", Always(), Everywhere(), 7.0)),
+        effect(Term("EYY^x", AboveReference("x-middle", 20.0), HALF, 4.0)),
+    )
+    assert found["EAX"].errors.tolist() == [7.0]
+    assert found["EAX"].positions_mm.tolist() == [250.0]
+    assert found["EAX"].origin is None
+    assert found["EYY^x"].positions_mm.tolist() == [0.0, 500.0]
+    assert found["EYY^x"].errors.tolist() == [-8.0, 8.0]
+    assert list(found) == ["EXX", "EYX", "EAX", "EYY", "EZZ", "SXY", "EYY^x"]
+
+
+@pytest.mark.parametrize(
+    ("term", "reason"),
+    [
+        (Term("EXX", State("spindle_rpm")), "no state spindle_rpm (there are none)"),
+        (
+            Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False)),
+            "the history of x-middle is not known here",
+        ),
+        (
+            Term("EXX", AboveReference("bed", 20.0)),
+            "no temperature bed (there are x-middle, y-front, z-column, spindle)",
+        ),
+        (
+            Term("EXX", Always(), Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0})),
+            "map 'Run #6' came after the analysis: what spindle read is not known",
+        ),
+        (Term("EBZ", Always(), Sensitivity(is_local=True)), "the model has no EBZ"),
+    ],
+)
+def test_an_effect_that_lacks_its_condition_is_left_out_with_the_reason(term, reason):
+    shift = Term("EXX", Always(), Everywhere(), 3.0)
+    found, missing = tables(effect(shift), effect(shift, term))
+    assert [(m.effect, m.reason) for m in missing] == [(1, reason)]
+    assert found["EXX"].errors.tolist() == [3.0, 3.5, 4.0, 4.5, 5.0]
+
+
+def test_a_failed_sensor_is_named():
+    model = site().model
+    lag = effect(Term("EXX", Always(), Sensitivity(is_local=True)))
+    moment = Conditions.of_moment(START_S, {"y-front": 21.0})
+    assert corrections(model, [lag], moment).missing[0].reason == (
+        "no temperature x-middle (there are y-front)"
+    )
+
+
+def test_a_lag_goes_live_with_carried_filters():
+    signal = Signal("temperature", "x-middle")
+    lags = LiveLags(
+        {(signal, 600.0): LagState(600.0, Hold.LINEAR, START_S - 2999.0, START_S, 21.0, 21.0)}
+    )
+    lag = effect(Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False)))
+    young = Conditions.of_moment(START_S, TEMPERATURES, {}, lags)
+    assert tables(lag, moment=young)[1][0].reason == (
+        "expected 50 min of readings of x-middle without a gap, five time constants, came 50 min"
+    )
+    lags = LiveLags(
+        {(signal, 600.0): LagState(600.0, Hold.LINEAR, START_S - 3000.0, START_S, 21.0, 21.0)}
+    )
+    found, missing = tables(lag, moment=Conditions.of_moment(START_S, TEMPERATURES, {}, lags))
+    assert not missing
+    # EXX as at 21 °C instead of 22.
+    assert found["EXX"].errors.tolist() == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+
+
+def test_predictions_name_what_they_lack():
+    where = site()
+    shift = effect(Term("EXX", Always(), Everywhere(), 3.0))
+    feed = effect(Term("EZZ", State("feed"), Everywhere(), 1.0), kind="state-variable")
+    found = contributions(where.projection, [shift, feed])
+    total, missing = found.errors, found.missing
+    assert np.flatnonzero(found.is_lacking).tolist() == where.projection.view("EZZ").rows.tolist()
+    assert total[where.rows.of_channel("EXX")] == pytest.approx(3.0)
+    assert not total[where.rows.of_channel("EZZ")].any()
+    (lacking,) = missing
+    assert (lacking.effect, lacking.kind) == (1, "state-variable")
+    assert lacking.reason.startswith("no state feed (there are spindle_rpm, payload_kg)")

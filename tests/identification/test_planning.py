@@ -1,0 +1,84 @@
+"""What a plan could see, before anything is measured."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.errors import InvalidContent
+from app.identification.campaign import Campaign
+from app.identification.planning import plan
+from app.thermal.temperature_history import TemperatureHistory
+from tests.identification.example_site import observations, readings, site
+
+
+def campaign_of(verifications, **changes):
+    own = site()
+    history, states = readings()
+    return replace(Campaign(own.model, own.maps, verifications, history, states), **changes)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return plan(campaign_of(observations(visits_a_day=2)))
+
+
+def test_every_kind_has_its_smallest_effect(planned):
+    kinds = {e.kind for e in planned.effects}
+    assert {"backlash", "thermal-lag", "drift", "step", "outdated-map", "angular"} <= kinds
+    for effect in planned.effects:
+        assert effect.smallest_rms > 0
+        told = effect.distinguishable_rms
+        assert told is None or told >= effect.smallest_rms * 0.999
+    reversal = next(e for e in planned.effects if e.kind == "backlash" and e.components == ("EXX",))
+    # Both directions at every position: next to nothing imitates it.
+    assert reversal.distinguishable_rms == pytest.approx(reversal.smallest_rms)
+
+
+def test_collinear_rivals_are_named_with_what_separates_them(planned):
+    hard = [e for e in planned.effects if e.rival and e.rival.overlap > 0.9]
+    assert hard
+    assert all(e.rival.separating_measurement for e in hard)
+
+
+def test_a_visit_to_add_is_suggested_and_helps(planned):
+    for suggestion in planned.suggestions:
+        assert suggestion.sentence.startswith("One more visit with ")
+        assert all(h.after_rms < h.before_rms for h in suggestion.helped)
+        assert suggestion.temperatures_c
+    assert planned.suggestions
+
+
+def test_it_can_be_stored(planned):
+    found = planned.to_json()
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert "planned" not in found["summary"] or found["visits"] == 8
+    assert any("repeatability" in note for note in found["notes"])
+
+
+def test_more_visits_see_smaller_effects(planned):
+    more = plan(campaign_of(observations(visits_a_day=4)))
+    before = {(e.kind, e.components, e.sensors, e.states): e.smallest_rms for e in planned.effects}
+    after = {(e.kind, e.components, e.sensors, e.states): e.smallest_rms for e in more.effects}
+    shared = before.keys() & after.keys()
+    assert np.median([after[k] / before[k] for k in shared]) < 0.9
+
+
+def test_days_to_come_are_planned_on_recorded_days():
+    later = [
+        replace(
+            v, observations=[replace(o, time_s=o.time_s + 100 * 86400.0) for o in v.observations]
+        )
+        for v in observations(visits_a_day=2)
+    ]
+    found = plan(campaign_of(later))
+    assert any("lie outside the record" in note for note in found.notes)
+    assert found.visits == 8
+    assert not found.excluded
+
+
+def test_without_a_record_there_is_nothing_to_plan_with():
+    empty = TemperatureHistory(np.empty(0), {})
+    with pytest.raises(InvalidContent, match="record some days first"):
+        plan(campaign_of(observations(), readings=empty))
