@@ -18,10 +18,9 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import RegularGridInterpolator
 
-from app.demo.error_maps import run_map
 from app.demo.machine import example_machine
 from app.thermal.compile_model import compile_model
-from benchmarks.example import STORED_RUNS, TEMPERATURES_C
+from benchmarks.example import STORED_RUNS, TEMPERATURES_C, measured_map
 
 ROUNDS = 7
 
@@ -41,7 +40,7 @@ def seconds_per_call(call: Callable[[], object], at_least_s: float = 0.2) -> flo
 
 def main() -> None:
     machine = example_machine()
-    maps = [run_map(number) for number in STORED_RUNS]
+    maps = [measured_map(number) for number in STORED_RUNS]
     model = compile_model(machine, maps, {})
     tables = {
         member.component.code: (group.scales[0], member, group.nodes[:, member.forward])

@@ -1,0 +1,39 @@
+"""The printers' report: stretches of some minutes, predicted from those around them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.arrays import FloatArray
+from benchmarks.measured.loop import (
+    by_component,
+    close_the_loop,
+    effects_of,
+    measured_and_left,
+)
+from benchmarks.measured.printers import PARTS, PRINTERS, campaign, read_homings
+from benchmarks.measured.printing import pooled, print_figures, print_rounds
+
+STEPS = ("measured, about its mean", "maps over the frame", "after the loop")
+
+
+def print_report(data: Path, _: int) -> None:
+    """Print for each printer what was found, and what is left of the stretches left out."""
+    for name, printer in PRINTERS.items():
+        homings = read_homings(data, printer)
+        steps: dict[str, list[dict[str, FloatArray]]] = {step: [] for step in STEPS}
+        for part in range(PARTS):
+            print(f"  {name}, part {part + 1} left out")
+            known, asked = campaign(printer, homings, part)
+            rounds = close_the_loop(known)
+            print_rounds(rounds)
+            rows, measured, before = measured_and_left(known, asked)
+            _, _, after = measured_and_left(known, asked, effects_of(known, rounds))
+            for step, values in zip(
+                STEPS, (measured - homings.z_um.mean(), before, after), strict=True
+            ):
+                steps[step].append(by_component(rows, values))
+        print_figures(
+            f"{name}, stretches left out [µm]",
+            {step: pooled(parts) for step, parts in steps.items()},
+        )

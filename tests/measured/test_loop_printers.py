@@ -1,0 +1,27 @@
+"""The loop on two printers: the bed, a second source of heat that their maps do not know."""
+
+import pytest
+
+from benchmarks.measured.data_folder import data_folder
+from benchmarks.measured.loop import Figures, close_the_loop, effects_of, measured_and_left
+from benchmarks.measured.printers import FOLDER, PRINTERS, campaign, read_homings
+
+pytestmark = pytest.mark.skipif(
+    not (data_folder() / FOLDER).is_dir(), reason=f"no measured printers at {data_folder()}"
+)
+
+FACTOR = {"voron": 5.0, "annex": 3.0}
+
+
+@pytest.mark.parametrize("name", PRINTERS)
+def test_the_bed_is_found_and_what_was_left_out_is_predicted(name):
+    printer = PRINTERS[name]
+    known, asked = campaign(printer, read_homings(data_folder(), printer), part=0)
+    rounds = close_the_loop(known, most_rounds=2)
+    strongest = rounds[0].adopted[0]
+    assert "bed" in strongest.effect.sensors
+    assert strongest.effect.kind in ("additional-sensor", "sensor-gradient")
+    before = Figures.of(measured_and_left(known, asked)[2]).rms
+    effects = effects_of(known, rounds)
+    after = Figures.of(measured_and_left(known, asked, effects)[2]).rms
+    assert after < before / FACTOR[name]
