@@ -109,6 +109,7 @@ def running(url, clock=None, **options):
     try:
         yield service
     finally:
+        service.state.runner.stop()
         service.state.context.database.close()
 
 

@@ -30,6 +30,11 @@ class ReadingWindow:
         readings = self._readings
         return readings[-1] if readings else None
 
+    @property
+    def kept(self) -> Sequence[Reading]:
+        """The readings that are kept, in order of time."""
+        return self._readings
+
     def add(self, machine: Machine, readings: Iterable[Reading]) -> None:
         """Take readings in, in any order; those already there are passed over."""
         with self._lock:

@@ -10,35 +10,63 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cached_property
 from threading import Lock
 
+from app.identification.effects.effect import Effect
+from app.identification.past import Needed, needed_past
+from app.live.carried_past import CarriedPast
 from app.live.reading_window import ReadingWindow
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.reading import Reading
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LiveModel:
-    """A machine's active model as of one revision of the machine."""
+    """A machine's active model with its adopted effects, as of one revision of the machine."""
 
     model: CompiledModel
     version: int | None
     created_at: datetime
     revision: int
     loaded_at: datetime
+    effects: tuple[Effect, ...] = ()
 
     @property
     def stamp(self) -> tuple[datetime, int]:
         """Birth and revision of the machine: newer shapes have larger stamps."""
         return (self.created_at, self.revision)
 
+    @cached_property
+    def needed(self) -> Needed:
+        """What its effects need of the past."""
+        return needed_past(self.effects)
+
 
 @dataclass(slots=True)
 class LiveMachine:
-    """What is known of one machine now."""
+    """What is known of one machine now: its model, its latest readings, and their past."""
 
     current: LiveModel
     readings: ReadingWindow = field(default_factory=ReadingWindow)
+    past: CarriedPast = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.past = CarriedPast(self.current.model.machine, self.current.needed)
+
+    def replace(self, current: LiveModel) -> None:
+        """Put another model in place; a past that it cannot use has to be restored."""
+        machine = current.model.machine
+        if not self.past.serves(machine, current.needed):
+            self.past = CarriedPast(machine, current.needed)
+        self.current = current
+
+    def add(self, readings: Iterable[Reading]) -> None:
+        """Take readings in, in any order; those already there are passed over."""
+        arrived = list(readings)
+        before = self.readings.kept
+        self.readings.add(self.current.model.machine, arrived)
+        self.past.add(before, arrived)
 
 
 class LiveRegistry:
@@ -71,8 +99,8 @@ class LiveRegistry:
                 known = LiveMachine(live)
                 self._machines[machine.id] = known
             elif live.stamp >= known.current.stamp:
-                known.current = live
-            known.readings.add(machine, readings)
+                known.replace(live)
+            known.add(readings)
             return known
 
     def forget(self, machine_id: str) -> None:
@@ -84,7 +112,11 @@ class LiveRegistry:
         """Take readings in for a machine that is in memory; others load theirs later."""
         known = self._machines.get(machine_id)
         if known is not None:
-            known.readings.add(known.current.model.machine, readings)
+            known.add(readings)
+
+    def behind(self) -> list[LiveMachine]:
+        """List the machines whose past has to be restored from stored readings."""
+        return [machine for machine in list(self._machines.values()) if machine.past.is_behind]
 
     def __len__(self) -> int:
         return len(self._machines)

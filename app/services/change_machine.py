@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from app.errors import Conflict, list_names
 from app.geometry.components import COMPONENTS
+from app.identification.past import sensors_of
 from app.services.change_model import changing_machine
 from app.services.context import Context
+from app.services.load_machine import adopted_effects
 from app.storage.error_maps import list_error_maps
 from app.storage.machines import stored_machine, update_machine
 from app.storage.records import ModelVersion, StoredMachine, StoredMap
+from app.storage.watches import watch_status
 from app.thermal.machine import Machine
 
 
@@ -41,7 +45,8 @@ def change_machine(
         _check_sensors_stay(before, after, maps, change.version)
         _check_axes_stay(after, maps)
         update_machine(change.row, after)
-    return stored_machine(change.row)
+        watched = watch_status(change.session, change.row)
+    return replace(stored_machine(change.row), watch=watched)
 
 
 def _check_sensors_stay(
@@ -50,10 +55,12 @@ def _check_sensors_stay(
     gone = set(before.sensors) - set(after.sensors)
     in_maps = {name for m in maps for name in m.error_map.temperatures_c}
     assigned = set(version.assignment.values()) if version else set()
-    used = sorted(gone & (in_maps | assigned))
+    driving = sensors_of(adopted_effects(version))
+    used = sorted(gone & (in_maps | assigned | driving))
     if used:
         raise Conflict(
-            f"sensors {list_names(used)} cannot go: error maps or the sensor assignment use them"
+            f"sensors {list_names(used)} cannot go: error maps, the sensor assignment or adopted "
+            "effects use them"
         )
 
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from typing import Final
 
 from app.live.registry import LiveRegistry
 from app.storage.database import Database
+
+FUTURE_TOLERANCE: Final = timedelta(minutes=1)
+"""Clocks differ: nothing was measured later than this after the service's now."""
 
 
 def utc_now() -> datetime:

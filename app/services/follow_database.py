@@ -11,6 +11,7 @@ from app.errors import StorageBusy, StorageUnavailable, UnknownThing
 from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
 from app.services.load_machine import load_machine
+from app.services.restore_past import restore_past
 from app.storage.machines import revisions, sum_of_machines
 from app.storage.readings import newest_id, numbered_readings
 from app.thermal.reading import Reading
@@ -103,6 +104,8 @@ class DatabaseFollower:
             by_machine[machine_id].append(reading)
         for machine_id, readings in by_machine.items():
             self._context.live.add_readings(machine_id, readings)
+        for machine in self._context.live.behind():
+            restore_past(self._context, machine)
 
     def _run(self) -> None:
         while not self._stop.is_set():

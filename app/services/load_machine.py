@@ -7,8 +7,10 @@ from datetime import timedelta
 from sqlalchemy.orm import Session
 
 from app.errors import Conflict, UnknownThing
+from app.identification.effects.effect import Effect, effect_from_json
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
+from app.services.restore_past import restore_past
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version
 from app.storage.readings import recent_readings
@@ -35,7 +37,9 @@ def load_machine(context: Context, machine_id: str) -> LiveMachine:
         live = live_model(context, session, row)
         window = timedelta(seconds=record_needed_s(live.model.machine.sensors.values()))
         readings = recent_readings(session, machine_id, window, live.model.machine.sensors)
-    return context.live.publish(live, readings)
+    machine = context.live.publish(live, readings)
+    restore_past(context, machine)
+    return machine
 
 
 def live_model(context: Context, session: Session, row: MachineRow) -> LiveModel:
@@ -55,7 +59,13 @@ def as_live(
         created_at=stored.created_at,
         revision=stored.revision,
         loaded_at=context.now(),
+        effects=adopted_effects(version),
     )
+
+
+def adopted_effects(version: ModelVersion | None) -> tuple[Effect, ...]:
+    """Read the effects that a version has adopted; InvalidContent if one cannot be read."""
+    return tuple(effect_from_json(stored) for stored in (version.effects if version else ()))
 
 
 def compile_version(machine: Machine, version: ModelVersion | None) -> CompiledModel:

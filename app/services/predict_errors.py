@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
 import numpy as np
 
 from app.arrays import FloatArray
-from app.errors import Conflict, InvalidContent, list_names
-from app.geometry.components import COMPONENTS, Kind
+from app.errors import Conflict, InvalidContent, counted, list_names
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.geometry.needed_components import needed_components
+from app.identification.conditions import Conditions, recorded_conditions
+from app.identification.effect_prediction import Places, predict_with_effects
+from app.identification.effects.effect import Effect
+from app.identification.live_effects import Missing
+from app.identification.past import needed_past
 from app.services.context import Context
-from app.services.load_machine import compile_version
+from app.services.load_machine import adopted_effects, compile_version
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version, find_version
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
-from app.thermal.prediction import predict_component, predict_points
+from app.thermal.reading import Reading
 from app.thermal.sensor_health import believed, record_needed_s
 from app.thermal.temperature_history import TemperatureHistory
 
@@ -28,8 +34,9 @@ from app.thermal.temperature_history import TemperatureHistory
 class Observation:
     """Where and when an error is asked for: one component, or a point of the work volume.
 
-    `direction` is +1 or −1 for the direction of approach, 0 where it is not stated;
-    `sign` is −1 where the error is asked for under ISO's name and sign (C0Y = −SXY).
+    `directions` are +1 or −1 for each axis' direction of approach, 0 where it is not stated;
+    `sign` is −1 where the error is asked for under ISO's name and sign (C0Y = −SXY); `state`
+    goes before what the readings say of the machine's state.
     """
 
     time: datetime
@@ -37,8 +44,9 @@ class Observation:
     position_mm: float | None = None
     point_mm: tuple[float, float, float] | None = None
     tool_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    direction: int = 0
+    directions: tuple[int, int, int] = (0, 0, 0)
     sign: int = 1
+    state: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +74,23 @@ def predict_errors(
     InvalidContent
         If a component is not in the model, or a position outside the axis' travel.
     """
-    machine, version, history = _read(context, machine_id, observations, version_number)
-    model = compile_version(machine, version)
+    machine, version, readings = _read(context, machine_id, observations, version_number)
+    model, effects = compile_version(machine, version), adopted_effects(version)
     _check_positions(machine, observations)
-    times = np.array([o.time.timestamp() for o in observations])
-    temperatures = {
-        name: history.at(name, times, sensor.max_age_s) for name, sensor in machine.sensors.items()
-    }
+    conditions = _conditions(machine, readings, observations)
     answer = Predictions(version.version, [None] * len(observations), [""] * len(observations), [])
     for code in dict.fromkeys(o.component for o in observations):
         chosen = np.array([i for i, o in enumerate(observations) if o.component == code])
-        here = {name: values[chosen] for name, values in temperatures.items()}
         asked = [observations[i] for i in chosen]
-        directions = np.array([float(o.direction) for o in asked])
+        places = _places(code, asked)
+        predicted = predict_with_effects(model, effects, places, conditions.take(chosen))
+        answer.warnings.extend(_left_out(effects, predicted.missing, code))
         if code is None:
-            predicted = predict_points(
-                model,
-                here,
-                np.array([o.point_mm for o in asked], dtype=float),
-                np.array([o.tool_offset_mm for o in asked], dtype=float),
-                directions,
-                _measuring_lines(version),
-            )
-            answer.warnings.extend(_absent(model))
+            answer.warnings.extend([*_absent(model, effects, asked), *model.notes])
             answer.warnings.extend(_points_beyond_tables(model, asked))
         else:
-            positions = np.array([o.position_mm or 0.0 for o in asked])
-            predicted = predict_component(model, code, here, positions, directions)
-            answer.warnings.extend(_beyond_table(model, code, positions))
+            along = LINEAR_LETTERS.find(COMPONENTS[code].axis or "x")
+            answer.warnings.extend(_beyond_table(model, code, places.points_mm[:, along]))
         for i, value, status in zip(chosen, predicted.values, predicted.status, strict=True):
             signed = observations[i].sign * value
             answer.values[i] = None if np.isnan(value).any() else signed.tolist()
@@ -101,13 +98,46 @@ def predict_errors(
     return answer
 
 
+def _places(code: str | None, asked: Sequence[Observation]) -> Places:
+    """Set observations of one component, or at points, side by side."""
+    points_mm = np.zeros((len(asked), 3))
+    if code is None:
+        points_mm[:] = [o.point_mm for o in asked]
+    else:
+        along = LINEAR_LETTERS.find(COMPONENTS[code].axis or "x")
+        points_mm[:, along] = [o.position_mm or 0.0 for o in asked]
+    tool_offsets_mm = np.array([o.tool_offset_mm for o in asked], dtype=float)
+    directions = np.array([o.directions for o in asked], dtype=float)
+    return Places(code, points_mm, tool_offsets_mm, directions)
+
+
+def _conditions(
+    machine: Machine, readings: Sequence[Reading], observations: Sequence[Observation]
+) -> Conditions:
+    """Say what held at each observation, and before; what it states of itself goes first."""
+    history = TemperatureHistory.of_readings(
+        machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]
+    )
+    names = {name for o in observations for name in o.state}
+    return recorded_conditions(
+        machine.sensors,
+        believed(machine, history),
+        [(r.time.timestamp(), r.state) for r in readings],
+        np.array([o.time.timestamp() for o in observations]),
+        {name: np.array([o.state.get(name, np.nan) for o in observations]) for name in names},
+    )
+
+
 def _read(
     context: Context,
     machine_id: str,
     observations: Sequence[Observation],
     version_number: int | None,
-) -> tuple[Machine, ModelVersion, TemperatureHistory]:
-    """Read the machine, the version, and the readings around the observations."""
+) -> tuple[Machine, ModelVersion, list[Reading]]:
+    """Read the machine, the version, and the readings around the observations.
+
+    They go back as far as the version's effects need the past.
+    """
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         machine = stored_machine(row).machine
@@ -119,16 +149,14 @@ def _read(
         if version is None:
             raise Conflict(f"machine {machine_id!r} has no model yet: store error maps first")
         around = timedelta(seconds=record_needed_s(machine.sensors.values()))
+        before = timedelta(seconds=needed_past(adopted_effects(version)).record_s)
         readings = list_readings(
             session,
             machine_id,
-            min(o.time for o in observations) - around,
+            min(o.time for o in observations) - around - before,
             max(o.time for o in observations) + around,
         )
-        history = TemperatureHistory.of_readings(
-            machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]
-        )
-    return machine, version, believed(machine, history)
+        return machine, version, list(readings)
 
 
 def _check_positions(machine: Machine, observations: Sequence[Observation]) -> None:
@@ -159,7 +187,7 @@ def _beyond_table(model: CompiledModel, code: str, positions_mm: FloatArray) -> 
     if not beyond:
         return []
     return [
-        f"{beyond} positions of {code} lie outside its table of {low:g} to {high:g} mm: "
+        f"{counted(beyond, 'position')} of {code} outside its table of {low:g} to {high:g} mm: "
         "its end values hold there"
     ]
 
@@ -176,29 +204,27 @@ def _points_beyond_tables(model: CompiledModel, asked: Sequence[Observation]) ->
     ]
 
 
-def _measuring_lines(version: ModelVersion) -> Mapping[str, tuple[float, float, float]]:
-    """Give the measuring lines that all maps share."""
-    lines = [dict(m.error_map.measuring_lines_mm) for m in version.maps]
-    if any(line != lines[0] for line in lines):
-        raise Conflict(
-            f"maps {list_names(m.error_map.label for m in version.maps)} were measured along "
-            "different lines: errors at points need one line per axis"
-        )
-    return lines[0] if lines else {}
+def _left_out(effects: Sequence[Effect], missing: Sequence[Missing], code: str | None) -> list[str]:
+    """Say which effects are not in all predictions, and why."""
+    where = "at points" if code is None else f"of {code}"
+    return [
+        f"{m.kind} of {list_names(effects[m.effect].components)} is not in some predictions "
+        f"{where}: {m.reason}"
+        for m in missing
+    ]
 
 
-def _absent(model: CompiledModel) -> list[str]:
+def _absent(
+    model: CompiledModel, effects: Sequence[Effect], asked: Sequence[Observation]
+) -> list[str]:
     """Name the errors that count as zero at points: those that no map or one map only has."""
     have = {code for group in model.groups for code in group.codes}
-    unmeasured = [
-        code
-        for code, c in COMPONENTS.items()
-        if c.kind not in (Kind.SLOPE, Kind.ROTARY_LOCATION)
-        and code not in have
-        and code not in model.omitted
-        and (c.axis is None or c.axis in model.machine.chain.axes)
-    ]
-    found = [f"counted as zero at points: {code}, {why}" for code, why in model.omitted.items()]
+    have |= {term.component for effect in effects for term in effect.terms}
+    tools = [o.tool_offset_mm for o in asked]
+    needed = needed_components(model.machine.chain, tools, model.measuring_lines, orientation=False)
+    unmeasured = [code for code in needed if code not in have and code not in model.omitted]
+    omitted = {code: why for code, why in model.omitted.items() if code not in have}
+    found = [f"counted as zero at points: {code}, {why}" for code, why in omitted.items()]
     if unmeasured:
         found.append(f"counted as zero at points, no map has them: {', '.join(unmeasured)}")
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import closing
+from dataclasses import replace
 from datetime import datetime
 
 from app.services.context import Context
@@ -12,19 +13,22 @@ from app.storage.machines import find_machine, list_machines, stored_machine
 from app.storage.model_versions import active_version, find_version, list_versions
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion, StoredMachine, StoredMap
+from app.storage.watches import watch_status, watch_statuses
 from app.thermal.reading import Reading
 
 
 def show_machines(context: Context) -> list[StoredMachine]:
     """List all machines."""
     with context.database.reading() as session:
-        return list_machines(session)
+        watched = watch_statuses(session)
+        return [replace(m, watch=watched.get(m.machine.id)) for m in list_machines(session)]
 
 
 def show_machine(context: Context, machine_id: str) -> StoredMachine:
     """Read one machine; UnknownThing if there is none."""
     with context.database.reading() as session:
-        return stored_machine(find_machine(session, machine_id))
+        row = find_machine(session, machine_id)
+        return replace(stored_machine(row), watch=watch_status(session, row))
 
 
 def show_error_maps(context: Context, machine_id: str) -> tuple[list[StoredMap], set[int]]:

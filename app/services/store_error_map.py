@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from app.errors import Conflict, FieldError, InvalidContent
 from app.geometry.components import COMPONENTS
 from app.services.change_model import changing_machine, next_version
-from app.services.context import Context
+from app.services.context import FUTURE_TOLERANCE, Context
 from app.storage.error_maps import find_label, insert_error_map, same_content
 from app.storage.records import StoredMap
-from app.thermal.error_map import ErrorMap
+from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.sensor_health import Health, check_temperatures
 
@@ -56,6 +57,7 @@ def store_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> S
                 f"machine {machine_id!r} has another error map {error_map.label!r} "
                 f"(number {known.id}); choose another label, or delete that map first"
             )
+        _check_time(context, error_map)
         _check_fits(change.machine, error_map)
         stored = insert_error_map(change.session, machine_id, error_map, context.now())
         before = change.version.maps if change.version else []
@@ -65,8 +67,20 @@ def store_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> S
 
 def remarks(machine: Machine, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
+    found = table_remarks(machine, error_map.tables.values())
+    for sensor in machine.sensors.values():
+        stand_in = sensor.stand_in
+        known = error_map.temperatures_c
+        if stand_in and sensor.name in known and stand_in not in known:
+            found.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
+    return found
+
+
+def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[str]:
+    """Say what is unusual about tables on this machine's axes."""
     found = []
-    for code, table in error_map.tables.items():
+    for table in tables:
+        code = table.component.code
         if not table.component.is_table:
             continue
         first, last = float(table.positions_mm[0]), float(table.positions_mm[-1])
@@ -83,12 +97,18 @@ def remarks(machine: Machine, error_map: ErrorMap) -> list[str]:
                 f"{code} covers {first:g} to {last:g} mm of an axis of {travel.min_mm:g} to "
                 f"{travel.max_mm:g} mm: are its positions in mm?"
             )
-    for sensor in machine.sensors.values():
-        stand_in = sensor.stand_in
-        known = error_map.temperatures_c
-        if stand_in and sensor.name in known and stand_in not in known:
-            found.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
     return found
+
+
+def _check_time(context: Context, error_map: ErrorMap) -> None:
+    """Refuse a measurement that is still to come."""
+    now = context.now()
+    if error_map.measured_at > now + FUTURE_TOLERANCE:
+        raise InvalidContent.of_field(
+            "measured_at",
+            f"expected a time not in the future (it is {now:%Y-%m-%dT%H:%M:%SZ}), came "
+            f"{error_map.measured_at:%Y-%m-%dT%H:%M:%SZ}",
+        )
 
 
 def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
@@ -106,7 +126,7 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
     ]
     errors += [
         FieldError("measuring_lines_mm", f"{machine.chain.text} has no axis {axis!r}")
-        for axis in error_map.measuring_lines_mm
+        for axis in error_map.measuring_lines
         if axis not in axes
     ]
     if errors:

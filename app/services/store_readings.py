@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from datetime import datetime, timedelta
+from datetime import datetime
 
 from app.errors import Conflict, FieldError, InvalidContent, StorageUnavailable, UnknownThing
-from app.services.context import Context
+from app.services.context import FUTURE_TOLERANCE, Context
 from app.services.load_machine import load_machine
+from app.services.restore_past import restore_past
 from app.storage.machines import find_machine, stored_machine
 from app.storage.readings import find_readings, insert_readings
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import check_temperatures
-
-FUTURE_TOLERANCE = timedelta(minutes=1)
 
 
 def store_readings(
@@ -48,12 +47,11 @@ def store_readings(
                 find_machine(session, machine_id)
             elif known[reading.time] != reading:
                 raise _other_content(known[reading.time], reading)
-    if context.live.get(machine_id) is None:
-        # They are stored: what goes wrong now is put right when the machine is next asked for.
-        with suppress(StorageUnavailable, UnknownThing):
-            load_machine(context, machine_id)
-    else:
-        context.live.add_readings(machine_id, (r for r in once if r.time in added))
+    # They are stored: what goes wrong now is put right later.
+    with suppress(StorageUnavailable, UnknownThing):
+        live = context.live.get(machine_id) or load_machine(context, machine_id)
+        live.add(r for r in once if r.time in added)
+        restore_past(context, live)
     return len(added), len(readings) - len(added)
 
 

@@ -9,11 +9,14 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.arrays import FloatArray
 from app.errors import UnknownThing, list_names
 from app.geometry.components import COMPONENTS
+from app.geometry.measuring_line import MeasuringLine
 from app.storage.records import StoredMap
 from app.storage.tables import ComponentRow, ErrorMapRow
 from app.thermal.error_map import ComponentTable, ErrorMap
+from app.thermal.uncertainty import standard_errors_of, without_zeros
 
 
 def insert_error_map(
@@ -25,7 +28,7 @@ def insert_error_map(
         label=error_map.label,
         measured_at=error_map.measured_at,
         temperatures_c=dict(error_map.temperatures_c),
-        measuring_lines_mm={a: list(p) for a, p in error_map.measuring_lines_mm.items()},
+        measuring_lines_mm={a: _written(line) for a, line in error_map.measuring_lines.items()},
         repeatability_um=error_map.repeatability_um,
         instrument=error_map.instrument,
         stored_at=now,
@@ -36,6 +39,8 @@ def insert_error_map(
                 positions_mm=table.positions_mm,
                 errors=table.errors,
                 backward_errors=table.backward_errors,
+                covariance=_flat(table.covariance),
+                backward_covariance=_flat(table.backward_covariance),
             )
             for place, (code, table) in enumerate(error_map.tables.items())
         ],
@@ -83,9 +88,7 @@ def stored_map(row: ErrorMapRow) -> StoredMap:
         measured_at=row.measured_at,
         temperatures_c=row.temperatures_c,
         tables={c.component: _table(c) for c in row.components},
-        measuring_lines_mm={
-            axis: (point[0], point[1], point[2]) for axis, point in row.measuring_lines_mm.items()
-        },
+        measuring_lines={axis: _read(axis, w) for axis, w in row.measuring_lines_mm.items()},
         repeatability_um=row.repeatability_um,
         instrument=row.instrument,
     )
@@ -110,8 +113,31 @@ def _in_use(session: Session, machine_id: str) -> list[ErrorMapRow]:
 
 def _table(row: ComponentRow) -> ComponentTable:
     return ComponentTable(
-        COMPONENTS[row.component], row.positions_mm, row.errors, row.backward_errors
+        COMPONENTS[row.component],
+        row.positions_mm,
+        row.errors,
+        row.backward_errors,
+        _square(row.covariance, row.errors.size),
+        _square(row.backward_covariance, row.errors.size),
     )
+
+
+def _flat(covariance: FloatArray | None) -> FloatArray | None:
+    return None if covariance is None else without_zeros(covariance).ravel()
+
+
+def _square(flat: FloatArray | None, n: int) -> FloatArray | None:
+    return flat if flat is None or flat.size == n else flat.reshape(n, n)
+
+
+def _written(line: MeasuringLine) -> list[float]:
+    """Write a line as its point and, where it is not zero, its tool offset."""
+    tool = line.tool_offset_mm if any(line.tool_offset_mm) else ()
+    return [*line.point_mm, *tool]
+
+
+def _read(axis: str, written: list[float]) -> MeasuringLine:
+    return MeasuringLine.make(axis, written[:3], written[3:] or (0.0, 0.0, 0.0))
 
 
 def _facts(error_map: ErrorMap) -> tuple[object, ...]:
@@ -119,19 +145,29 @@ def _facts(error_map: ErrorMap) -> tuple[object, ...]:
         error_map.label,
         error_map.measured_at,
         dict(error_map.temperatures_c),
-        {axis: tuple(point) for axis, point in error_map.measuring_lines_mm.items()},
+        dict(error_map.measuring_lines),
         error_map.repeatability_um,
         error_map.instrument,
     )
 
 
-def _bits(tables: Iterable[ComponentTable]) -> set[tuple[str, bytes, bytes, bytes]]:
+def _bits(tables: Iterable[ComponentTable]) -> set[tuple[str | bytes, ...]]:
     return {
         (
             table.component.code,
             table.positions_mm.tobytes(),
             table.errors.tobytes(),
             b"" if table.backward_errors is None else np.asarray(table.backward_errors).tobytes(),
+            _bits_of_uncertainty(table.covariance),
+            _bits_of_uncertainty(table.backward_covariance),
         )
         for table in tables
     }
+
+
+def _bits_of_uncertainty(covariance: FloatArray | None) -> bytes:
+    """Compare what answers show: the root of a variance, squared, is not always the variance."""
+    if covariance is None:
+        return b""
+    shown = without_zeros(covariance)
+    return (standard_errors_of(shown) if shown.ndim == 1 else shown).tobytes()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -19,6 +20,7 @@ def insert_version(
     machine: MachineRow,
     map_ids: Iterable[int],
     assignment: Mapping[str, str],
+    effects: Iterable[Mapping[str, Any]],
     reason: str,
     now: datetime,
 ) -> ModelVersion:
@@ -34,7 +36,7 @@ def insert_version(
             created_at=now,
             reason=reason,
             assignment=dict(assignment),
-            effects=[],
+            effects=[dict(effect) for effect in effects],
         )
     )
     session.flush()

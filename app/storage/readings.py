@@ -108,6 +108,13 @@ def recent_readings(
     return found[::-1]
 
 
+def newest_time(session: Session, machine_id: str) -> datetime | None:
+    """Give the time of a machine's newest reading, None before the first."""
+    of_machine = ReadingRow.machine_id == machine_id
+    query = select(ReadingRow.time).where(of_machine).order_by(ReadingRow.time.desc()).limit(1)
+    return session.scalar(query)
+
+
 def newest_id(session: Session) -> int:
     """Give the number of the reading stored last, of any machine; 0 before the first."""
     return session.scalar(select(func.max(ReadingRow.id))) or 0

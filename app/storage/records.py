@@ -5,19 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from enum import StrEnum
+from typing import Any
 
+from app.identification.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
 
 
 @dataclass(frozen=True, slots=True)
 class StoredMachine:
-    """A machine, which model version is active, and how often it has changed."""
+    """A machine, which model version is active, how often it has changed, and its watch.
+
+    `watch` says `within` or `beyond`, None where no verification was judged.
+    """
 
     machine: Machine
     created_at: datetime
     active_version: int | None
     revision: int
+    watch: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,5 +44,75 @@ class ModelVersion:
     created_at: datetime
     reason: str
     assignment: Mapping[str, str]
-    effects: Sequence[object]
+    effects: Sequence[Mapping[str, Any]]
     maps: Sequence[StoredMap]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredVerification:
+    """What is known of a verification without its observations.
+
+    `judgement` is what the watch said of it when it came, None where nothing could be said.
+    """
+
+    id: int
+    label: str
+    datum: Datum
+    repeatability_um: float | None
+    stored_at: datetime
+    first_at: datetime
+    last_at: datetime
+    observations: int
+    components: Sequence[str]
+    judgement: Mapping[str, Any] | None
+
+
+class AnalysisStatus(StrEnum):
+    """How far an analysis is."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisTask:
+    """What an analysis was asked for.
+
+    Parameters
+    ----------
+    model_version
+        The version that is held against the verifications.
+    verification_ids
+        Which.
+    holdout_fraction
+        Share of the visits that take no part in the search.
+    kinds
+        Kinds of effects that are tested; None: all.
+    seed
+        Of everything that is drawn.
+    """
+
+    model_version: int
+    verification_ids: Sequence[int]
+    holdout_fraction: float
+    kinds: Sequence[str] | None
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class StoredAnalysis:
+    """An analysis as a job; its result is read apart, for it is long."""
+
+    id: int
+    machine_id: str
+    task: AnalysisTask
+    status: AnalysisStatus
+    progress: float
+    message: str
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    adopted_version: int | None

@@ -139,7 +139,10 @@ class ErrorMapRow(Base):
 
 
 class ComponentRow(Base):
-    """One component of one map: its arrays, in the order in which they came."""
+    """One component of one map: its arrays, in the order in which they came.
+
+    Covariances are row by row, or the variances alone where nothing else is not zero.
+    """
 
     __tablename__ = "error_map_component"
 
@@ -151,6 +154,8 @@ class ComponentRow(Base):
     positions_mm: Mapped[FloatArray]
     errors: Mapped[FloatArray]
     backward_errors: Mapped[FloatArray | None]
+    covariance: Mapped[FloatArray | None]
+    backward_covariance: Mapped[FloatArray | None]
 
 
 class ModelVersionRow(Base):
@@ -207,3 +212,77 @@ class ReadingRow(Base):
     time: Mapped[datetime]
     temperatures_c: Mapped[dict[str, Any]]
     state: Mapped[dict[str, Any]]
+
+
+class VerificationRow(Base):
+    """One verification: its observations as arrays, one entry or three numbers for each.
+
+    Numbers in threes are row by row; NaN stands for what an observation does not have. No
+    number of a verification is used again: analyses name them after they are gone.
+    """
+
+    __tablename__ = "verification"
+    __table_args__ = (UniqueConstraint("machine_id", "label"), {"sqlite_autoincrement": True})
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    machine_id: Mapped[str] = mapped_column(ForeignKey("machine.id", ondelete="CASCADE"))
+    label: Mapped[str] = mapped_column(Text)
+    datum: Mapped[str] = mapped_column(String(16))
+    repeatability_um: Mapped[float | None]
+    stored_at: Mapped[datetime]
+    first_at: Mapped[datetime]
+    last_at: Mapped[datetime]
+    observations: Mapped[int]
+    components: Mapped[list[Any]]
+    state_names: Mapped[list[Any]]
+    judgement: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    times_s: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    component: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    measured: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    points_mm: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    tool_offsets_mm: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    directions: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    states: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+
+
+class AnalysisRow(Base):
+    """One analysis as a job: what was asked, how far it is, and its result as JSON text.
+
+    While it runs, `owner` names the process that runs it and `beats` grows: where it no
+    longer does, that process is gone.
+    """
+
+    __tablename__ = "analysis"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    machine_id: Mapped[str] = mapped_column(ForeignKey("machine.id", ondelete="CASCADE"))
+    model_version: Mapped[int]
+    verification_ids: Mapped[list[Any]]
+    holdout_fraction: Mapped[float]
+    kinds: Mapped[list[Any] | None] = mapped_column(JSON(none_as_null=True))
+    seed: Mapped[int]
+    status: Mapped[str] = mapped_column(String(16))
+    progress: Mapped[float]
+    message: Mapped[str] = mapped_column(Text)
+    created_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+    owner: Mapped[str | None] = mapped_column(String(64))
+    beats: Mapped[int]
+    adopted_version: Mapped[int | None]
+    result: Mapped[str | None] = mapped_column(Text, deferred=True)
+
+
+class WatchRow(Base):
+    """Where the sequential test of one model version on its machine stands."""
+
+    __tablename__ = "watch"
+
+    machine_id: Mapped[str] = mapped_column(
+        ForeignKey("machine.id", ondelete="CASCADE"), primary_key=True
+    )
+    model_version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    status: Mapped[str] = mapped_column(String(16))
+    state: Mapped[dict[str, Any]]
+    updated_at: Mapped[datetime]

@@ -41,6 +41,10 @@ class Server:
             env=os.environ | {"THERMAP_DATABASE_URL": url},
         )
 
+    @property
+    def pid(self):
+        return self._process.pid
+
     def kill(self):
         """Kill it without a warning."""
         self._process.send_signal(signal.SIGKILL)

@@ -9,11 +9,14 @@ from sqlalchemy.exc import IntegrityError
 from app.arrays import frozen
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.identification.observations import Observation, Verification
+from app.storage.analyses import insert_analysis
 from app.storage.database import Database
 from app.storage.error_maps import find_error_map, insert_error_map, withdraw_error_map
 from app.storage.machines import find_machine, insert_machine
 from app.storage.model_versions import insert_version
 from app.storage.readings import insert_readings, newest_id
+from app.storage.records import AnalysisTask
 from app.storage.tables import (
     Base,
     ComponentRow,
@@ -23,6 +26,8 @@ from app.storage.tables import (
     ModelVersionRow,
     ReadingRow,
 )
+from app.storage.verifications import insert_verification
+from app.storage.watches import write_watch
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
@@ -107,9 +112,13 @@ def fill(database, machine_id):
     with database.writing() as session:
         maps = [insert_error_map(session, machine_id, error_map(x), START) for x in "AB"]
         row = find_machine(session, machine_id, lock=True)
-        insert_version(session, row, [m.id for m in maps], {"EXX": "a"}, "test", START)
+        insert_version(session, row, [m.id for m in maps], {"EXX": "a"}, [], "test", START)
         readings = [Reading(START + timedelta(seconds=s), {"a": 1.0}, {}) for s in range(3)]
         insert_readings(session, machine_id, readings)
+        seen = Verification("seen", [Observation(START.timestamp(), (1.0,), "EXX", 5.0)])
+        stored = insert_verification(session, machine_id, seen, {"status": "within"}, START)
+        write_watch(session, machine_id, 1, "within", {}, START)
+        insert_analysis(session, machine_id, AnalysisTask(1, [stored.id], 0.3, None, 0), START)
         return maps
 
 

@@ -15,6 +15,7 @@ from sqlalchemy.exc import StatementError
 from app.arrays import frozen
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.geometry.measuring_line import MeasuringLine
 from app.storage.database import Database
 from app.storage.error_maps import insert_error_map, list_error_maps
 from app.storage.machines import find_machine, insert_machine, stored_machine
@@ -127,7 +128,10 @@ def test_a_map_comes_back_bit_for_bit(database):
         START + timedelta(microseconds=1),
         {"a": 20.1, "b": -0.0},
         {t.component.code: t for t in tables},
-        {"x": (0.1, 0.2, 1e-300)},
+        {
+            "x": MeasuringLine((0.1, 0.2, 1e-300)),
+            "y": MeasuringLine((0.1, 0.2, 0.3), (0.0, 0.0, 1 / 3)),
+        },
         0.1,
         "laser",
     )
@@ -142,7 +146,7 @@ def test_a_map_comes_back_bit_for_bit(database):
         assert bits(kept.tables[code].errors) == bits(table.errors)
     assert bits(kept.tables["EZZ"].backward_errors) == bits(errors[::-1])
     assert kept.tables["EXX"].backward_errors is None
-    for field in ("label", "measured_at", "measuring_lines_mm", "repeatability_um", "instrument"):
+    for field in ("label", "measured_at", "measuring_lines", "repeatability_um", "instrument"):
         assert getattr(kept, field) == getattr(stated, field)
     assert {k: bits([v]) for k, v in kept.temperatures_c.items()} == {
         k: bits([v]) for k, v in stated.temperatures_c.items()

@@ -1,0 +1,110 @@
+"""One analysis in a process of its own: live tables must not wait for it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import threading
+from contextlib import suppress
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection
+from time import monotonic
+from typing import Final, Literal, NamedTuple
+
+import orjson
+
+from app.errors import Conflict, ThermapError
+from app.identification.analyse import analyse
+from app.services.load_campaign import chosen_version, load_campaign, read_verifications
+from app.storage.analyses import read_analysis
+from app.storage.database import Database
+
+log = logging.getLogger("thermap")
+
+TELL_EVERY_S: Final = 0.2
+"""Progress is told no more often [s]."""
+
+BEHIND_TABLES: Final = 5
+"""How much the system favours other processes, the service's live tables among them."""
+
+
+class News(NamedTuple):
+    """What the process tells the service: how far it is, its result as JSON, or why it has none."""
+
+    kind: Literal["progress", "done", "failed"]
+    text: str
+    progress: float = 0.0
+
+
+def run_analysis(database_url: str, analysis_id: int, to_service: Connection) -> None:
+    """Carry a claimed analysis out; the target of the process.
+
+    Parameters
+    ----------
+    database_url
+        Where verifications, readings and the model are; nothing is written there.
+    analysis_id
+        Which analysis.
+    to_service
+        Where `News` go; the last one is `done` or `failed`.
+    """
+    # Ctrl-C reaches the whole group of processes; the service is the one that ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with_service, daemon=True).start()
+    with suppress(OSError, AttributeError):
+        os.nice(BEHIND_TABLES)
+    try:
+        news = News("done", _analysed(database_url, analysis_id, _Telling(to_service)))
+    except ThermapError as error:
+        news = News("failed", error.detail)
+    except Exception as error:
+        log.exception("analysis %d failed", analysis_id)
+        news = News("failed", f"unexpected error: {type(error).__name__}: {error}")
+    to_service.send(news)
+    to_service.close()
+
+
+class _Telling:
+    """Tells the service how far the analysis is, now and then."""
+
+    def __init__(self, to_service: Connection) -> None:
+        self._to_service = to_service
+        self._told_at = -TELL_EVERY_S
+
+    def __call__(self, progress: float, words: str) -> None:
+        if monotonic() - self._told_at >= TELL_EVERY_S:
+            self._told_at = monotonic()
+            self._to_service.send(News("progress", words, progress))
+
+
+def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
+    progress(0.0, "reading")
+    database = Database(database_url)
+    try:
+        with database.reading() as session:
+            stored = read_analysis(session, analysis_id)
+            if stored is None:
+                raise Conflict("it was deleted")
+            machine, version = chosen_version(session, stored.machine_id, stored.task.model_version)
+            ids = stored.task.verification_ids
+            verifications = read_verifications(session, stored.machine_id, ids)
+            campaign = load_campaign(session, machine, version, verifications, searching=True)
+    finally:
+        database.close()
+    found = analyse(
+        campaign,
+        holdout_fraction=stored.task.holdout_fraction,
+        kinds=stored.task.kinds,
+        seed=stored.task.seed,
+        progress=progress,
+    )
+    return orjson.dumps(found.to_json()).decode()
+
+
+def _leave_with_service() -> None:
+    """End at once when the service is gone: nobody waits for the result."""
+    service = parent_process()
+    if service is not None:
+        service.join()
+        os._exit(1)

@@ -1,0 +1,266 @@
+"""A machine's error field at stated temperatures or at the latest reading, and its work volume."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from app.compensation.table import CompensationTable
+from app.compensation.table_field import table_field
+from app.errors import FieldError, InvalidContent, list_names
+from app.geometry.components import LINEAR_LETTERS
+from app.geometry.error_field import ErrorField
+from app.geometry.needed_components import needed_components
+from app.geometry.work_volume import Range, WorkVolume
+from app.identification.effects.backlash import Backlash
+from app.live.registry import LiveMachine
+from app.services.context import Context
+from app.services.live_table import current_state, current_table, database_warnings, table_at
+from app.services.load_machine import load_machine
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.machine import Machine, Travel
+from app.thermal.thermal_field import MEAN_OF_BOTH, Directions
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class FieldQuestion:
+    """At which temperatures a field is asked, and under which conditions.
+
+    Parameters
+    ----------
+    temperatures_c
+        Sensor to temperature [°C], one mapping for each thermal state; None for the
+        latest reading.
+    tool_offset_mm
+        Tool offset T [mm].
+    directions
+        Direction of approach of each axis.
+    missing_as_zero
+        Whether components that no two maps have may count as zero.
+    state
+        The machine's state; with the latest reading's temperatures it goes before what the
+        readings say.
+    """
+
+    temperatures_c: Sequence[Mapping[str, float]] | None = None
+    tool_offset_mm: Triple = (0.0, 0.0, 0.0)
+    directions: Directions = MEAN_OF_BOTH
+    missing_as_zero: bool = False
+    state: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldAnswer:
+    """A field, and everything a user must know of it.
+
+    `counted_as_zero` are the components without maps that the volumetric error would
+    consist of; `tables` are the compensation tables that the field was made of.
+    """
+
+    model: CompiledModel
+    field: ErrorField
+    tables: Sequence[CompensationTable]
+    temperatures_c: Sequence[Mapping[str, float]]
+    counted_as_zero: Sequence[str]
+    warnings: Sequence[str]
+
+    @property
+    def machine(self) -> Machine:
+        """Whose field it is."""
+        return self.model.machine
+
+    @property
+    def model_version(self) -> int:
+        """The model's number."""
+        return self.tables[0].model_version
+
+    @property
+    def computed_at(self) -> datetime:
+        """When it was computed."""
+        return self.tables[0].computed_at
+
+    @property
+    def complete(self) -> bool:
+        """Whether no component and no effect is missing, and none rests on an old temperature."""
+        return not self.counted_as_zero and all(table.complete for table in self.tables)
+
+
+def ask_field(
+    context: Context,
+    machine_id: str,
+    question: FieldQuestion,
+    *,
+    orientation: bool = True,
+    needed: Sequence[str] | None = None,
+) -> FieldAnswer:
+    """Make a machine's error field.
+
+    Parameters
+    ----------
+    context, machine_id
+        Whose field.
+    question
+        At which temperatures, and under which conditions.
+    orientation
+        Whether the tool's direction is asked for beside its position.
+    needed
+        Codes of the components that the answer needs; where nothing is stated those
+        of the volumetric error.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    NoReading
+        If the latest reading is asked for and there is none that can be used.
+    InvalidContent
+        As `table_at`; or if a component is needed that no two maps have.
+    """
+    live = context.live.get(machine_id) or load_machine(context, machine_id)
+    model = live.current.model
+    tables = _tables(context, machine_id, live, question)
+    have = {code for group in model.groups for code in group.codes}
+    have |= {entry.component.code for table in tables for entry in table.corrected}
+    if needed is None:
+        needed = needed_components(
+            model.machine.chain,
+            question.tool_offset_mm,
+            model.measuring_lines,
+            orientation=orientation,
+        )
+    missing = [code for code in needed if code not in have]
+    if missing and not question.missing_as_zero:
+        raise _missing(model, missing)
+    return FieldAnswer(
+        model=model,
+        field=table_field(model, tables, question.directions),
+        tables=tables,
+        temperatures_c=[{s.sensor: s.temperature_c for s in t.states} for t in tables],
+        counted_as_zero=missing,
+        warnings=[
+            *dict.fromkeys(w for table in tables for w in table.warnings),
+            *_without_direction(tables, question.directions),
+        ],
+    )
+
+
+def work_volume(
+    answer: FieldAnswer, stated: Mapping[str, Travel] | None = None
+) -> tuple[WorkVolume, list[str]]:
+    """Choose the work volume: what is stated, else the axes' travel, else the tables' range.
+
+    Returns
+    -------
+    volume : WorkVolume
+        Along an axis that the machine does not have, 0 to 0.
+    remarks
+        In sentences, where the tables' range had to serve.
+
+    Raises
+    ------
+    InvalidContent
+        If a stated range is no range, of no axis, or outside the axis' travel, or if
+        nothing says how far an axis goes.
+    """
+    machine = answer.machine
+    remarks: list[str] = []
+    ranges: dict[str, Range] = dict.fromkeys(LINEAR_LETTERS, (0.0, 0.0))
+    for axis in stated or {}:
+        if axis not in machine.chain.axes:
+            raise InvalidContent.of_field(
+                f"volume.{axis}",
+                f"expected the axes of {machine.chain.text}, came {axis!r}",
+            )
+    for axis in machine.chain.axes:
+        chosen = (stated or {}).get(axis) or machine.axes.get(axis)
+        if chosen is None:
+            chosen = _range_of_tables(answer, axis)
+            remarks.append(
+                f"the machine states no travel of {axis}: the tables' range of "
+                f"{chosen.min_mm:g} to {chosen.max_mm:g} mm serves"
+            )
+        check_travel(machine, axis, (chosen.min_mm, chosen.max_mm), f"volume.{axis}")
+        if not chosen.min_mm < chosen.max_mm:
+            raise InvalidContent.of_field(
+                f"volume.{axis}",
+                f"expected min_mm below max_mm, came {chosen.min_mm:g} and {chosen.max_mm:g} mm",
+            )
+        ranges[axis] = (chosen.min_mm, chosen.max_mm)
+    return WorkVolume(ranges["x"], ranges["y"], ranges["z"]), remarks
+
+
+def check_travel(machine: Machine, axis: str, range_mm: Range, field: str) -> None:
+    """Refuse a range of positions that leaves an axis' stated travel."""
+    travel = machine.axes.get(axis)
+    if travel and not travel.min_mm <= range_mm[0] <= range_mm[1] <= travel.max_mm:
+        raise InvalidContent.of_field(
+            field,
+            f"expected {axis} within the axis' travel of {travel.min_mm:g} to "
+            f"{travel.max_mm:g} mm, came {range_mm[0]:g} to {range_mm[1]:g} mm",
+        )
+
+
+def _tables(
+    context: Context,
+    machine_id: str,
+    live: LiveMachine,
+    question: FieldQuestion,
+) -> list[CompensationTable]:
+    temperatures_c, state = question.temperatures_c, question.state
+    if temperatures_c is None:
+        now = current_state(context, machine_id, live, state)
+        return [current_table(context, now).table]
+    warnings = database_warnings(context, live.current)
+    found = []
+    for i, temperatures in enumerate(temperatures_c):
+        try:
+            found.append(table_at(live.current, temperatures, context.now(), warnings, state))
+        except InvalidContent as error:
+            if len(temperatures_c) == 1:
+                raise
+            fields = [
+                FieldError(e.field.replace("temperatures_c", f"temperatures_c.{i}", 1), e.message)
+                for e in error.errors
+            ]
+            raise type(error)(f"thermal state {i}: {error.detail}", fields) from None
+    return found
+
+
+def _without_direction(tables: Sequence[CompensationTable], directions: Directions) -> list[str]:
+    """Say which adopted reversals do not show, because nobody said from where the axis comes."""
+    reversing = [
+        entry.component.code
+        for entry in tables[0].corrected
+        if Backlash.kind in entry.effects
+        and directions[LINEAR_LETTERS.index(str(entry.component.axis))] == 0
+    ]
+    if not reversing:
+        return []
+    return [f"the reversal of {list_names(reversing)} is left out: no direction is stated"]
+
+
+def _missing(model: CompiledModel, missing: Sequence[str]) -> InvalidContent:
+    """Name what is missing, and how to say that it is zero."""
+    unmeasured = [code for code in missing if code not in model.omitted]
+    reasons = [f"{code}: {model.omitted[code]}" for code in missing if code in model.omitted]
+    if unmeasured:
+        reasons.insert(0, f"no map has {list_names(unmeasured)}")
+    return InvalidContent.of_field(
+        "missing_components",
+        f"expected each error that is needed in at least two maps and with a sensor, came too "
+        f"little ({'; '.join(reasons)}); state 'zero' where these may count as zero",
+    )
+
+
+def _range_of_tables(answer: FieldAnswer, axis: str) -> Travel:
+    nodes = answer.field.nodes_mm(axis)
+    if not nodes.size:
+        raise InvalidContent.of_field(
+            f"volume.{axis}",
+            f"expected a range of {axis} in mm: neither the machine's travel nor a table says how "
+            "far the axis goes",
+        )
+    return Travel(float(nodes[0]), float(nodes[-1]))

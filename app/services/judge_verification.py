@@ -1,0 +1,102 @@
+"""Judge a verification against the active model, after those that came before."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.errors import InvalidContent, StorageUnavailable
+from app.identification.observations import Verification
+from app.identification.watching import WatchState, watch, watch_state_from_json
+from app.services.context import Context
+from app.services.load_campaign import load_campaign
+from app.storage.machines import find_machine, stored_machine
+from app.storage.model_versions import active_version
+from app.storage.watches import find_watch, write_watch
+
+log = logging.getLogger("thermap")
+
+WRONG_UNIT: Final = "measured_um"
+"""The field that is to blame where values are evidently in another unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A judgement, and what it rests on: which version, and the watch before and after it."""
+
+    model_version: int | None
+    answer: Mapping[str, Any]
+    before: Mapping[str, Any] | None = None
+    after: Mapping[str, Any] | None = None
+
+    def still_holds(self, session: Session, machine_id: str) -> bool:
+        """Whether version and watch are still those that it rests on; the machine is locked."""
+        if find_machine(session, machine_id).active_version != self.model_version:
+            return False
+        if self.model_version is None:
+            return True
+        known = find_watch(session, machine_id, self.model_version)
+        return (None if known is None else known[0]) == self.before
+
+    def write(self, context: Context, session: Session, machine_id: str) -> None:
+        """Carry the watch on; the machine is locked."""
+        if self.model_version is not None and self.after is not None:
+            status = str(self.answer["status"])
+            now = context.now()
+            write_watch(session, machine_id, self.model_version, status, self.after, now)
+
+
+def judge_verification(context: Context, machine_id: str, verification: Verification) -> Judged:
+    """Hold a verification against the active model, without storing anything.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    InvalidContent
+        If its values are evidently in another unit. What cannot be judged for another reason
+        is no error: the judgement says so.
+    """
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version = active_version(session, row)
+        if version is None:
+            return Judged(None, _not_judged(None, "the machine has no model yet"))
+        number = version.version
+        known = find_watch(session, machine_id, number)
+        before = None if known is None else known[0]
+        try:
+            machine = stored_machine(row).machine
+            campaign = load_campaign(session, machine, version, [verification])
+            state = WatchState() if before is None else watch_state_from_json(before)
+            judgement, after = watch(campaign, state)
+        except InvalidContent as error:
+            if any(e.field == WRONG_UNIT for e in error.errors):
+                raise
+            return Judged(number, _not_judged(number, error.detail), before)
+        except StorageUnavailable:
+            raise
+        except Exception as error:
+            # What was measured must not be lost because it could not be judged.
+            log.exception("verification %r could not be judged", verification.label)
+            reason = f"unexpected error: {type(error).__name__}"
+            return Judged(number, _not_judged(number, reason), before)
+    answer = {"model_version": number, **judgement.to_json()}
+    return Judged(number, answer, before, after.to_json())
+
+
+def _not_judged(model_version: int | None, reason: str) -> dict[str, Any]:
+    return {
+        "model_version": model_version,
+        "status": "not-judged",
+        "evidence": None,
+        "limit": None,
+        "false_alarm": None,
+        "summary": f"It could not be judged: {reason}.",
+        "beyond": [],
+        "visits": 0,
+    }

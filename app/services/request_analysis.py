@@ -1,0 +1,62 @@
+"""Ask for an analysis: put it at the end of the queue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from app.errors import InvalidContent
+from app.identification.effects.registry import kind_of
+from app.services.context import Context
+from app.services.load_campaign import chosen_version
+from app.storage.analyses import insert_analysis
+from app.storage.machines import find_machine
+from app.storage.records import AnalysisTask, StoredAnalysis
+from app.storage.verifications import find_verification
+
+
+def request_analysis(
+    context: Context,
+    machine_id: str,
+    verification_ids: Sequence[int],
+    *,
+    holdout_fraction: float,
+    kinds: Sequence[str] | None,
+    seed: int,
+) -> StoredAnalysis:
+    """Put an analysis of the active model version at the end of the queue.
+
+    Parameters
+    ----------
+    context, machine_id
+        The service, and which machine.
+    verification_ids
+        What the model is held against.
+    holdout_fraction
+        Share of the visits that take no part in the search, between 0 and 1.
+    kinds
+        Kinds of effects that are tested; None: all.
+    seed
+        Of everything that is drawn: the same again gives the same answer.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine or verification.
+    InvalidContent
+        If there is no such kind of effect, or a verification is named twice.
+    Conflict
+        If the machine has no model yet.
+    """
+    for kind in kinds or ():
+        kind_of(kind)
+    if len(set(verification_ids)) < len(verification_ids):
+        raise InvalidContent.of_field(
+            "verifications", f"expected each once, came {list(verification_ids)}"
+        )
+    with context.database.writing() as session:
+        find_machine(session, machine_id, lock=True)
+        _, version = chosen_version(session, machine_id)
+        for verification_id in verification_ids:
+            find_verification(session, machine_id, verification_id)
+        task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)
+        return insert_analysis(session, machine_id, task, context.now())

@@ -1,0 +1,25 @@
+"""Read analyses as they are stored."""
+
+from __future__ import annotations
+
+from app.services.context import Context
+from app.storage.analyses import find_analysis, list_analyses, stored_analysis
+from app.storage.machines import find_machine
+from app.storage.records import StoredAnalysis
+
+
+def show_analyses(context: Context, machine_id: str) -> list[StoredAnalysis]:
+    """List a machine's analyses without their results, oldest first."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        return list_analyses(session, machine_id)
+
+
+def show_analysis(
+    context: Context, machine_id: str, analysis_id: int
+) -> tuple[StoredAnalysis, str | None]:
+    """Read one analysis, and its result as JSON text where it is done."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        row = find_analysis(session, machine_id, analysis_id, result=True)
+        return stored_analysis(row), row.result

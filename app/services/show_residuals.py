@@ -1,0 +1,58 @@
+"""What a model version leaves of stored verifications."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.errors import InvalidContent
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.observations import Verification
+from app.identification.residual_report import ResidualReport, residual_report
+from app.services.context import Context
+from app.services.load_campaign import chosen_version, load_campaign, read_verifications
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownResiduals:
+    """The residuals, of which version and which verifications."""
+
+    model_version: int
+    verification_ids: Sequence[int]
+    verifications: Sequence[Verification]
+    report: ResidualReport
+
+
+def show_residuals(
+    context: Context,
+    machine_id: str,
+    verification_ids: Sequence[int],
+    version_number: int | None = None,
+) -> ShownResiduals:
+    """Subtract what a version says, the active one if none is stated, from what was measured.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine, version or verification.
+    InvalidContent
+        If nothing can be compared with the model, or values are evidently in another unit.
+    Conflict
+        If the machine has no model yet.
+    """
+    version, campaign = _read_campaign(context, machine_id, verification_ids, version_number)
+    report = residual_report(residuals_of(campaign))
+    return ShownResiduals(version, verification_ids, campaign.verifications, report)
+
+
+def _read_campaign(
+    context: Context, machine_id: str, verification_ids: Sequence[int], version_number: int | None
+) -> tuple[int, Campaign]:
+    if len(set(verification_ids)) < len(verification_ids):
+        raise InvalidContent.of_field(
+            "verifications", f"expected each once, came {list(verification_ids)}"
+        )
+    with context.database.reading() as session:
+        machine, version = chosen_version(session, machine_id, version_number)
+        verifications = read_verifications(session, machine_id, verification_ids)
+        return version.version, load_campaign(session, machine, version, verifications)

@@ -1,0 +1,179 @@
+"""Verifications in the database: what they are in columns, their observations as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session, undefer_group
+
+from app.arrays import FloatArray
+from app.errors import UnknownThing, list_names
+from app.geometry.components import ORDER
+from app.identification.observations import Observation, Triple, Verification
+from app.identification.rows import Datum
+from app.storage.records import StoredVerification
+from app.storage.tables import LARGEST_INTEGER, VerificationRow
+
+POINTS: Final = "points"
+"""Name among a verification's components of what was measured at points."""
+
+_ARRAYS: Final = (
+    *("times_s", "component", "measured", "points_mm", "tool_offsets_mm", "directions"),
+    "states",
+)
+_FACTS: Final = ("label", "datum", "repeatability_um", "components", "state_names")
+
+
+def insert_verification(
+    session: Session,
+    machine_id: str,
+    verification: Verification,
+    judgement: Mapping[str, Any] | None,
+    now: datetime,
+) -> StoredVerification:
+    """Add a verification and give it its number."""
+    row = _row(machine_id, verification)
+    row.judgement = None if judgement is None else dict(judgement)
+    row.stored_at = now
+    session.add(row)
+    session.flush()
+    return stored_verification(row)
+
+
+def find_verification(
+    session: Session, machine_id: str, verification_id: int, *, observations: bool = False
+) -> VerificationRow:
+    """Find a verification by its number, with its observations if they are needed.
+
+    Raises
+    ------
+    UnknownThing
+        With the verifications that the machine has.
+    """
+    options = [undefer_group("arrays")] if observations else []
+    can_be = 0 < verification_id <= LARGEST_INTEGER
+    row = session.get(VerificationRow, verification_id, options=options) if can_be else None
+    if row is None or row.machine_id != machine_id:
+        stored = list_verifications(session, machine_id)
+        existing = list_names(f"{v.id} ({v.label})" for v in stored)
+        raise UnknownThing(
+            f"machine {machine_id!r} has no verification {verification_id}; it has: {existing}"
+        )
+    return row
+
+
+def find_label(session: Session, machine_id: str, label: str) -> VerificationRow | None:
+    """Find a verification by its label, with its observations."""
+    query = select(VerificationRow).where(
+        VerificationRow.machine_id == machine_id, VerificationRow.label == label
+    )
+    return session.scalar(query.options(undefer_group("arrays")))
+
+
+def list_verifications(session: Session, machine_id: str) -> list[StoredVerification]:
+    """List a machine's verifications in the order in which they were stored."""
+    query = (
+        select(VerificationRow)
+        .where(VerificationRow.machine_id == machine_id)
+        .order_by(VerificationRow.id)
+    )
+    return [stored_verification(row) for row in session.scalars(query)]
+
+
+def stored_verification(row: VerificationRow) -> StoredVerification:
+    """Read what a row says beside the observations."""
+    return StoredVerification(
+        id=row.id,
+        label=row.label,
+        datum=Datum(row.datum),
+        repeatability_um=row.repeatability_um,
+        stored_at=row.stored_at,
+        first_at=row.first_at,
+        last_at=row.last_at,
+        observations=row.observations,
+        components=row.components,
+        judgement=row.judgement,
+    )
+
+
+def read_verification(row: VerificationRow) -> Verification:
+    """Read a row with its observations."""
+    observations = [
+        Observation(
+            time_s=time_s,
+            measured=(measured[0],) if name != POINTS else _triple(measured),
+            component=None if name == POINTS else name,
+            position_mm=None if name == POINTS else _only(point),
+            point_mm=_triple(point) if name == POINTS else None,
+            tool_offset_mm=_triple(tool),
+            directions=(int(direction[0]), int(direction[1]), int(direction[2])),
+            state={n: x for n, x in zip(row.state_names, state, strict=True) if x == x},
+        )
+        for time_s, name, measured, point, tool, direction, state in zip(
+            row.times_s.tolist(),
+            [row.components[int(i)] for i in row.component],
+            *(_in_threes(getattr(row, name)) for name in _ARRAYS[2:6]),
+            row.states.reshape(row.observations, -1).tolist(),
+            strict=True,
+        )
+    ]
+    return Verification(row.label, observations, Datum(row.datum), row.repeatability_um)
+
+
+def same_content(row: VerificationRow, verification: Verification) -> bool:
+    """Whether a row says the same as a verification, bit for bit and in the same order."""
+    other = _row(row.machine_id, verification)
+    return all(getattr(row, name) == getattr(other, name) for name in _FACTS) and all(
+        np.ravel(getattr(row, name)).tobytes() == np.ravel(getattr(other, name)).tobytes()
+        for name in _ARRAYS
+    )
+
+
+def _row(machine_id: str, verification: Verification) -> VerificationRow:
+    asked = verification.observations
+    names = {o.component or POINTS for o in asked}
+    components = sorted(names, key=lambda name: ORDER.get(name, len(ORDER)))
+    number = {name: i for i, name in enumerate(components)}
+    state_names = sorted({name for o in asked for name in o.state})
+    times_s = np.array([o.time_s for o in asked])
+    return VerificationRow(
+        machine_id=machine_id,
+        label=verification.label,
+        datum=verification.datum.value,
+        repeatability_um=verification.repeatability_um,
+        first_at=datetime.fromtimestamp(times_s.min(), UTC),
+        last_at=datetime.fromtimestamp(times_s.max(), UTC),
+        observations=len(asked),
+        components=components,
+        state_names=state_names,
+        times_s=times_s,
+        component=np.array([number[o.component or POINTS] for o in asked], dtype=float),
+        measured=np.array([(*o.measured, np.nan, np.nan)[:3] for o in asked]),
+        points_mm=np.array([o.point_mm or _single(o.position_mm) for o in asked]),
+        tool_offsets_mm=np.array([o.tool_offset_mm for o in asked], dtype=float),
+        directions=np.array([o.directions for o in asked], dtype=float),
+        states=np.array([[o.state.get(n, np.nan) for n in state_names] for o in asked]),
+    )
+
+
+def _single(position_mm: float | None) -> Triple:
+    """Put a position, or that there is none, where a point has three numbers."""
+    return (np.nan if position_mm is None else position_mm, np.nan, np.nan)
+
+
+def _only(point: Sequence[float]) -> float | None:
+    return None if np.isnan(point[0]) else point[0]
+
+
+def _triple(numbers: Sequence[float]) -> Triple:
+    x, y, z = numbers
+    return (x, y, z)
+
+
+def _in_threes(flat: FloatArray) -> list[list[float]]:
+    found: list[list[float]] = flat.reshape(-1, 3).tolist()
+    return found

@@ -1,0 +1,56 @@
+"""Where the sequential test of each model version stands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.storage.tables import MachineRow, WatchRow
+
+
+def find_watch(
+    session: Session, machine_id: str, model_version: int
+) -> tuple[Mapping[str, Any], datetime] | None:
+    """Read what was stored last, and when; None before the first verification."""
+    row = session.get(WatchRow, (machine_id, model_version))
+    return None if row is None else (row.state, row.updated_at)
+
+
+def watch_status(session: Session, machine: MachineRow) -> str | None:
+    """Say what the watch of a machine's active version says; None before it says anything."""
+    query = select(WatchRow.status).where(
+        WatchRow.machine_id == machine.id, WatchRow.model_version == machine.active_version
+    )
+    return session.scalar(query)
+
+
+def watch_statuses(session: Session) -> dict[str, str]:
+    """Say the same of all machines that are watched."""
+    query = select(WatchRow.machine_id, WatchRow.status).join(
+        MachineRow,
+        (MachineRow.id == WatchRow.machine_id)
+        & (MachineRow.active_version == WatchRow.model_version),
+    )
+    return {row.machine_id: row.status for row in session.execute(query)}
+
+
+def write_watch(
+    session: Session,
+    machine_id: str,
+    model_version: int,
+    status: str,
+    state: Mapping[str, Any],
+    now: datetime,
+) -> None:
+    """Store where the test stands now; the machine is locked."""
+    row = session.get(WatchRow, (machine_id, model_version))
+    if row is None:
+        row = WatchRow(machine_id=machine_id, model_version=model_version)
+        session.add(row)
+    row.status = status
+    row.state = dict(state)
+    row.updated_at = now

@@ -1,0 +1,317 @@
+"""Adopted effects over restarts, processes, orders of arrival, and model versions."""
+
+import threading
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+
+from app.errors import Conflict, InvalidContent, StorageUnavailable, UnknownThing
+from app.identification.effects.driver import AboveReference
+from app.identification.effects.effect import Effect
+from app.identification.effects.shape import Everywhere
+from app.identification.effects.term import Term
+from app.services.adopt_effects import adopt_effects
+from app.services.follow_database import DatabaseFollower
+from app.services.store_readings import store_readings
+from app.thermal.reading import Reading
+from tests.effect_examples import (
+    ALL,
+    BACKLASH,
+    LAG,
+    OUTDATED,
+    SPEED,
+    SPEED_LATE,
+    adopt,
+    current,
+    numbers,
+    predicted,
+    stored,
+    warm_up,
+)
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    by_code,
+    client_of,
+    error_map,
+    iso,
+    problem,
+    reading,
+    table,
+)
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_restart_changes_nothing(client, app, new_app, furnished_url):
+    readings = warm_up(90)
+    readings[30]["temperatures_c"]["z-column"] += 30.0  # a jump that is not to be believed
+    await stored(client, readings[:25])
+    adopt(app, *ALL)
+    for one in readings[25:]:
+        await stored(client, one)
+    before = await current(client)
+    assert before["complete"] is True
+    async with client_of(new_app(furnished_url)) as again:
+        after = await current(again)
+    np.testing.assert_allclose(numbers(after), numbers(before), rtol=0, atol=1e-9)
+    assert [e["effects"] for e in after["components"]] == [
+        e["effects"] for e in before["components"]
+    ]
+
+
+async def test_two_services_over_one_database_agree(client, app, new_app, furnished_url):
+    other_app = new_app(furnished_url)
+    follower = DatabaseFollower(other_app.state.context, every_s=1.0)
+    follower.look()
+    readings = warm_up(90)
+    async with client_of(other_app) as other:
+        await stored(client, readings[:60])
+        adopt(app, *ALL)
+        follower.look()
+        for i, one in enumerate(readings[60:]):
+            await stored(client if i % 3 else other, one)
+            if i % 5 == 0:
+                follower.look()
+        ours = DatabaseFollower(app.state.context, every_s=1.0)
+        ours.look()
+        follower.look()
+        here, there = await current(client), await current(other)
+        assert here["complete"] is True
+        np.testing.assert_allclose(numbers(there), numbers(here), rtol=0, atol=1e-9)
+        tags = [(await c.get(f"{ROOM}/compensation")).headers["etag"] for c in (client, other)]
+        assert tags[0] == tags[1]
+
+
+@pytest.mark.parametrize("order", ["backwards", "late ones", "in one"])
+async def test_the_order_of_arrival_does_not_count(client, app, new_app, furnished_url, order):
+    adopt(app, LAG, SPEED_LATE)
+    readings = warm_up(90)
+    if order == "in one":
+        await stored(client, readings)
+    else:
+        late = readings[::-1] if order == "backwards" else readings[::7]
+        first = [] if order == "backwards" else [r for r in readings if r not in late]
+        for i in range(0, len(first), 20):
+            await stored(client, first[i : i + 20])
+        for i in range(0, len(late), 13):
+            await stored(client, late[i : i + 13])
+    document = await current(client)
+    assert document["complete"] is True
+    async with client_of(new_app(furnished_url)) as again:
+        np.testing.assert_allclose(numbers(await current(again)), numbers(document), atol=1e-9)
+
+
+async def test_sensors_that_report_apart_need_no_rebuilding(client, app, monkeypatch):
+    adopt(app, LAG)
+    readings = warm_up(60)
+    await stored(client, readings[0])
+    reads = []
+    monkeypatch.setattr(
+        "app.services.restore_past.recent_readings", lambda *a: reads.append(a) or []
+    )
+    for one in readings[1:]:
+        z_column = {"z-column": one["temperatures_c"].pop("z-column")}
+        await stored(client, one)
+        earlier = {**one, "temperatures_c": z_column, "state": {}}
+        earlier["time"] = one["time"].replace(":00Z", ":00.5Z").replace(":00+", ":00.5+")
+        await stored(client, earlier)
+    assert reads == []
+    assert (await current(client))["complete"] is True
+
+
+async def test_a_gap_makes_a_lag_begin_anew(client, app, clock):
+    adopt(app, LAG)
+    readings = warm_up(70)
+    await stored(client, readings)
+    assert (await current(client))["complete"] is True
+    clock.advance(1800)
+    await stored(client, reading(START + timedelta(seconds=1800), 25.5))
+    document = await current(client)
+    assert "came 0 min" in document["effects"][0]["missing"]
+
+
+async def test_the_etag_changes_with_what_drives_effects(client, app):
+    adopt(app, LAG)
+    await stored(client, warm_up(70)[1:])
+    path = f"{ROOM}/compensation"
+    first = await client.get(path)
+    same = await client.get(path, headers={"if-none-match": first.headers["etag"]})
+    assert same.status_code == 304
+    await stored(client, reading(START - timedelta(seconds=90), 28.0))  # late, within the past
+    other = await client.get(path, headers={"if-none-match": first.headers["etag"]})
+    assert other.status_code == 200
+    assert other.json()["components"] != first.json()["components"]
+
+
+async def test_a_past_that_could_not_be_restored_is_restored_later(client, app, monkeypatch):
+    adopt(app, LAG)
+    readings = warm_up(70)
+    late = readings.pop(60)
+    await stored(client, readings)
+    before = await current(client)
+    with monkeypatch.context() as patched:
+
+        def away(*_arguments):
+            raise StorageUnavailable("the database is away: cut in the middle")
+
+        patched.setattr("app.services.restore_past.recent_readings", away)
+        await stored(client, late)
+        assert numbers(await current(client)).tolist() == numbers(before).tolist()
+    DatabaseFollower(app.state.context, every_s=1.0).look()
+    after = await current(client)
+    assert after["complete"] is True
+    assert numbers(after).tolist() != numbers(before).tolist()
+    said = await predicted(client, {"component": "EZZ", "position_mm": 500})
+    expected = by_code(after)["EZZ"]["errors_um"][-1:]
+    assert said["predicted_um"] == pytest.approx(expected, abs=1e-9)
+
+
+async def test_readings_from_many_sides_while_effects_are_adopted_are_all_taken_in(app, client):
+    readings = warm_up(90)
+    adopt(app, SPEED_LATE)
+
+    def store(k):
+        context = app.state.context
+        for one in readings[k::3]:
+            time = datetime.fromisoformat(one["time"])
+            store_readings(
+                context, "mcfv5050", [Reading(time, one["temperatures_c"], one["state"])]
+            )
+
+    threads = [threading.Thread(target=store, args=(k,)) for k in range(3)]
+    for thread in threads:
+        thread.start()
+    adopt(app, LAG)
+    for thread in threads:
+        thread.join()
+    document = await current(client)
+    assert document["complete"] is True
+    said = await predicted(
+        client,
+        {"component": "EZZ", "position_mm": 500},
+        {"component": "EXX", "position_mm": 0},
+    )
+    table = by_code(document)
+    expected = [table["EZZ"]["errors_um"][-1], table["EXX"]["errors_um"][0]]
+    assert said["predicted_um"] == pytest.approx(expected, abs=1e-9)
+
+
+# --- versions -------------------------------------------------------------------------------
+
+
+async def test_activating_the_version_before_takes_effects_back(client, app):
+    readings = warm_up()
+    await stored(client, readings)
+    without = await current(client)
+    adopt(app, LAG, BACKLASH)
+    with_effects = await current(client)
+    assert numbers(with_effects).size > numbers(without).size
+    await client.post(f"{ROOM}/models/3/activate")
+    assert (await current(client))["components"] == without["components"]
+    await client.post(f"{ROOM}/models/4/activate")
+    again = await current(client)
+    np.testing.assert_allclose(numbers(again), numbers(with_effects), rtol=0, atol=1e-9)
+    old = await client.post(
+        f"{ROOM}/predictions",
+        json={
+            "model_version": 3,
+            "observations": [{"time": iso(START), "component": "EZZ", "position_mm": 500}],
+        },
+    )
+    assert old.json()["predicted_um"] == pytest.approx([by_code(without)["EZZ"]["errors_um"][-1]])
+
+
+async def test_a_version_shows_its_effects(client, app):
+    adopt(app, LAG)
+    version = adopt(app, SPEED)
+    document = (await client.get(f"{ROOM}/models/{version.version}")).json()
+    assert [e["kind"] for e in document["effects"]] == ["thermal-lag", "state-variable"]
+    assert document["effects"][0] == {
+        "kind": "thermal-lag",
+        "variant": "",
+        "components": ["EZZ"],
+        "sensors": ["z-column"],
+        "states": [],
+        "parameters": {"time_constant_min": 10.0, "share": 1.0},
+        "standard_errors": {},
+        "explanation": "EZZ follows z-column 10 min late",
+    }
+    assert document["reason"] == "adopted in a test"
+
+
+async def test_effects_are_carried_over_to_the_next_version(client, app):
+    adopt(app, LAG, SPEED, OUTDATED)
+    await client.put(f"{ROOM}/sensor-assignment", json={"EXX": "y-front"})
+    versions = (await client.get(f"{ROOM}/models")).json()
+    kinds = [e["kind"] for e in versions[-1]["effects"]]
+    assert kinds == ["thermal-lag", "state-variable", "outdated-map"]
+    await client.put(f"{ROOM}/sensor-assignment", json={"EZZ": "spindle"})
+    newest = (await client.get(f"{ROOM}/models")).json()[-1]
+    assert [e["kind"] for e in newest["effects"]] == ["state-variable", "outdated-map"]
+    assert newest["reason"] == (
+        "assigned EZZ to spindle; thermal-lag of EZZ left out: EZZ follows spindle now"
+    )
+
+
+async def test_a_component_that_is_measured_again_is_not_corrected_twice(client, app):
+    adopt(app, OUTDATED, SPEED)
+    await stored(client, reading(START, 35.0, state={"spindle_rpm": 0.0}))
+    await client.post(f"{ROOM}/error-maps", json=error_map("Run #9", 40.0))
+    newest = (await client.get(f"{ROOM}/models")).json()[-1]
+    assert [e["kind"] for e in newest["effects"]] == ["state-variable"]
+    assert newest["reason"] == (
+        "map 'Run #9' stored; outdated-map of EXX left out: it was measured again in map 'Run #9'"
+    )
+    assert by_code(await current(client))["EXX"]["errors_um"][0] == pytest.approx(0.0)
+    elsewhere = error_map("Run #10", 44.0, components=[table("EYY", [0, 500], [0.0, 1.0])])
+    adopt(app, OUTDATED)
+    await client.post(f"{ROOM}/error-maps", json=elsewhere)
+    newest = (await client.get(f"{ROOM}/models")).json()[-1]
+    assert [e["kind"] for e in newest["effects"]] == ["state-variable", "outdated-map"]
+
+
+async def test_a_sensor_that_an_effect_needs_cannot_go(client, app):
+    await client.patch(ROOM, json={"sensors": [*MACHINE["sensors"], {"name": "bed"}]})
+    needs_bed = Effect(
+        "nonrigid-slope",
+        ("EXX^z",),
+        ("bed",),
+        variant="with temperature",
+        parameters={"slope_um_per_m_per_k": 2.0},
+        terms=(Term("EXX^z", AboveReference("bed", 25.0), Everywhere(), 2.0),),
+    )
+    adopt(app, needs_bed)
+    found = problem(await client.patch(ROOM, json={"sensors": MACHINE["sensors"]}), 409)
+    assert "bed" in found["detail"]
+    assert "adopted effects" in found["detail"]
+
+
+# --- what is refused ------------------------------------------------------------------------
+
+
+async def test_effects_that_cannot_be_evaluated_are_refused(client, app):
+    with pytest.raises(InvalidContent, match="at least one effect"):
+        adopt(app)
+    nowhere = Effect(
+        "nonrigid-slope",
+        ("EXX^z",),
+        ("nose",),
+        variant="with temperature",
+        parameters={"slope_um_per_m_per_k": 2.0},
+        terms=(Term("EXX^z", AboveReference("nose", 25.0), Everywhere(), 2.0),),
+    )
+    with pytest.raises(InvalidContent, match="came nose"):
+        adopt(app, OUTDATED, nowhere)
+    adopt(app, OUTDATED)
+    with pytest.raises(Conflict, match="has this effect already"):
+        adopt(app, OUTDATED)
+    with pytest.raises(UnknownThing):
+        adopt_effects(app.state.context, "nowhere", [OUTDATED], "no machine")
+    versions = (await client.get(f"{ROOM}/models")).json()
+    assert [len(v["effects"]) for v in versions] == [0, 0, 0, 1]
+    await client.post("/v1/machines", json=MACHINE | {"id": "bare"})
+    with pytest.raises(Conflict, match="no model yet"):
+        adopt_effects(app.state.context, "bare", [OUTDATED], "no maps")
