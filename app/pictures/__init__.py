@@ -1,0 +1,1 @@
+"""Pictures of a machine's errors, made from an error field: no files, no HTTP."""

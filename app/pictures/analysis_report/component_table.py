@@ -1,0 +1,137 @@
+"""Before and after by component: figures in a table, and a small picture in each row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from statistics import median
+from typing import Any, Final
+
+from app.pictures.analysis_report.drawing import largest
+from app.pictures.analysis_report.head import Result
+from app.pictures.analysis_report.names import chapter_name, component_name
+from app.pictures.analysis_report.style import AFTER, BEFORE
+from app.pictures.analysis_report.tables import NUMBER, PICTURE, Column, body, row, table
+from app.pictures.analysis_report.words import decimals_for, escaped, figure_text
+from app.pictures.colours import FAINT, INK
+from app.units import Unit
+
+CHANGED: Final = 1e-9
+"""Of the size before: less is rounding."""
+
+
+def component_section(result: Result) -> str:
+    """Write the table of all components, those of one unit together.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    is_changed = bool(result["effects"])
+    title = "Before and after" if is_changed else "Residuals by component"
+    order = [unit.symbol for unit in Unit]
+    components = sorted(result["components"], key=lambda c: order.index(c["unit"]))
+    columns = _columns(is_changed)
+    bodies = "".join(
+        _unit_rows(columns, unit, list(own), is_changed)
+        for unit, own in groupby(components, lambda c: c["unit"])
+    )
+    return f"""<section><h2>{title}</h2>
+<p class="quiet">{_how_to_read(components, is_changed)}</p>
+{table(columns, bodies)}</section>"""
+
+
+def _how_to_read(components: Sequence[Mapping[str, Any]], is_changed: bool) -> str:
+    told = "Measured minus predicted, RMS on visits that took no part in what predicts them. "
+    if not all(_is_held_out(c) for c in components):
+        told += "† Nothing could be held out: all visits. "
+    marks = "ring: before, filled: after" if is_changed else "ring: residual"
+    return (
+        f"{told}The floor is what repeatability and set-up scatter alone would leave. In the "
+        f"pictures, which start at zero: {marks}, upright line: floor."
+    )
+
+
+def _columns(is_changed: bool) -> list[Column]:
+    sizes = ["before", "after"] if is_changed else ["residual"]
+    return [
+        Column("component"),
+        *(Column(name, NUMBER) for name in (*sizes, "floor")),
+        Column("scatter of one observation", NUMBER, is_spare=True),
+        Column("95 % within", NUMBER, is_spare=True),
+        Column("values", NUMBER, is_spare=True),
+        Column("picture", PICTURE),
+    ]
+
+
+def _unit_rows(
+    columns: Sequence[Column], unit: str, components: Sequence[Mapping[str, Any]], is_changed: bool
+) -> str:
+    decimals = decimals_for(median(c["noise"] for c in components))
+    sizes = [_sizes(c) for c in components]
+    reach = 1.05 * largest(sizes) or 1.0
+    rows = [
+        row(columns, _cells(c, s, decimals, reach, is_changed), _style(s, is_changed))
+        for c, s in zip(components, sizes, strict=True)
+    ]
+    heading = f'<th scope="rowgroup" colspan="{len(columns)}">[{escaped(unit)}]</th>'
+    return body([f'<tr class="unit">{heading}</tr>', *rows])
+
+
+def _style(sizes: Sequence[float], is_changed: bool) -> str:
+    before, after, _ = sizes
+    return "strong" if is_changed and abs(after - before) > CHANGED * before else ""
+
+
+def _cells(
+    component: Mapping[str, Any],
+    sizes: Sequence[float],
+    decimals: int,
+    reach: float,
+    is_changed: bool,
+) -> list[str]:
+    name, code = component["component"], escaped(component_name(component["component"]))
+    mark = "" if _is_held_out(component) else "†"
+    *shown, floor = (figure_text(size, decimals) for size in sizes)
+    within = figure_text(component["after_p95" if is_changed else "before_p95"], decimals)
+    scatter = f"{figure_text(component['noise'], decimals)} ({component['noise_origin']})"
+    return [
+        f'{code} <span class="quiet spare">{escaped(chapter_name(name))}</span>',
+        *(f"{size}{mark}" for size in shown[: 1 + is_changed]),
+        floor,
+        escaped(scatter),
+        f"±{within}",
+        str(component["count"]),
+        _picture(sizes, reach, is_changed),
+    ]
+
+
+def _is_held_out(component: Mapping[str, Any]) -> bool:
+    return component["holdout_before_rms"] is not None
+
+
+def _sizes(component: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Give before, after, floor; held out where that is possible."""
+    prefix = "holdout_" if _is_held_out(component) else ""
+    floor = component["floor"] if component["floor"] is not None else component["noise"]
+    return component[f"{prefix}before_rms"], component[f"{prefix}after_rms"], floor
+
+
+def _picture(sizes: Sequence[float], reach: float, is_changed: bool) -> str:
+    """Draw a row's figures on a line that starts at zero; the numbers stand beside it."""
+    before, after, floor = (f"{100.0 * size / reach:.2f}%" for size in sizes)
+    line = '<line x1="{}" x2="{}" y1="{}" y2="{}" stroke="{}" stroke-width="{}"/>'
+    parts: Iterable[str] = (
+        line.format(0, "100%", 10, 10, FAINT, 1),
+        line.format(after, before, 10, 10, BEFORE, 1.5) if is_changed else "",
+        line.format(floor, floor, 3, 17, INK, 1.5),
+        f'<circle cx="{before}" cy="10" r="4.5" fill="#fff" stroke="{BEFORE}" stroke-width="1.8"/>',
+        f'<circle cx="{after}" cy="10" r="3" fill="{AFTER}"/>' if is_changed else "",
+    )
+    return f'<svg aria-hidden="true" focusable="false">{"".join(parts)}</svg>'

@@ -1,0 +1,122 @@
+"""An effect's residuals over what drives it: before with what the effect says, and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from app.errors import list_names
+from app.pictures.analysis_report.drawing import (
+    TIME,
+    Drawing,
+    Json,
+    dates,
+    hover_texts,
+    largest,
+    layout_of,
+    markers,
+)
+from app.pictures.analysis_report.names import component_name
+from app.pictures.colours import INK
+
+APPROACHES: Final = {1.0: "triangle-up", -1.0: "triangle-down"}
+"""Marks by the direction of approach, where it decides."""
+
+
+def effect_drawings(
+    number: int, effect: Mapping[str, Any], curve: Mapping[str, Any]
+) -> list[Drawing]:
+    """Draw an effect's residuals before and after over its driver.
+
+    Parameters
+    ----------
+    number
+        The effect's number in the report.
+    effect
+        As the analysis describes it.
+    curve
+        Its arrays: driver, before, after, explained, direction, components.
+
+    Returns
+    -------
+    list of Drawing
+        Two with the same scales; none where there is nothing to draw.
+    """
+    if not curve["driver"]:
+        return []
+    over_time = curve["over"] == TIME
+    x = dates(curve["driver"]) if over_time else curve["driver"]
+    extent = largest([curve["before"], curve["after"], curve["explained"]])
+    layout = layout_of(_x_title(curve), f"residual [{curve['unit']}]", extent, over_time=over_time)
+    names = hover_texts([component_name(c) for c in curve["components"]])
+    symbols = _symbols(effect, curve["direction"])
+    subjects = list_names(map(component_name, dict.fromkeys(curve["components"])), 3)
+    drawings = []
+    for which in ("before", "after"):
+        after = which == "after"
+        trace = {**markers(x, curve[which], after=after), **names}
+        if symbols:
+            trace["marker"] = {
+                **trace["marker"],
+                "symbol": _styled(symbols, after=after),
+                "size": 7,
+            }
+        data = [trace] if after else [trace, _says(x, curve["explained"])]
+        told = (
+            f"Residuals of {subjects} in {curve['unit']} over {curve['over']}, {which} this "
+            f"effect: within ±{largest([curve[which]]):.3g} {curve['unit']}, {len(x)} values"
+        )
+        title = f"{which.capitalize()} this effect"
+        drawings.append(Drawing(f"effect-{number}-{which}", title, told, data, layout))
+    return drawings
+
+
+def caption(effect: Mapping[str, Any]) -> str:
+    """Say how to read an effect's two figures, as plain text.
+
+    Parameters
+    ----------
+    effect
+        As the analysis describes it.
+
+    Returns
+    -------
+    str
+    """
+    shapes = (
+        "Triangles point the way of approach: up for plus, down for minus. Open"
+        if _is_reversing(effect)
+        else "Rings"
+    )
+    return (
+        f"{shapes}: measured minus predicted without this effect, all others taken off. Crosses: "
+        "what this effect says. Filled: what is left with it."
+    )
+
+
+def _x_title(curve: Mapping[str, Any]) -> str:
+    unit = "UTC" if curve["over"] == TIME else curve["over_unit"]
+    return f"{curve['over']} [{unit}]" if unit else str(curve["over"])
+
+
+def _is_reversing(effect: Mapping[str, Any]) -> bool:
+    return any(term["reversing"] for term in effect["effect"]["terms"])
+
+
+def _symbols(effect: Mapping[str, Any], directions: Sequence[float]) -> list[str]:
+    if not _is_reversing(effect):
+        return []
+    return [APPROACHES.get(direction, "circle") for direction in directions]
+
+
+def _styled(symbols: Sequence[str], *, after: bool) -> list[str]:
+    return [symbol if after else f"{symbol}-open" for symbol in symbols]
+
+
+def _says(x: Sequence[Any], explained: Sequence[float]) -> Json:
+    """Crosses where the effect says that the residual is."""
+    return {
+        **markers(x, explained, after=True),
+        "marker": {"color": INK, "symbol": "cross-thin-open", "size": 6, "line": {"width": 1.2}},
+        "name": "what the effect says",
+    }

@@ -1,0 +1,200 @@
+"""What was found: each effect with its figures, its plots, and the evidence against rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from typing import Any, Final
+
+from app.errors import list_names
+from app.pictures.analysis_report.drawing import Drawing
+from app.pictures.analysis_report.effect_plots import caption, effect_drawings
+from app.pictures.analysis_report.head import Result
+from app.pictures.analysis_report.names import (
+    MARKS,
+    component_name,
+    explanation_name,
+    kind_name,
+    parameter_name,
+    parameter_text,
+    rival_name,
+    status_words,
+)
+from app.pictures.analysis_report.tables import BARS, NUMBER, Column, body, row, table
+from app.pictures.analysis_report.words import (
+    chance_text,
+    decimals_for,
+    escaped,
+    figure_text,
+    sentence,
+)
+
+MOST_RIVALS: Final = 6
+VERY_STRONG: Final = 10.0
+"""2 ln B above which Kass and Raftery (1995) call evidence very strong."""
+
+
+def effect_section(result: Result) -> tuple[str, list[Drawing]]:
+    """Write all effects that were found.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    tuple of str and list of Drawing
+        HTML, empty where nothing was found, and the figures in it.
+    """
+    written: list[str] = []
+    drawings: list[Drawing] = []
+    # What the readings show by themselves has no residuals to draw, and comes last.
+    pairs = zip_longest(result["effects"], result["plots"]["effects"])
+    for number, (effect, curve) in enumerate(pairs, start=1):
+        own = effect_drawings(number, effect, curve) if curve else []
+        written.append(_article(number, effect, own, result["noise_um"]))
+        drawings += own
+    if not written:
+        return "", []
+    title = "What the model lacks"
+    return f"<section><h2>{title}</h2>{''.join(written)}</section>", drawings
+
+
+def _article(
+    number: int, effect: Mapping[str, Any], drawings: Sequence[Drawing], noise_um: float | None
+) -> str:
+    plots = "".join(d.place() for d in drawings)
+    if plots:
+        plots = (
+            f'<div class="plots two">{plots}</div><p class="quiet">{escaped(caption(effect))}</p>'
+        )
+    warnings = "".join(f'<p class="warning">{w}</p>' for w in _warnings(effect))
+    return f"""<article class="effect">
+<h3>{number}. {sentence(effect["explanation"])}</h3>
+<p>{_badges(effect)}</p>
+{warnings}
+<dl class="facts">{_facts(effect, noise_um)}</dl>
+{_parameters(effect)}
+{plots}
+{_evidence(effect)}
+</article>"""
+
+
+def _badges(effect: Mapping[str, Any]) -> str:
+    status = effect["status"]
+    told = f"{MARKS[status]} {status_words(effect)}"
+    badges = [f'<span class="badge {status}">{told}</span>']
+    if effect["is_proxy"]:
+        badges.append('<span class="badge proxy">≈ proxy</span>')
+    return " ".join(badges)
+
+
+def _facts(effect: Mapping[str, Any], noise_um: float | None) -> str:
+    decimals, unit = decimals_for(noise_um), effect["unit"]
+    sizes = [figure_text(effect[f"{which}_rms_um"], decimals) for which in ("before", "after")]
+    evidence = effect["evidence"]
+    drivers = [*effect["sensors"], *effect["states"]]
+    variant = f", {effect['variant']}" if effect["variant"] else ""
+    facts = {
+        "kind": f"{kind_name(effect['kind'])}{variant}",
+        "acts on": list_names(map(component_name, effect["components"])),
+        "driven by": list_names(drivers) if drivers else "",
+        "residual there": f"{sizes[0]} → {sizes[1]} {unit} RMS, with all effects",
+        **_sureness(evidence),
+    }
+    return "".join(
+        f"<dt>{name}</dt><dd>{escaped(value)}</dd>" for name, value in facts.items() if value
+    )
+
+
+def _sureness(evidence: Mapping[str, Any]) -> dict[str, str]:
+    """Say how sure it is: by its readings, or by visits that took no part and by chance."""
+    if evidence["seen_in_readings"]:
+        return {"in the readings": evidence["seen_in_readings"]}
+    return {
+        "held-out visits": _held_out(evidence),
+        "by chance": f"{chance_text(evidence['p_global'])} anywhere in the library",
+    }
+
+
+def _held_out(evidence: Mapping[str, Any]) -> str:
+    """Say what visits say that took no part in finding it."""
+    slope, error = evidence["calibration_slope"], evidence["calibration_slope_error"]
+    told = "could not say anything"
+    if slope is not None:
+        size = figure_text(slope, 2) + (f" ± {figure_text(error, 2)}" if error else "")
+        told = f"show {size} of what it predicts (1 is right, 0 is nothing)"
+    forward, again = evidence["forward_slope"], evidence["found_again_share"]
+    if forward is not None:
+        told += f"; the last visits, from the earlier ones: {figure_text(forward, 2)}"
+    if again is not None:
+        told += f"; found again in {100.0 * again:.0f} % of the splits"
+    return told
+
+
+def _parameters(effect: Mapping[str, Any]) -> str:
+    errors = effect["standard_errors"]
+    columns = (Column("parameter"), Column("± one standard error", NUMBER))
+    rows = [
+        row(
+            columns,
+            [escaped(parameter_name(n)), escaped(parameter_text(n, value, errors.get(n)))],
+        )
+        for n, value in effect["parameters"].items()
+    ]
+    return f'<div class="narrow">{table(columns, body(rows))}</div>'
+
+
+def _warnings(effect: Mapping[str, Any]) -> list[str]:
+    """Say what should make a person careful; HTML."""
+    found = []
+    ties = [a for a in effect["alternatives"] if a["tied"]]
+    for tie in ties:
+        measure = tie["separating_measurement"]
+        found.append(
+            f"These observations cannot tell it from <b>{escaped(rival_name(effect, tie))}</b> "
+            f"(evidence {figure_text(tie['evidence'], 0)} against "
+            f"{figure_text(effect['evidence']['two_ln_bayes_factor'], 0)})."
+            + (f" What would separate the two: {sentence(measure)}." if measure else "")
+        )
+    if effect["is_proxy"]:
+        found.append(
+            "Something unexplained remains beside it. It may stand for something else that moves "
+            "alike: a proxy."
+        )
+    if effect["leverage_warning"]:
+        warning = effect["leverage_warning"]
+        found.append(f"{sentence(warning[:1].upper() + warning[1:])}.")
+    return found
+
+
+def _evidence(effect: Mapping[str, Any]) -> str:
+    """Bars of 2 ln B against no effect: its own, then its rivals', ties first."""
+    own = effect["evidence"]["two_ln_bayes_factor"]
+    if own is None:
+        return ""
+    shown = effect["alternatives"][:MOST_RIVALS]
+    reach = max([own, *(a["evidence"] for a in shown), 1.0])
+    columns = (Column("explanation"), Column("2 ln B", NUMBER), Column("", BARS))
+    rows = [row(columns, _bar(explanation_name(effect), "this effect", own, reach), "own")]
+    for rival in shown:
+        remark = "tied" if rival["tied"] else f"behind by {figure_text(rival['behind'], 0)}"
+        bar = _bar(rival_name(effect, rival), remark, rival["evidence"], reach)
+        rows.append(row(columns, bar, "tied" if rival["tied"] else ""))
+    more = len(effect["alternatives"]) - len(shown)
+    caption = (
+        f"Evidence against no effect, 2 ln B. Above {VERY_STRONG:g} is very strong, and so is a "
+        f"lead of {VERY_STRONG:g} before a rival."
+        + (f" Further behind: {more} more." if more > 0 else "")
+    )
+    return f'<div class="evidence">{table(columns, body(rows), caption=caption)}</div>'
+
+
+def _bar(name: str, remark: str, evidence: float, reach: float) -> list[str]:
+    width = 100.0 * max(evidence, 0.0) / reach
+    return [
+        f'{escaped(name)} <span class="quiet">– {remark}</span>',
+        figure_text(evidence, 0),
+        f'<span class="bar" style="width: {width:.1f}%"></span>',
+    ]

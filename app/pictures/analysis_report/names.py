@@ -1,0 +1,279 @@
+"""Names in words: verdicts, statuses, components, kinds of effects, their parameters and rivals."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from app.errors import list_names
+from app.geometry.components import COMPONENTS
+from app.pictures.analysis_report.words import date_text, duration_text, true_minus
+from app.units import Unit, plus_minus, unit_of_field
+
+VERDICTS: Final = {
+    "effects-found": "Effects found",
+    "nothing-found": "Nothing found",
+    "unexplained": "Something unexplained",
+}
+STATUSES: Final = {
+    "confirmed": "confirmed on held-out visits",
+    "suspected": "suspected, not confirmed on held-out visits",
+    "not-confirmable": "not confirmable: the held-out visits do not show it",
+}
+MARKS: Final = {
+    **{"effects-found": "✓", "nothing-found": "–", "unexplained": "?"},
+    **{"confirmed": "✓", "suspected": "?", "not-confirmable": "–"},
+}
+"""So that neither a verdict nor a status is told by colour alone."""
+
+TESTS: Final = {
+    "generic": "it moves with something smoothly",
+    "lack-of-fit": "residuals at one place differ by more than repeats there do",
+    "visit-variance": "visits differ by more than the declared set-up scatter",
+    "held-out": "held-out residuals are well above the floor",
+    "many-of-one-family": "several terms of one kind on one component: an imitation",
+}
+"""Which test says that structure is left."""
+
+_UNIX_TIME: Final = "_unix_s"
+_PARAMETER: Final = re.compile(
+    r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|k)(_per_(?P<per>\w+))?"
+)
+_SYMBOLS: Final = {"min": "min", "k": "K", "k2": "K²", "day": "day"}
+
+
+def parameter_name(name: str) -> str:
+    """Name a parameter in words, without its unit.
+
+    Parameters
+    ----------
+    name
+        As the effect has it; it ends in its unit.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> parameter_name("time_constant_min"), parameter_name("slope_rise_um_per_k")
+    ('time constant', 'slope, rise from mid-travel to the end')
+    >>> parameter_name("changed_at_unix_s"), parameter_name("profile_at_50_mm_um")
+    ('changed at', 'profile at 50 mm')
+    """
+    found = _PARAMETER.fullmatch(name)
+    stem = found["stem"] if found else name.removesuffix(_UNIX_TIME)
+    rise = stem.removesuffix("_rise")
+    words = rise.replace("_", " ")
+    return words if rise == stem else f"{words}, rise from mid-travel to the end"
+
+
+def parameter_unit(name: str) -> str:
+    """Read a parameter's unit off its name; empty for a pure number.
+
+    Parameters
+    ----------
+    name
+        As the effect has it.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> parameter_unit("slope_um_per_k"), parameter_unit("drift_um_per_m_per_day")
+    ('µm/K', 'µm/m/day')
+    >>> parameter_unit("slope_um_per_payload_kg"), parameter_unit("share")
+    ('µm/payload_kg', '')
+    """
+    found = _PARAMETER.fullmatch(name)
+    if found is None:
+        return ""
+    symbol = unit_of_field(f"_{found['unit']}") or _SYMBOLS[found["unit"]]
+    per = found["per"]
+    return f"{symbol}/{_SYMBOLS.get(per, per)}" if per else symbol
+
+
+def parameter_text(name: str, value: float, error: float | None) -> str:
+    """Write a parameter's value with its standard error and unit.
+
+    Parameters
+    ----------
+    name
+        As the effect has it.
+    value
+        In the unit that the name ends in.
+    error
+        One standard deviation, where one is known.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> parameter_text("slope_um_per_k", -0.2137, 0.0114)
+    '−0.214 ± 0.011 µm/K'
+    >>> parameter_text("changed_at_unix_s", 1.7e9, 43200.0)
+    '2023-11-14 22:13 UTC ± 12 h'
+    """
+    if name.endswith(_UNIX_TIME):
+        return date_text(value) + (f" ± {duration_text(error)}" if error else "")
+    return true_minus(plus_minus(value, error, parameter_unit(name)).strip())
+
+
+def component_name(name: str) -> str:
+    """Name a component, or one direction of the error at points.
+
+    Parameters
+    ----------
+    name
+        A component's code, or `points x`, `points y`, `points z`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> component_name("EXX"), component_name("points y"), component_name("all components")
+    ('EXX', 'points, Y', 'all components')
+    """
+    stem, _, letter = name.partition(" ")
+    return f"points, {letter.upper()}" if stem == "points" else name
+
+
+def overall_unit(components: Sequence[Mapping[str, Any]]) -> str:
+    """Give the unit of what is summed up over components: lengths, or all where there are none.
+
+    Parameters
+    ----------
+    components
+        As the analysis lists them, each with its unit.
+
+    Returns
+    -------
+    str
+        The unit's symbol; empty where several are mixed.
+
+    Examples
+    --------
+    >>> overall_unit([{"unit": "µrad"}, {"unit": "µm"}]), overall_unit([{"unit": "µrad"}])
+    ('µm', 'µrad')
+    """
+    units = {one["unit"] for one in components}
+    if not units or Unit.UM.symbol in units:
+        return Unit.UM.symbol
+    return units.pop() if len(units) == 1 else ""
+
+
+def chapter_name(name: str) -> str:
+    """Give the chapter's notation of a component; empty where there is none.
+
+    Parameters
+    ----------
+    name
+        A component's code, or anything else.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> chapter_name("EYX"), chapter_name("points y")
+    ('D_y(x)', '')
+    """
+    return COMPONENTS[name].chapter if name in COMPONENTS else ""
+
+
+def kind_name(kind: str) -> str:
+    """Write an effect's kind as words.
+
+    Parameters
+    ----------
+    kind
+        Such as `thermal-lag`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> kind_name("thermal-lag")
+    'thermal lag'
+    """
+    return kind.replace("-", " ")
+
+
+def explanation_name(explanation: Mapping[str, Any]) -> str:
+    """Name an explanation: its kind, what it acts on, what drives it.
+
+    Parameters
+    ----------
+    explanation
+        An effect or an alternative, with kind, components, sensors and states.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> explanation_name(
+    ...     {"kind": "other-sensor", "components": ["EXX"], "sensors": ["bed"], "states": []}
+    ... )
+    'other sensor: EXX with bed'
+    """
+    drivers = [*explanation["sensors"], *explanation["states"]]
+    acts = f"{kind_name(explanation['kind'])}: {list_names(explanation['components'], 3)}"
+    return f"{acts} with {list_names(drivers, 3)}" if drivers else acts
+
+
+def status_words(effect: Mapping[str, Any]) -> str:
+    """Say in words how far an effect is confirmed.
+
+    Parameters
+    ----------
+    effect
+        As the analysis describes it.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> status_words({"status": "confirmed", "evidence": {"seen_in_readings": None}})
+    'confirmed on held-out visits'
+    >>> status_words({"status": "confirmed", "evidence": {"seen_in_readings": "stuck for 9 h"}})
+    'seen in the readings themselves'
+    """
+    if effect["evidence"]["seen_in_readings"]:
+        return "seen in the readings themselves"
+    return STATUSES[effect["status"]]
+
+
+def rival_name(effect: Mapping[str, Any], rival: Mapping[str, Any]) -> str:
+    """Name a rival of an effect; a kind may have several forms with the same drivers.
+
+    Parameters
+    ----------
+    effect, rival
+        Each with kind, components, sensors and states.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> one = {"kind": "backlash", "components": ["EXX"], "sensors": [], "states": []}
+    >>> rival_name(one, one), rival_name(one, one | {"kind": "drift"})
+    ('another form of backlash: EXX', 'drift: EXX')
+    """
+    name = explanation_name(rival)
+    return f"another form of {name}" if name == explanation_name(effect) else name

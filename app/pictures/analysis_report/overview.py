@@ -1,0 +1,123 @@
+"""The top of a report: whose, the verdict, the answer in two sentences, four figures, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC
+from typing import Any
+
+from app.errors import list_names
+from app.pictures.analysis_report.head import ReportHead, Result
+from app.pictures.analysis_report.names import MARKS, VERDICTS, overall_unit
+from app.pictures.analysis_report.words import (
+    chance_text,
+    decimals_for,
+    escaped,
+    figure_text,
+    sentence,
+)
+
+MOST_LABELS = 12
+
+
+def header(head: ReportHead, result: Result) -> str:
+    """Write title, verdict, summary, and what was analysed when.
+
+    Parameters
+    ----------
+    head
+        Which analysis.
+    result
+        Its answer.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    verdict = result["verdict"]
+    facts = "".join(
+        f"<dt>{escaped(name)}</dt><dd>{escaped(value)}</dd>"
+        for name, value in _facts(head, result).items()
+    )
+    return f"""<header>
+<p class="quiet">Analysis of residuals</p>
+<h1>{escaped(head.machine_name)}</h1>
+<p><span class="badge {escaped(verdict)}">{MARKS[verdict]} {escaped(VERDICTS[verdict])}</span></p>
+<p class="summary">{sentence(result["summary"])}</p>
+<dl class="facts">{facts}</dl>
+</header>"""
+
+
+def tiles(result: Result) -> str:
+    """Write the figures that count: before, after, floor, chance.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    decimals, unit = decimals_for(result["noise_um"]), overall_unit(result["components"])
+    before, after = (_size(result[which], decimals, unit) for which in ("before", "after"))
+    found = [("before", before), ("after", after)]
+    if not result["effects"]:
+        found = [("residuals", before)]
+    tiles = [
+        f'<div class="tile"><span>{name}</span><b>{size}</b><span>{note}</span></div>'
+        for name, (size, note) in found
+    ]
+    floor = figure_text(result["floor_um"] or result["noise_um"], decimals)
+    origin = "repeatability and set-up scatter" if result["floor_um"] else "repeatability"
+    chance = chance_text(result["p_global"])
+    tiles += [
+        f'<div class="tile"><span>noise floor</span><b>{floor} {unit}</b>'
+        f"<span>RMS that {origin} alone would leave</span></div>",
+        f'<div class="tile"><span>chance</span><b>{chance}</b><span>probability that noise alone '
+        "surprises as much anywhere as the strongest candidate</span></div>",
+    ]
+    return f'<div class="tiles">{"".join(tiles)}</div>'
+
+
+def next_steps(result: Result) -> str:
+    """Write what to measure or to check next.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    steps = "".join(f"<li>{sentence(step)}</li>" for step in result["what_next"])
+    return f'<section class="next"><h2>What to measure or check next</h2><ol>{steps}</ol></section>'
+
+
+def _facts(head: ReportHead, result: Result) -> Mapping[str, str]:
+    adopted = head.adopted_version
+    return {
+        "machine": f"{head.machine_id} ({head.chain})",
+        "model": f"version {head.model_version}",
+        "verifications": list_names(head.verifications, MOST_LABELS),
+        "observations": f"{result['values']} values of {result['visits']} visits",
+        "analysed": f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}",
+        "adopted": "no effect" if adopted is None else f"as model version {adopted}",
+    }
+
+
+def _size(figures: Mapping[str, Any], decimals: int, unit: str) -> tuple[str, str]:
+    """Write an RMS and what it is of."""
+    held, interval = figures["holdout_rms_um"], figures["holdout_rms_ci95_um"]
+    if held is None:
+        size = f"{figure_text(figures['rms_um'], decimals)} {unit}"
+        return size, "RMS of all visits; none held out"
+    low, high = (figure_text(limit, decimals) for limit in interval)
+    size = f"{figure_text(held, decimals)} {unit}"
+    return size, f"RMS on held-out visits, 95 % interval {low} to {high} {unit}"

@@ -1,0 +1,108 @@
+"""What remains: structure without a name, observations left out, and what could not be tested."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.errors import list_names
+from app.pictures.analysis_report.head import Result
+from app.pictures.analysis_report.names import TESTS, component_name, kind_name
+from app.pictures.analysis_report.tables import NUMBER, Column, body, row, table
+from app.pictures.analysis_report.words import decimals_for, escaped, figure_text, sentence
+
+
+def unexplained_section(result: Result) -> str:
+    """Write what no effect of the library explains, with leads.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    str
+        HTML; says so where nothing is left.
+    """
+    parts = result["unexplained"]
+    if not parts:
+        told = "<p>Nothing that stands out of the noise is left without an explanation.</p>"
+        return f"<section><h2>What remains unexplained</h2>{told}</section>"
+    columns = (
+        Column("component"),
+        Column("RMS left", NUMBER),
+        Column("scatter of one observation", NUMBER, is_spare=True),
+        Column("moves with"),
+        Column("how it shows"),
+    )
+    rows = body(row(columns, _part(part)) for part in parts)
+    return f"""<section><h2>What remains unexplained</h2>
+<p>Structure is left that no effect of the library fits. The leads are smooth curves without a
+physical meaning: they say where to look, and nothing of them can be adopted.</p>
+{table(columns, rows)}</section>"""
+
+
+def excluded_section(result: Result) -> str:
+    """Write which observations took no part, and why.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    told = f"{result['values']} values of {result['visits']} visits took part."
+    if not result["excluded"]:
+        return f"<section><h2>Left out</h2><p>{told} None was left out.</p></section>"
+    columns = (Column("reason"), Column("values", NUMBER))
+    rows = body(
+        row(columns, [sentence(one["reason"]), str(one["count"])]) for one in result["excluded"]
+    )
+    return f"""<section><h2>Left out</h2><p>{told} The others did not, and why:</p>
+<div class="narrow">{table(columns, rows)}</div></section>"""
+
+
+def not_testable_section(result: Result) -> str:
+    """Write what these observations cannot show, and why; one reason for many kinds once.
+
+    Parameters
+    ----------
+    result
+        The analysis' answer.
+
+    Returns
+    -------
+    str
+        HTML, empty where everything could be tested.
+    """
+    together: dict[tuple[str, str], list[str]] = {}
+    for one in result["not_testable"]:
+        together.setdefault((one["on"], one["reason"]), []).append(kind_name(one["kind"]))
+    if not together:
+        return ""
+    columns = (Column("effect"), Column("on"), Column("because"))
+    rows = body(
+        row(columns, [escaped(list_names(kinds)), escaped(_subject(on)), sentence(reason)])
+        for (on, reason), kinds in together.items()
+    )
+    return f"<section><h2>What could not be tested</h2>{table(columns, rows)}</section>"
+
+
+def _part(part: Mapping[str, Any]) -> list[str]:
+    decimals, unit = decimals_for(part["noise_um"]), escaped(part["unit"])
+    return [
+        escaped(component_name(part["component"])),
+        f"{figure_text(part['rms_um'], decimals)} {unit}",
+        f"{figure_text(part['noise_um'], decimals)} {unit}",
+        "; ".join(map(sentence, part["leads"])) or "nothing that was recorded",
+        "; ".join(escaped(TESTS.get(test, test)) for test in part["tests"]),
+    ]
+
+
+def _subject(on: str) -> str:
+    return "–" if on in ("", "none") else on

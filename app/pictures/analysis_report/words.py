@@ -1,0 +1,186 @@
+"""Numbers, times and sentences as a report writes them."""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+from datetime import UTC, datetime
+from typing import Final
+
+MOST_DECIMALS: Final = 4
+
+_NEGATIVE: Final = re.compile(r"(?<![\w.)])-(?=\d)")
+SECONDS_PER_HOUR: Final = 3600.0
+HOURS_PER_DAY: Final = 24.0
+
+
+def escaped(text: object) -> str:
+    """Write any text so that a browser shows it letter by letter.
+
+    Parameters
+    ----------
+    text
+        What a user, or a user's file, may have written.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> escaped("<b>night & day</b>")
+    '&lt;b&gt;night &amp; day&lt;/b&gt;'
+    """
+    return html.escape(str(text))
+
+
+def sentence(text: str) -> str:
+    """Write one of the analysis' sentences for a browser, negative numbers with a true minus.
+
+    Parameters
+    ----------
+    text
+        Plain text.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> sentence("z-column 2 falls by -3.7 µm")
+    'z-column 2 falls by −3.7 µm'
+    """
+    return _NEGATIVE.sub("−", escaped(text))
+
+
+def decimals_for(noise: float | None) -> int:
+    """Choose how many decimals say something beside a scatter: its third digit or so.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation of one observation [any unit]; None where it is not known.
+
+    Returns
+    -------
+    int
+        0 to 4.
+
+    Examples
+    --------
+    >>> decimals_for(0.9), decimals_for(0.06), decimals_for(340.0), decimals_for(None)
+    (2, 3, 0, 2)
+    """
+    if noise is None or not noise > 0:
+        return 2
+    return min(max(2 - round(math.log10(noise)), 0), MOST_DECIMALS)
+
+
+def figure_text(value: float | None, decimals: int) -> str:
+    """Write a figure with a true minus; a dash where there is none.
+
+    Parameters
+    ----------
+    value
+        The figure [any unit].
+    decimals
+        How many.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> figure_text(-1.456, 2), figure_text(-0.001, 2), figure_text(None, 2)
+    ('−1.46', '0.00', '–')
+    """
+    if value is None:
+        return "–"
+    return true_minus(f"{round(value, decimals) + 0.0:.{decimals}f}")
+
+
+def chance_text(probability: float) -> str:
+    """Write a probability as far as it means something.
+
+    Parameters
+    ----------
+    probability
+        From 0 to 1.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> chance_text(0.3412), chance_text(0.0042), chance_text(3e-80), chance_text(1.0)
+    ('34 %', '0.42 %', 'below 0.01 %', '100 %')
+    """
+    percent = 100.0 * probability
+    if percent < 0.01:
+        return "below 0.01 %"
+    return f"{percent:.2g} %" if percent < 99.5 else "100 %"
+
+
+def date_text(time_s: float) -> str:
+    """Write a time as people do.
+
+    Parameters
+    ----------
+    time_s
+        Seconds since 1970-01-01 UTC.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> date_text(0.0)
+    '1970-01-01 00:00 UTC'
+    """
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def duration_text(seconds: float) -> str:
+    """Write a span of time in hours or days.
+
+    Parameters
+    ----------
+    seconds
+        How long [s].
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> duration_text(43200.0), duration_text(345600.0)
+    ('12 h', '4 days')
+    """
+    hours = seconds / SECONDS_PER_HOUR
+    return f"{hours:.2g} h" if hours < 2 * HOURS_PER_DAY else f"{hours / HOURS_PER_DAY:.2g} days"
+
+
+def true_minus(number: str) -> str:
+    """Write a number's hyphen as a minus.
+
+    Parameters
+    ----------
+    number
+        Such as `-1.2`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> true_minus("-1.2")
+    '−1.2'
+    """
+    return number.replace("-", "−")

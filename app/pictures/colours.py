@@ -1,0 +1,71 @@
+"""Colours of the pictures: one scale for the length of errors, and greys for all else."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+INK: Final = "#1f2933"
+"""Text, and what must be seen first."""
+
+QUIET: Final = "#7b8794"
+"""Axes, and the nominal box."""
+
+FAINT: Final = "#e4e7eb"
+"""Grids."""
+
+FONT: Final = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
+
+LENGTH_SCALE: Final = (
+    "#a5db36",
+    "#6ece58",
+    "#35b779",
+    "#1f9e89",
+    "#26828e",
+    "#31688e",
+    "#3e4989",
+    "#482878",
+    "#440154",
+)
+"""From no error to the largest: viridis from its green on, so that the lightest colour is
+still seen on white paper. Lightness falls evenly: it reads the same in grey, and without
+telling red from green."""
+
+
+def length_axis(largest_um: float, *, shown: bool) -> dict[str, Any]:
+    """Describe the one colour scale of a picture, from no error to the largest.
+
+    Parameters
+    ----------
+    largest_um
+        Length of the largest error [µm].
+    shown
+        Whether its bar stands beside the picture.
+
+    Returns
+    -------
+    dict
+        plotly's `coloraxis`.
+    """
+    steps = len(LENGTH_SCALE) - 1
+    return {
+        "colorscale": [[i / steps, colour] for i, colour in enumerate(LENGTH_SCALE)],
+        "cmin": 0.0,
+        # A scale needs a length even where nothing uses it.
+        "cmax": largest_um if shown else 1.0,
+        "showscale": shown,
+        "colorbar": {
+            "title": {
+                "text": "Length of<br>error [µm]<br>&nbsp;",
+                "font": {"size": 13, "color": INK},
+            },
+            "thickness": 16,
+            "len": 0.7,
+            "x": 1.0,
+            "xanchor": "right",
+            "xpad": 24,
+            "outlinewidth": 0,
+            "tickfont": {"size": 12, "color": INK},
+            "nticks": 8,
+            "exponentformat": "none",
+        },
+    }

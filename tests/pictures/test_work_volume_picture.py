@@ -1,0 +1,399 @@
+"""What is drawn is nominal plus exaggeration times error; what is said is the real error."""
+
+import math
+
+import numpy as np
+import plotly.io
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.errors import InvalidContent
+from app.geometry.chain import Chain
+from app.geometry.error_field import ErrorField
+from app.geometry.error_table import Table
+from app.geometry.volumetric_accuracy import volumetric_accuracy
+from app.geometry.work_volume import WorkVolume, points_of
+from app.pictures import distorted_volume
+from tests.geometry.example_fields import NONRIGID, TOOL, constant_field, random_field
+from tests.pictures.example_pictures import (
+    CUBE,
+    GANTRY,
+    LATHE,
+    LINE,
+    MILL,
+    NO_ERRORS,
+    STRETCHED,
+    VOLUMES,
+    lines_of,
+    picture,
+    random_picture,
+    trace,
+)
+
+
+def drawn_points(figure):
+    columns = [[v for t in figure.data for v in t[a] if v is not None] for a in "xyz"]
+    return np.array(columns).T
+
+
+def directions(figure):
+    """What is rightward and upward in the picture, and toward the viewer."""
+    camera = figure.layout.scene.camera
+    eye = np.array([camera.eye.x, camera.eye.y, camera.eye.z])
+    across = np.cross([camera.up.x, camera.up.y, camera.up.z], eye)
+    across /= np.linalg.norm(across)
+    upward = np.cross(eye, across)
+    return across, upward / np.linalg.norm(upward), eye / np.linalg.norm(eye)
+
+
+def test_a_stretched_axis_is_drawn_where_one_reckons_it_by_hand():
+    # 40 µm times 500 are 20 mm: the corner at 500 mm is drawn at 520 mm.
+    figure = picture(exaggeration=500.0)
+    shafts = [points for points, _ in lines_of(trace(figure, "error vectors"))]
+    assert [[500.0, 0.0, 0.0], [520.0, 0.0, 0.0]] in [s.tolist() for s in shafts]
+    # At 125 mm it is a quarter of it; at 0 mm there is no error and no vector.
+    assert [[125.0, 0.0, 0.0], [130.0, 0.0, 0.0]] in [s.tolist() for s in shafts]
+    assert {s[0][0] for s in shafts} == {125.0, 250.0, 375.0, 500.0}
+    edges = np.vstack([points for points, _ in lines_of(trace(figure, "distorted box"))])
+    assert edges[:, 0].max() == 520.0
+    assert edges[:, 1:].max() == 500.0
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 50), st.sampled_from(["XYFZ", "FXYZ", "FZX"]), st.sampled_from([*VOLUMES]))
+def test_every_vector_is_the_exaggerated_error(seed, chain, name):
+    field = random_field(chain, NONRIGID, seed)
+    figure = picture(field, VOLUMES[name], TOOL, arrows_per_axis=3)
+    shafts = lines_of(trace(figure, "error vectors"))
+    starts = np.array([points[0] for points, _ in shafts])
+    vectors = np.array([points[1] for points, _ in shafts]) - starts
+    errors_um, _ = field.at(starts, TOOL)
+    factor = figure.layout.meta["exaggeration"]
+    # Coordinates are rounded to 6 digits of the diagonal, starts a little beside their points.
+    rounding_mm = 1.1e-5 * VOLUMES[name].diagonal_mm
+    assert np.allclose(vectors, factor * errors_um / 1000.0, rtol=0, atol=3 * rounding_mm)
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_heads_end_where_vectors_end(name):
+    figure = random_picture(VOLUMES[name])
+    heads = trace(figure, "error vectors", "mesh3d")
+    tips = np.array([heads.x, heads.y, heads.z]).T[list(heads.k[::6])]
+    ends = np.array([points[1] for points, _ in lines_of(trace(figure, "error vectors"))])
+    assert np.array_equal(tips, ends)
+
+
+def test_feet_of_heads_stand_around_their_vectors():
+    figure = random_picture(CUBE)
+    heads = trace(figure, "error vectors", "mesh3d")
+    vertices = np.array([heads.x, heads.y, heads.z]).T.reshape(-1, 7, 3)
+    shafts = np.array([points for points, _ in lines_of(trace(figure, "error vectors"))])
+    along = shafts[:, 1] - shafts[:, 0]
+    feet = vertices[:, :6] - shafts[:, :1]
+    shares = np.einsum("nij,nj->ni", feet, along) / np.sum(along**2, axis=1)[:, np.newaxis]
+    assert shares == pytest.approx(0.65, abs=0.02)
+    middles = vertices[:, :6].mean(axis=1)
+    assert np.allclose(middles, shafts[:, 0] + 0.65 * along, atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["error vectors", "distorted box"])
+def test_under_the_mouse_are_nominal_position_and_real_error(name):
+    field = random_field(kinds=NONRIGID, seed=3)
+    figure = picture(field, CUBE, TOOL, exaggeration=250.0)
+    rows = np.vstack([rows for _, rows in lines_of(trace(figure, name))])
+    points = np.vstack([points for points, _ in lines_of(trace(figure, name))])
+    errors_um, _ = field.at(rows[:, :3], TOOL)
+    assert np.allclose(rows[:, 3:6], errors_um, atol=0.002)
+    assert np.allclose(rows[:, 6], np.linalg.norm(errors_um, axis=1), atol=0.002)
+    ends = slice(1, None, 2) if name == "error vectors" else slice(None)
+    drawn = rows[ends, :3] + 250.0 * errors_um[ends] / 1000.0
+    assert np.allclose(points[ends], drawn, atol=0.01)
+    assert "µm" in trace(figure, name).hovertemplate
+    assert "mm" in trace(figure, name).hovertemplate
+
+
+def test_colours_are_lengths_from_none_to_the_largest():
+    figure = random_picture(CUBE)
+    box = trace(figure, "distorted box")
+    lengths = [None if x is None else row[6] for x, row in zip(box.x, box.customdata, strict=True)]
+    assert [c for c, n in zip(box.line.color, lengths, strict=True) if n is not None] == [
+        n for n in lengths if n is not None
+    ]
+    assert len(box.line.color) == len(box.x)
+    assert figure.layout.coloraxis.cmin == 0
+    assert figure.layout.coloraxis.cmax >= max(n for n in lengths if n is not None) - 0.001
+    assert "µm" in figure.layout.coloraxis.colorbar.title.text
+
+
+def test_the_colours_get_darker_evenly():
+    # CIE 1976 lightness of sRGB: what is left in print without colour.
+    lightness = []
+    for _, colour in picture().layout.coloraxis.colorscale:
+        rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        linear = np.where(rgb > 0.04045, ((rgb + 0.055) / 1.055) ** 2.4, rgb / 12.92)
+        lightness.append(116 * np.cbrt(linear @ [0.2126, 0.7152, 0.0722]) - 16)
+    steps = -np.diff(lightness)
+    assert (steps > 0.7 * steps.mean()).all()
+    assert (steps < 1.3 * steps.mean()).all()
+    assert 70 < lightness[0] < 85, "the lightest must be seen on white paper"
+
+
+def test_edges_pass_every_node_of_the_tables():
+    field = random_field(seed=5, positions=4)
+    figure = picture(field, CUBE, TOOL)
+    edges = lines_of(trace(figure, "distorted box"))
+    assert len(edges) == 12
+    for i, axis in enumerate("xyz"):
+        along = [rows[:, i] for _, rows in edges if np.ptp(rows[:, i]) > 0]
+        assert len(along) == 4
+        for positions in along:
+            assert set(field.nodes_mm(axis)) <= set(positions)
+            assert positions[0] == 0.0
+            assert positions[-1] == 500.0
+
+
+def test_tables_of_very_many_nodes_keep_the_picture_small():
+    fine = np.linspace(0.0, 500.0, 4001)
+    many = {code: Table(fine, np.sin(fine / 30.0)) for code in ("EXX", "EYX", "EYY", "EZZ")}
+    figure = picture(ErrorField.make(Chain.parse("XYFZ"), many), CUBE)
+    assert len(figure.to_json()) < 300_000
+
+
+@pytest.mark.parametrize(
+    ("volume", "edges"), [(CUBE, 12), (LATHE, 4), (LINE, 1), (GANTRY, 12)], ids=str
+)
+def test_the_nominal_box_has_its_edges(volume, edges):
+    lines = [points for points, _ in lines_of(trace(random_picture(volume), "nominal box"))]
+    assert len(lines) == edges
+    corners = {tuple(point) for points in lines for point in points}
+    ends = [sorted(set(range_)) for range_ in volume.ranges_mm]
+    assert corners == {tuple(point) for point in points_of(*ends)}
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_the_marked_point_is_the_one_of_the_volumetric_accuracy(name):
+    field = random_field("FXYZ", seed=4, high=3000.0)
+    figure = picture(field, VOLUMES[name], TOOL)
+    worst = volumetric_accuracy(field, VOLUMES[name], TOOL).with_arms
+    mark = trace(figure, "largest error")
+    assert mark.customdata[0][:3] == pytest.approx(worst.worst_point_mm, abs=0.1)
+    assert mark.customdata[0][6] == pytest.approx(worst.definition_1, rel=1e-4)
+    (label,) = figure.layout.scene.annotations
+    said_um = label.text.removeprefix("<b>").removesuffix(" µm</b>")
+    assert float(said_um) == pytest.approx(worst.definition_1, rel=0.005)
+    assert f"Largest error {said_um} µm at X" in figure.layout.meta["drawn"]
+    starts = [points[0] for points, _ in lines_of(trace(figure, "error vectors"))]
+    assert any(np.allclose(start, worst.worst_point_mm, atol=0.1) for start in starts)
+
+
+def test_among_too_many_nodes_ends_are_looked_at(monkeypatch):
+    monkeypatch.setattr(distorted_volume, "MOST_POINTS", 60)
+    field = random_field(seed=2, positions=40)
+    largest = trace(picture(field, CUBE), "largest error").customdata[0][6]
+    corners = np.linalg.norm(field.at(CUBE.lattice(2))[0], axis=1).max()
+    everywhere = volumetric_accuracy(field, CUBE).with_arms.definition_1
+    assert corners - 0.001 <= largest <= everywhere + 0.001
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_a_millimetre_is_equally_long_along_all_axes(name):
+    scene = random_picture(VOLUMES[name]).layout.scene
+    assert scene.aspectmode == "manual"
+    scales = [scene.aspectratio[a] / np.ptp(scene[f"{a}axis"].range) for a in "xyz"]
+    assert scales == pytest.approx([scales[0]] * 3)
+    assert scene.camera.projection.type == "orthographic"
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_all_that_is_drawn_is_in_the_picture_and_fills_it(name):
+    figure = random_picture(VOLUMES[name])
+    scene = figure.layout.scene
+    ranges = np.array([scene[f"{a}axis"].range for a in "xyz"])
+    points = drawn_points(figure)
+    assert (points >= ranges[:, 0]).all()
+    assert (points <= ranges[:, 1]).all()
+    scale = scene.aspectratio.x / np.ptp(ranges[0])
+    across, upward, _ = directions(figure)
+    seen = scale * (points - ranges.mean(axis=1))
+    wide, tall = np.abs(seen @ across).max() / 1.25, np.abs(seen @ upward).max() / 0.82
+    assert max(wide, tall) <= 1.0
+    assert max(wide, tall) > 0.8
+
+
+@pytest.mark.parametrize(
+    ("name", "rightward"),
+    [
+        *(("cube", "x"), ("mill", "x"), ("gantry", "x"), ("plate", "x"), ("line", "x")),
+        *(("portal", "y"), ("wall", "y")),
+        *(("lathe", "z"), ("turning centre", "z")),
+    ],
+)
+def test_one_looks_at_a_machine_from_its_long_side(name, rightward):
+    across, upward, _ = directions(random_picture(VOLUMES[name]))
+    assert across[list("xyz").index(rightward)] > 0.7
+    assert max(upward) > 0.7
+
+
+def test_a_flat_volume_lies_in_the_picture():
+    figure = random_picture(LATHE)
+    _, _, eye = directions(figure)
+    assert abs(eye[1]) > 0.99
+    assert not figure.layout.scene.yaxis.visible
+    assert {points[0][1] for points, _ in lines_of(trace(figure, "error vectors"))} == {0.0}
+
+
+@pytest.mark.parametrize("name", VOLUMES)
+def test_axes_say_their_name_and_unit(name):
+    scene = random_picture(VOLUMES[name]).layout.scene
+    for axis, (low, high) in zip("xyz", VOLUMES[name].ranges_mm, strict=True):
+        if low < high:
+            ticks = scene[f"{axis}axis"]
+            assert ticks.ticktext[-1].startswith(f"<b>{axis.upper()}</b> ")
+            assert ticks.ticktext[-1].endswith(" mm")
+            assert len(ticks.ticktext) == len(ticks.tickvals)
+            assert low <= min(ticks.tickvals) <= max(ticks.tickvals) <= high
+
+
+@pytest.mark.parametrize("long_mm", [2500.0, 4000.0])
+def test_an_axis_without_two_round_numbers_shows_its_ends(long_mm):
+    # There is room for two or three intervals; of steps of 500 mm only 1500 lies inside.
+    volume = WorkVolume((0.0, long_mm), (0.0, 0.8 * long_mm), (1010.0, 1990.0))
+    axis = random_picture(volume, exaggeration=1.0).layout.scene.zaxis
+    assert axis.tickvals == (1010.0, 1990.0)
+    assert axis.ticktext == ("1010", "<b>Z</b> 1990 mm")
+
+
+@settings(max_examples=30)
+@given(
+    st.lists(st.tuples(st.floats(-4e4, 4e4), st.floats(0.01, 4e4)), min_size=3, max_size=3).map(
+        lambda sides: WorkVolume(*((low, low + long) for low, long in sides))
+    )
+)
+def test_any_box_has_a_picture(volume):
+    figure = random_picture(volume, arrows_per_axis=2)
+    again = plotly.io.from_json(figure.to_json())
+    assert np.isfinite(drawn_points(again)).all()
+    assert all(scale > 0 for scale in again.layout.scene.aspectratio.to_plotly_json().values())
+
+
+def test_long_axes_have_more_vectors():
+    starts = np.array(
+        [
+            p[0]
+            for p, _ in lines_of(trace(random_picture(GANTRY, exaggeration=500.0), "error vectors"))
+        ]
+    )
+    counts = [np.unique(starts[:, i]).size for i in range(3)]
+    assert counts[0] > 2 * counts[1] > counts[2]
+    cube = np.array([p[0] for p, _ in lines_of(trace(random_picture(CUBE), "error vectors"))])
+    assert all(np.unique(cube[:, i]).size in (5, 6) for i in range(3)), "and the largest error"
+
+
+def test_the_factor_is_said():
+    assert "drawn 500 times larger" in picture(exaggeration=500.0).layout.meta["drawn"]
+    assert "as large as they are" in picture(exaggeration=1.0).layout.meta["drawn"]
+    assert "drawn 4 times smaller" in picture(exaggeration=0.25).layout.meta["drawn"]
+    figure = picture()
+    assert figure.layout.meta["drawn"] == (
+        "Errors (actual minus nominal) drawn 2000 times larger. Largest error 40.0 µm at "
+        "X 500, Y 0, Z 0 mm (ex +40.0, ey +0.0, ez +0.0 µm)."
+    )
+    assert "2000 times larger" in figure.layout.annotations[0].text
+
+
+@pytest.mark.parametrize("wanted", [None, 500.0])
+def test_without_errors_the_nominal_box_is_drawn_and_said(wanted):
+    figure = picture(NO_ERRORS, exaggeration=wanted)
+    assert [t.name for t in figure.data] == ["nominal box"]
+    assert "No errors" in figure.layout.meta["drawn"]
+    assert figure.layout.meta["exaggeration"] == (wanted or 1.0)
+    assert not figure.layout.coloraxis.showscale
+    assert plotly.io.from_json(figure.to_json()).to_dict() == figure.to_dict()
+
+
+def test_rounding_is_no_error():
+    figure = picture(constant_field("XYFZ", {"EXX": 1e-9, "EYY": -1e-10}))
+    assert "No errors" in figure.layout.meta["drawn"]
+    assert figure.layout.meta["exaggeration"] == 1.0
+
+
+def test_errors_of_a_nanometre_are_drawn():
+    figure = picture(constant_field("XYFZ", {"EXX": 0.001}))
+    assert trace(figure, "largest error").customdata[0][3] == 0.001
+    assert "0.00100 µm" in figure.layout.meta["drawn"]
+
+
+def test_texts_are_shown_letter_by_letter():
+    figure = picture(title="<b>Mill</b> & <script>alert(1)</script>", subtitle="<a href='x'>y</a>")
+    assert (
+        figure.layout.title.text
+        == "&lt;b&gt;Mill&lt;/b&gt; &amp; &lt;script&gt;alert(1)&lt;/script&gt;"
+    )
+    assert figure.layout.title.subtitle.text == "&lt;a href='x'&gt;y&lt;/a&gt;"
+    assert figure.layout.meta["title"] == "<b>Mill</b> & <script>alert(1)</script>"
+
+
+def test_long_titles_are_wrapped_and_have_their_room():
+    long = picture(title="machine " * 40)
+    assert long.layout.title.text.count("<br>") == 3
+    assert long.layout.margin.t > picture().layout.margin.t + 3 * 20
+
+
+def test_nothing_is_offered_to_be_sent_to_the_cloud():
+    assert "sendChartToCloud" in picture().layout.modebar.remove
+
+
+def test_a_process_wide_template_changes_nothing(monkeypatch):
+    plain = picture().to_json()
+    monkeypatch.setattr(plotly.io.templates, "default", "plotly_dark")
+    assert picture().to_json() == plain
+
+
+def test_legend_shows_and_hides_what_belongs_together():
+    figure = random_picture(MILL)
+    shown = [t.name for t in figure.data if t.showlegend is not False]
+    assert shown == ["nominal box", "distorted box", "error vectors", "largest error"]
+    groups = {t.legendgroup for t in figure.data if t.showlegend is False}
+    assert groups == {t.legendgroup for t in figure.data if t.showlegend is not False} - {None}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ({"exaggeration": 0.0}, "exaggeration: expected a finite factor above 0, came 0"),
+        ({"exaggeration": -5.0}, "expected a finite factor above 0, came -5"),
+        ({"exaggeration": math.nan}, "expected a finite factor above 0, came nan"),
+        ({"exaggeration": math.inf}, "expected a finite factor above 0, came inf"),
+        ({"exaggeration": 1e6}, "the largest error, 40 µm, no longer than 2 diagonals of 866"),
+        ({"arrows_per_axis": 1}, "arrows_per_axis: expected 2 to 12 .*, came 1"),
+        ({"arrows_per_axis": 13}, "expected 2 to 12 .*, came 13"),
+        ({"tool": [[0.0, 0.0, 1.0]] * 2}, "expected one tool offset of 3 coordinates in mm"),
+        ({"tool": (0.0, math.nan, 1.0)}, "tool_offset_mm: expected finite numbers"),
+        ({"volume": WorkVolume((1.0, 1.0), (2.0, 2.0), (3.0, 3.0))}, "came a point"),
+        ({"field": constant_field("XYFZ", {"EXX": 1e200})}, "errors: expected finite numbers"),
+        ({"field": constant_field("XYFZ", {"EXX": [[1.0], [2.0]]})}, "expected one thermal state"),
+    ],
+    ids=[
+        "zero",
+        "negative",
+        "nan",
+        "infinite",
+        "huge",
+        "one arrow",
+        "many arrows",
+        "two tools",
+        "nan tool",
+        "point",
+        "huge error",
+        "two states",
+    ],
+)
+def test_what_draws_no_picture_is_refused(wanted, message):
+    with pytest.raises(InvalidContent, match=message):
+        picture(**wanted)
+
+
+def test_the_stretched_example_is_what_it_says():
+    errors_um, _ = STRETCHED.at([[500.0, 100.0, 100.0]])
+    assert errors_um.tolist() == [[40.0, 0.0, 0.0]]
