@@ -4,9 +4,11 @@ The same scenarios go through the blocking client to a real server, and through 
 awaiting one to the application itself.
 """
 
+import asyncio
 import inspect
 import json
 import re
+import time
 from contextlib import suppress
 from datetime import timedelta
 
@@ -59,6 +61,7 @@ def service(databases):
     url = databases.prepared("sqlite", furnish_database)
     service = create_app(Settings(database_url=url, max_body_bytes=4_000_000, refresh_s=0.05))
     yield service
+    service.state.runner.stop()
     service.state.context.database.close()
     databases.give_back(url)
 
@@ -224,6 +227,96 @@ async def test_bytes_as_they_came(client):
         await client.content(calls.machine("nope"))
 
 
+ASKED = {"temperatures_c": {"x-middle": 25.5, "z-column": 27.5}, "missing_components": "zero"}
+
+
+async def test_the_machine_in_three_dimensions(client):
+    """The example machine at 25.5 °C: see tests/api/test_api_volumetric_error.py."""
+    points = np.array([[0.0, 0.0, 0.0], [500.0, 500.0, 500.0]])
+    found = await client.volumetric_error("mcfv5050", ASKED | {"points_mm": points})
+    np.testing.assert_allclose(found.errors_um, [[0, 0, 0], [42.25, 0, 27.5]], atol=1e-12)
+    np.testing.assert_allclose(found.orientation_urad, [[0, 0, 0], [55, 0, 0]], atol=1e-12)
+    assert found.head.model_version == 3
+    assert "EYY" in found.head.counted_as_zero
+    several = [ASKED["temperatures_c"]] * 3
+    body = ASKED | {"points_mm": points, "temperatures_c": several}
+    assert (await client.volumetric_error("mcfv5050", body)).errors_um.shape == (3, 2, 3)
+    with pytest.raises(InvalidContentError, match="outside_travel"):
+        await client.volumetric_error("mcfv5050", ASKED | {"points_mm": points - 1.0})
+
+
+async def test_grids_accuracy_and_levels(client):
+    grid = await client.grid("mcfv5050", ASKED | {"tolerance_um": 2.0})
+    assert grid.largest_um <= 2.0
+    accuracy = await client.volumetric_accuracy("mcfv5050", ASKED)
+    assert accuracy.linear.definition_1_um == pytest.approx(np.hypot(27.5, 55.0))
+    levels = await client.compensation_levels("mcfv5050", ASKED)
+    assert [level.level for level in levels.levels][-1] == "nonrigid"
+    lines = {"linear_um": {a: [3.0] for a in "xyz"}}
+    lines["straightness_um"] = dict.fromkeys(("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"), 1.0)
+    assert (await client.accuracy_from_lines(lines)).ratio == pytest.approx(5.0 / 3.0)
+    turn = {"order": "C", "angles_deg": {"C": np.arange(4) * 90.0}, "points_mm": [[100, 0, 0]]}
+    assert len((await client.rotary_axis_error("mcfv5050", ASKED | turn)).errors_um) == 4
+
+
+async def test_closing_the_loop(client):
+    """EXX is 5 µm at 500 mm and 21 °C; here it is measured with 1 µm more."""
+    seen = [
+        {"time": START, "component": "EXX", "position_mm": 500.0 - i, "measured_um": 6.0 - i / 100}
+        for i in range(9)
+    ]
+    await client.store_readings("mcfv5050", reading(START, 21.0))
+    stored = await client.store_verification("mcfv5050", {"label": "v", "observations": seen})
+    assert stored.judgement.status == "within"
+    assert await client.verifications("mcfv5050") == [stored]
+    assert (await client.verification("mcfv5050", stored.id)).observations[0].measured_um == 6.0
+    left = await client.verification_residuals("mcfv5050", stored.id, rows=2)
+    assert (left.overall.mean, len(left.rows)) == (pytest.approx(1.0), 2)
+    again = await client.residuals("mcfv5050", [stored.id], model_version=3)
+    assert again.overall == left.overall
+    compared = await client.compare_models("mcfv5050", [stored.id], [2, 3])
+    assert [v.version for v in compared.versions] == [2, 3]
+    assert (await client.watch("mcfv5050")).verifications[0].verification == stored.id
+    plan = await client.plan_analysis("mcfv5050", {"verifications": [stored.id]})
+    assert plan.values == 9
+    await analyse(client, stored.id)
+    assert await client.delete_verification("mcfv5050", stored.id) is None
+
+
+async def analyse(client, verification_id):
+    question = {"verifications": [verification_id], "effects": ["backlash"]}
+    job = await client.analyse("mcfv5050", question)
+    deadline = time.monotonic() + 60.0
+    while (found := await client.analysis("mcfv5050", job.id)).status in ("queued", "running"):
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.05)
+    assert (found.status, found.result.values) == ("done", 9), found.message
+    assert "<html" in await client.analysis_report("mcfv5050", job.id)
+    with pytest.raises(ConflictError, match="done"):
+        await client.cancel_analysis("mcfv5050", job.id)
+    with pytest.raises(ConflictError, match="no effect"):
+        await client.adopt_analysis("mcfv5050", job.id, [0])
+    assert [a.id for a in await client.analyses("mcfv5050")] == [job.id]
+    assert await client.delete_analysis("mcfv5050", job.id) is None
+
+
+async def test_pictures(client):
+    figure = await client.picture("mcfv5050", ASKED)
+    assert "MCFV5050LN" in figure["layout"]["meta"]["title"]
+    with pytest.raises(ConflictError, match="no reading yet"):
+        await client.current_picture("mcfv5050")
+    await client.store_readings("mcfv5050", reading(START, 25.5))
+    page = await client.current_picture("mcfv5050", missing_components="zero")
+    assert page.startswith("<!doctype html>")
+
+
+async def test_numbers_that_no_array_is_made_of_are_an_unexpected_answer():
+    for content, head in ((b"no array", "{}"), (b"", "{}")):
+        client = answering(httpx.Response(200, content=content, headers={"Thermap-Answer": head}))
+        with pytest.raises(UnexpectedAnswerError):
+            client.volumetric_error("mcfv5050", {})
+
+
 def test_every_route_has_its_method(service):
     described = {
         re.sub(r"\{\w+\}", "{}", f"{method.upper()} {path}")
@@ -238,7 +331,9 @@ def test_every_route_has_its_method(service):
         given = {
             "machine": "MACHINE", "map_id": 7, "version": 7, "etag": None, "readings": {"time": 0},
             "settings": {}, "changes": {}, "error_map": {}, "assignment": {}, "observations": [],
-            "temperatures_c": {},
+            "temperatures_c": {}, "question": {}, "lines": {}, "measurement": {}, "plan": {},
+            "verification": {}, "verification_id": 7, "analysis_id": 7, "verifications": [],
+            "versions": [],
         }  # fmt: skip
         needed = inspect.signature(method).parameters
         with suppress(UnexpectedAnswerError):

@@ -22,6 +22,7 @@ from app.errors import (
     StorageUnavailable,
     ThermapError,
     UnknownThing,
+    counted,
 )
 from app.units import unit_of_field
 
@@ -46,7 +47,7 @@ _TITLES = {
 _WHERE = ("body", "query", "path", "header")
 """Where in a request a field was; the first part of a path, but of no field's name."""
 
-_WAYS = ("[key]", way_of("one"), way_of("more"))
+_WAYS = ("[key]", *map(way_of, ("one", "more", "point", "line")))
 """Parts of pydantic's paths that are no fields."""
 
 _LONGEST = 4000
@@ -152,17 +153,20 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
         return FieldError(field, f"expected a value{in_unit}, came nothing")
     context = error.get("ctx", {})
     if error["type"] in ("too_short", "too_long"):
-        came = f"{context['actual_length']} entries"
+        came = counted(context["actual_length"], "entry", "entries")
     else:
         came = _shorten(error.get("input"))
     return FieldError(field, f"expected {_expected(error, context)}{in_unit}, came {came}")
 
 
+_LENGTHS = {
+    "too_short": ("at least", "min_length", "entry", "entries"),
+    "too_long": ("at most", "max_length", "entry", "entries"),
+    "string_too_short": ("text of at least", "min_length", "character", "characters"),
+    "string_too_long": ("text of at most", "max_length", "character", "characters"),
+}
+
 _EXPECTED = {
-    "too_short": "at least {min_length} entries",
-    "too_long": "at most {max_length} entries",
-    "string_too_short": "text of at least {min_length} characters",
-    "string_too_long": "text of at most {max_length} characters",
     "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
     "list_type": "a list",
@@ -174,11 +178,16 @@ _EXPECTED = {
     "int_parsing": "a whole number",
     "finite_number": "a finite number",
     "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "timezone_aware": "a time with its zone, such as 2026-03-01T06:00:00Z",
 }
 
 
 def _expected(error: Mapping[str, Any], context: Mapping[str, Any]) -> str:
     """Say in a few words what one of pydantic's errors expected."""
+    if error["type"] in _LENGTHS:
+        limit, length, one, more = _LENGTHS[error["type"]]
+        return f"{limit} {counted(context[length], one, more)}"
     known = _EXPECTED.get(error["type"])
     if known is not None:
         return known.format(**context)

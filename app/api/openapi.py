@@ -10,6 +10,8 @@ from pydantic import Field
 from starlette.responses import HTMLResponse
 
 from app.api.schemas.base import Schema
+from app.api.schemas.verifications import VerificationRequest
+from app.api.schemas.volumetric_error import VolumetricErrorRequest
 
 DESCRIPTION = """
 Stores error maps measured in several thermal states, with the temperatures of their
@@ -25,10 +27,16 @@ component interpolated linearly with the sensor assigned to it (C. Wang, 8.105-8
 
 TAGS = [
     {"name": "live", "description": "The compensation table now, and predictions."},
+    {"name": "geometry", "description": "The machine in three dimensions, at any temperatures."},
     {"name": "machines", "description": "Axes, sensors, and what happens outside the maps."},
     {"name": "error maps", "description": "What was measured in one thermal state."},
+    {"name": "measurements", "description": "From what an instrument read to error maps."},
     {"name": "models", "description": "Which sensor each component follows; model versions."},
     {"name": "readings", "description": "Recorded temperatures."},
+    {
+        "name": "closing the loop",
+        "description": "Verifications, what the model leaves of them, and what it lacks.",
+    },
     {"name": "health", "description": "Whether the service is well."},
 ]
 
@@ -41,6 +49,10 @@ PROBLEMS = {
     "503": "The database is away; try again later",
 }
 _NOT_OURS = ("HTTPValidationError", "ValidationError")
+
+
+READ_BY_HAND: tuple[type[Schema], ...] = (VolumetricErrorRequest, VerificationRequest)
+"""Bodies that the framework does not read, and so does not document."""
 
 
 class ProblemField(Schema):
@@ -60,6 +72,12 @@ class Problem(Schema):
     errors: list[ProblemField] = Field(description="The fields that are to blame")
 
 
+def body_of(model: type[Schema]) -> dict[str, Any]:
+    """Document the body of a route that reads it by hand; the model is one of READ_BY_HAND."""
+    schema = {"$ref": f"#/components/schemas/{model.__name__}"}
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
+
+
 def document_problems(service: FastAPI) -> None:
     """Document every refusal as what it is: problem details."""
     plain = service.openapi
@@ -71,9 +89,10 @@ def document_problems(service: FastAPI) -> None:
             for name in _NOT_OURS:
                 schemas.pop(name, None)
             reference = "#/components/schemas/{model}"
-            for model in (ProblemField, Problem):
+            models: tuple[type[Schema], ...] = (ProblemField, Problem, *READ_BY_HAND)
+            for model in models:
                 written = model.model_json_schema(ref_template=reference)
-                written.pop("$defs", None)
+                schemas.update(written.pop("$defs", {}))
                 schemas[model.__name__] = written
             content = {
                 "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}

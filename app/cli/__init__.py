@@ -1,4 +1,4 @@
-"""The command line: thermap serve, demo, import, compensate, replay."""
+"""The command line: thermap serve, demo, import, compensate, analyse, accuracy …, simulate."""
 
 from app.cli.application import application, main
 

@@ -10,11 +10,15 @@ import typer
 from typer.core import TyperGroup
 
 import app as package
+from app.cli.accuracy import accuracy
+from app.cli.analyse import analyse
 from app.cli.compensate import compensate
 from app.cli.demo import demo
 from app.cli.import_files import import_files
+from app.cli.picture import picture
 from app.cli.replay import replay
 from app.cli.serve import serve
+from app.cli.simulate import simulate
 from app.client import NotListeningError, ThermapClientError
 from app.errors import ThermapError
 
@@ -47,7 +51,11 @@ application.command("serve")(serve)
 application.command("demo")(demo)
 application.command("import")(import_files)
 application.command("compensate")(compensate)
+application.command("analyse")(analyse)
+application.command("accuracy")(accuracy)
+application.command("picture")(picture)
 application.command("replay")(replay)
+application.add_typer(simulate, name="simulate")
 
 
 def _show_version(asked: bool) -> None:

@@ -46,11 +46,7 @@ def read_contract_json(file: Path) -> list[Content]:
         what was expected and what came.
     """
     problems = Problems(file)
-    try:
-        document = json.loads(read_text(file))
-    except json.JSONDecodeError as error:
-        problems.add(f"expected JSON: {error.msg}", error.lineno, f"column {error.colno}")
-        problems.raise_if_any()
+    document = read_json(file, problems)
     entries = document if isinstance(document, list) else [document]
     if not entries:
         problems.add("expected a machine, an error map or readings, came an empty list")
@@ -64,6 +60,22 @@ def read_contract_json(file: Path) -> list[Content]:
                 problems.add(prefix + message)
     problems.raise_if_any()
     return found
+
+
+def read_json(file: Path, problems: Problems) -> Any:
+    """Read a JSON file.
+
+    Raises
+    ------
+    UnreadableFile
+        With line and column where it is no JSON.
+    """
+    try:
+        document = json.loads(read_text(file))
+    except json.JSONDecodeError as error:
+        problems.add(f"expected JSON: {error.msg}", error.lineno, f"column {error.colno}")
+        problems.raise_if_any()
+    return document
 
 
 class _Refused(Exception):

@@ -1,4 +1,4 @@
-"""The comment lines above a CSV error map: whose it is, when, and at which temperatures."""
+"""The comment lines above an error map or a measurement: whose, when, at which temperatures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ class Stated:
     temperatures_c: Mapping[str, float] = field(default_factory=dict)
 
 
-def read_comments(text: DelimitedText, stated: Stated, remarks: list[str]) -> dict[str, Any]:
+def read_comments(
+    text: DelimitedText, stated: Stated, remarks: list[str], complete: bool = True
+) -> dict[str, Any]:
     """Read `# key: value` lines into an error map's fields, and complain of what is missing.
 
     Parameters
@@ -33,9 +35,12 @@ def read_comments(text: DelimitedText, stated: Stated, remarks: list[str]) -> di
         What goes before the file's lines.
     remarks
         Takes up which lines are not read.
+    complete
+        Whether label, time and temperatures are needed.
     """
     problems = text.problems
-    facts: dict[str, Any] = {"temperatures_c": {}}
+    facts: dict[str, Any] = {}
+    temperatures_c: dict[str, float] = {}
     for line, comment in text.comments:
         name, colon, value = (part.strip() for part in comment.partition(":"))
         key, _, subject = name.partition(" ")
@@ -49,16 +54,23 @@ def read_comments(text: DelimitedText, stated: Stated, remarks: list[str]) -> di
             if number is None:
                 problems.add(f"expected the temperature of {subject} in °C, came {value!r}", line)
             else:
-                facts["temperatures_c"][subject] = number
+                temperatures_c[subject] = number
         elif key == "repeatability_um" and not subject:
             facts[key] = read_number(value)
             if facts[key] is None:
                 problems.add(f"expected a repeatability in µm, came {value!r}", line)
         else:
             remarks.append(f"line {line}: {name!r} is not read; what is: {_KEYS}")
-    facts["temperatures_c"].update(stated.temperatures_c)
     facts |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
-    _complain_of_missing(facts, problems)
+    if temperatures_c or stated.temperatures_c:
+        facts["temperatures_c"] = temperatures_c | dict(stated.temperatures_c)
+    if complete:
+        _complain_of_missing(facts, problems)
+    if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
+        problems.add(
+            "expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
+            f"came {facts['measured_at']!r}"
+        )
     return facts
 
 
@@ -79,11 +91,6 @@ def _complain_of_missing(facts: Mapping[str, Any], problems: Problems) -> None:
     for key, (what, comment, option) in wanted.items():
         if not facts.get(key):
             problems.add(f"expected {what}, came none: write `{comment}` or give {option}")
-    if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
-        problems.add(
-            "expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
-            f"came {facts['measured_at']!r}"
-        )
 
 
 def _has_zone(text: str) -> bool:

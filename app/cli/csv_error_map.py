@@ -3,12 +3,14 @@
     # label: Run #1
     # measured_at: 2026-03-01T06:00:00Z
     # temperature x-middle: 20.1
-    component,position_mm,error_um,backward_error_um
-    EXX,0,0.0,
-    EXX,50,1.2,
+    component,position_mm,error_um,standard_error_um,backward_error_um
+    EXX,0,0.0,0.2,
+    EXX,50,1.2,0.3,
 
 Other units have columns of their own (`error_urad`, `slope_um_per_m`, `value_um_per_m`
-…). Where there is only one column of values, it holds every component in its own unit.
+…, `standard_error_urad` …). Where there is only one column of values, it holds every
+component in its own unit, and so with the columns `standard_error_um` (one standard
+deviation), `backward_error_um` and `backward_standard_error_um`.
 """
 
 from __future__ import annotations
@@ -38,8 +40,17 @@ from app.geometry.components import Component, parse_component
 from app.units import Unit
 
 _VALUE_COLUMN: Final = re.compile(
-    r"(?P<backward>backward_)?(errors?|slopes?|values?)(_(?P<unit>um|urad|um_per_m|urad_per_m))?"
+    r"(?P<what>(backward_)?(standard_(?=error))?)"
+    r"(errors?|slopes?|values?)(_(?P<unit>um|urad|um_per_m|urad_per_m))?"
 )
+_ERROR: Final = ""
+_KINDS: Final = {
+    _ERROR: "error",
+    "standard_": "standard error",
+    "backward_": "backward error",
+    "backward_standard_": "backward standard error",
+}
+"""What stands before the names of the columns, and what they hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,18 +72,16 @@ class _ValueColumn:
 class _Columns:
     component: int
     position: int | None
-    forward: Sequence[_ValueColumn]
-    backward: Sequence[_ValueColumn]
+    values: Mapping[str, Sequence[_ValueColumn]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Point:
-    """One row's numbers."""
+    """One row's numbers; `values` has one for each of `_KINDS`."""
 
     row: Row
     position_mm: float | None
-    error: float
-    backward_error: float | None
+    values: Mapping[str, float | None]
 
 
 def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
@@ -128,9 +137,11 @@ def _find_columns(text: DelimitedText, remarks: list[str]) -> _Columns:
     """Tell the columns apart by their names."""
     plain = [plain_heading(heading) for heading in text.headings]
     values = {i: found for i, name in enumerate(plain) if (found := _VALUE_COLUMN.fullmatch(name))}
-    forward = [_ValueColumn(i, v["unit"]) for i, v in values.items() if not v["backward"]]
-    backward = [_ValueColumn(i, v["unit"]) for i, v in values.items() if v["backward"]]
-    if "component" not in plain or not forward:
+    by_kind = {
+        kind: [_ValueColumn(i, v["unit"]) for i, v in values.items() if v["what"] == kind]
+        for kind in _KINDS
+    }
+    if "component" not in plain or not by_kind[_ERROR]:
         text.problems.add(
             "expected the columns component, position_mm and error_um (or error_urad, "
             f"slope_um_per_m, value_um_per_m …), came {', '.join(text.headings)}",
@@ -142,7 +153,7 @@ def _find_columns(text: DelimitedText, remarks: list[str]) -> _Columns:
     unread = [heading for i, heading in enumerate(text.headings) if i not in known]
     if unread:
         remarks.append(left_out(unread))
-    return _Columns(plain.index("component"), position, forward, backward)
+    return _Columns(plain.index("component"), position, by_kind)
 
 
 def _component_of(text: DelimitedText, row: Row, columns: _Columns) -> Component | None:
@@ -158,12 +169,12 @@ def _read_point(
 ) -> _Point | None:
     before = len(text.problems.found)
     position_mm = None if columns.position is None else text.number(row, columns.position, "mm")
-    error = _read_value(text, row, columns.forward, component)
-    backward_error = _read_value(text, row, columns.backward, component)
+    values = {kind: _read_value(text, row, columns, kind, component) for kind in _KINDS}
     if len(text.problems.found) > before:
         return None
-    if error is None:
-        column = (*_columns_for(columns.forward, component), columns.forward[0])[0]
+    if values[_ERROR] is None:
+        forward = columns.values[_ERROR]
+        column = (*_columns_for(forward, component), forward[0])[0]
         text.complain(
             row,
             column.index,
@@ -173,7 +184,7 @@ def _read_point(
     if (position_mm is not None) != component.is_table:
         _complain_of_position(text, row, columns.position, component)
         return None
-    return _Point(row, position_mm, error, backward_error)
+    return _Point(row, position_mm, values)
 
 
 def _complain_of_position(
@@ -201,31 +212,49 @@ def _columns_for(columns: Sequence[_ValueColumn], component: Component) -> Seque
 
 
 def _read_value(
-    text: DelimitedText, row: Row, columns: Sequence[_ValueColumn], component: Component
+    text: DelimitedText, row: Row, columns: _Columns, kind: str, component: Component
 ) -> float | None:
-    """Read the one value of a row, and complain where it stands in another unit's column."""
-    fitting = _columns_for(columns, component)
-    filled = [column for column in columns if row.cells[column.index]]
+    """Read the one value of a kind in a row, and complain where it is in another unit's column."""
+    of_kind = columns.values[kind]
+    fitting = _columns_for(of_kind, component)
+    filled = [column for column in of_kind if row.cells[column.index]]
     value = None
     for i, column in enumerate(filled):
+        came = row.cells[column.index]
+        if kind.startswith("backward_") and not component.is_table:
+            text.complain(
+                row,
+                column.index,
+                f"expected nothing, as {component.code} has no direction of approach, "
+                f"came {came!r}",
+            )
+            continue
         if column in fitting and i == 0:
             value = text.number(row, column.index, component.unit.symbol)
+            if value is not None and value < 0 and kind.endswith("standard_"):
+                text.complain(
+                    row,
+                    column.index,
+                    f"expected a standard error of {component.code} in {component.unit.symbol}, "
+                    f"which is not negative, came {came!r}",
+                )
             continue
-        names = [text.headings[c.index] for c in fitting] or [f"error_{component.unit}"]
+        names = [text.headings[c.index] for c in fitting] or [f"{kind}error_{component.unit}"]
         text.complain(
             row,
             column.index,
             f"expected {component.code} in {component.unit.symbol} once, in the column "
-            f"{' or '.join(names)}, came {row.cells[column.index]!r}",
+            f"{' or '.join(names)}, came {came!r}",
         )
     return value
 
 
 def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str]) -> Iterator[str]:
     """Say which components were read in another unit than the only column's name says."""
-    if len(columns.forward) > 1:
+    forward = columns.values[_ERROR]
+    if len(forward) > 1:
         return
-    only = columns.forward[0]
+    only = forward[0]
     for unit in Unit:
         codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
         if codes and only.unit is not None and unit != only.unit:
@@ -247,29 +276,41 @@ def _make_component(
                 f"expected {component.code}{at} once, came again after line {earlier.row.line}",
                 later.row.line,
             )
-    for point in ordered:
-        if (point.backward_error is None) != (ordered[0].backward_error is None):
-            text.problems.add(
-                f"expected a backward error of {component.code} in every line or in none, "
-                f"unlike line {ordered[0].row.line}",
-                point.row.line,
-            )
-            break
+    for kind, words in _KINDS.items():
+        _complain_of_gaps(text, component, kind, words, ordered)
     if len(text.problems.found) > before:
         return None
     return ComponentSchema(component=name, **_numbers(component, ordered))
 
 
+def _complain_of_gaps(
+    text: DelimitedText, component: Component, kind: str, words: str, points: Sequence[_Point]
+) -> None:
+    for point in points:
+        if (point.values[kind] is None) != (points[0].values[kind] is None):
+            text.problems.add(
+                f"expected a {words} of {component.code} in every line or in none, "
+                f"unlike line {points[0].row.line}",
+                point.row.line,
+            )
+            break
+
+
 def _numbers(component: Component, ordered: Sequence[_Point]) -> dict[str, Any]:
-    if not component.is_table:
-        return {component.input_field: ordered[0].error}
-    numbers: dict[str, Any] = {
-        "positions_mm": [p.position_mm for p in ordered],
-        component.input_field: [p.error for p in ordered],
+    """Give a component's numbers under the names that the service has for them."""
+    names = {
+        _ERROR: component.input_field,
+        "standard_": component.standard_error_field,
+        "backward_": f"backward_{component.input_field}",
+        "backward_standard_": f"backward_{component.standard_error_field}",
     }
-    if ordered[0].backward_error is not None:
-        numbers[f"backward_{component.input_field}"] = [p.backward_error for p in ordered]
-    return numbers
+    stated = {kind: name for kind, name in names.items() if ordered[0].values[kind] is not None}
+    if not component.is_table:
+        return {name: ordered[0].values[kind] for kind, name in stated.items()}
+    return {
+        "positions_mm": [p.position_mm for p in ordered],
+        **{name: [p.values[kind] for p in ordered] for kind, name in stated.items()},
+    }
 
 
 def _checked_map(facts: Mapping[str, Any], problems: Problems) -> ErrorMapSchema:

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Final
 
 from app.cli.options import read_number
-from app.errors import ThermapError, list_names
+from app.errors import ThermapError, counted, list_names
 
 SHOWN: Final = 8
 """Problems listed of one file: a wrong column is wrong in every line."""
 
 _DELIMITERS: Final = (",", ";", "\t")
+_BYTE_ORDER_MARK: Final = "\N{ZERO WIDTH NO-BREAK SPACE}"
 
 
 class UnreadableFile(ThermapError):
@@ -98,14 +99,32 @@ def read_delimited(file: Path, problems: Problems) -> DelimitedText:
     UnreadableFile
         If there is no such file, or no line of column names.
     """
+    return parse_delimited(read_text(file), problems)
+
+
+def parse_delimited(text: str, problems: Problems) -> DelimitedText:
+    """Read a text into comments, column names and rows.
+
+    Parameters
+    ----------
+    text
+        The whole file.
+    problems
+        Takes up what is wrong, under the file's name.
+
+    Raises
+    ------
+    UnreadableFile
+        If there is no line of column names.
+    """
     comments: list[tuple[int, str]] = []
     contents: list[tuple[int, str]] = []
-    for line, text in enumerate(read_text(file).splitlines(), start=1):
-        bare = text.strip().strip('"').lstrip()
+    for line, written in enumerate(text.removeprefix(_BYTE_ORDER_MARK).splitlines(), start=1):
+        bare = written.strip().strip('"').lstrip()
         if bare.startswith("#"):
             comments.append((line, bare.lstrip("#").strip(' \t;,"')))
-        elif text.strip(" \t;,"):
-            contents.append((line, text))
+        elif written.strip(" \t;,"):
+            contents.append((line, written))
     if not contents:
         problems.add("expected a line of column names and lines of values, came none")
         problems.raise_if_any()
@@ -114,7 +133,7 @@ def read_delimited(file: Path, problems: Problems) -> DelimitedText:
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
-    rows = [Row(line, _split(text, delimiter)) for line, text in contents[1:]]
+    rows = [Row(line, _split(written, delimiter)) for line, written in contents[1:]]
     decimal_comma = delimiter != ","
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
     return DelimitedText(problems, comments, headings, heading_line, evened, decimal_comma)
@@ -172,7 +191,7 @@ def _evened(
     if any(row.cells[len(headings) :]):
         hint = "" if decimal_comma else "; decimal commas need semicolons between the columns"
         problems.add(
-            f"expected {len(headings)} columns as in line {heading_line}, "
+            f"expected {counted(len(headings), 'column')} as in line {heading_line}, "
             f"came {len(row.cells)}{hint}",
             row.line,
         )

@@ -59,8 +59,8 @@ def demo(
     """Run the service with a simulated machine that warms up and cools down.
 
     It stores Runs 1, 3 and 6 of the example, shows what compensation leaves of the
-    other runs (µm), then sends a reading every second (°C) and shows the compensation
-    table as it changes. Everything about the machine is simulated.
+    other runs (µm, µm/m, µrad), then sends a reading every second (°C) and shows the
+    compensation table as it changes. Everything about the machine is simulated.
 
     Example: `thermap demo --port 8001`
     """

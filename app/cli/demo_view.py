@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
+from rich.segment import Segment, SegmentLines
 from rich.table import Table
 from rich.text import Text
 
 from app.api.schemas.compensation import CurrentCompensationAnswer
-from app.cli.table_view import signed, table_view
+from app.cli.table_view import Layout, signed, table_view
 from app.demo.remaining_error import RemainingError
 
-_TALL_ROWS, _AIRY_ROWS = 41, 29
-"""Rows of a terminal in which errors fit above their compensation; in which blank lines do."""
+_LAYOUTS: Final = (
+    (Layout.FULL, False),
+    (Layout.COMPENSATION, False),
+    (Layout.COMPENSATION, True),
+    (Layout.PAIRED, True),
+)
+"""From the tallest to the lowest: what is shown, and whether blank lines are left out."""
 
 
 def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
@@ -22,15 +29,17 @@ def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     table.add_column("run")
     table.add_column("error maps used")
-    for heading in ("RMS µm", "max µm", "RMS µm/m", "max µm/m"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    for unit in ("µm", "µm/m", "µrad"):
+        table.add_column(f"RMS {unit}", justify="right", no_wrap=True)
+        table.add_column(f"max {unit}", justify="right", no_wrap=True)
     for row in rows:
         numbers = (row.rms_um, row.max_um, row.rms_um_per_m, row.max_um_per_m)
+        angles = (row.rms_urad, row.max_urad)
         maps = ", ".join(label.removeprefix("Run ") for label in row.stored)
         table.add_row(
             "" if row.stored else row.run,
-            maps or "none (uncompensated)",
-            *(f"{number:.2f}" for number in numbers),
+            maps or "none",
+            *(f"{number:.2f}" for number in (*numbers, *angles)),
             style="bold" if len(row.stored) > 2 else "",
         )
     return Group(
@@ -40,29 +49,49 @@ def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
         ),
         table,
         Text(
-            "µm: the nine linear components; µm/m: the three squareness errors. The machine is not "
-            "linear, so three maps leave less than two (C. Wang, 8.2.9).",
+            "none: uncompensated. µm: the nine linear components; µm/m: the three squareness "
+            "errors; µrad: the nine angular ones. The machine is not linear, so three maps leave "
+            "less than two (C. Wang, 8.2.9).",
             style="dim",
         ),
     )
 
 
 def live_view(table: CurrentCompensationAnswer, console: Console) -> RenderableType:
-    """Lay the live table out so that it fits the terminal."""
+    """Lay the live table out so that it fits the terminal; in a pipe everything is shown."""
+    if not console.is_terminal:
+        return _laid_out(table, console.width, Layout.FULL, tight=False)
+    # The last row stays free: the shell's prompt comes there without moving the view.
+    rows = console.height - 1
+    too_high = []
+    for layout, tight in _LAYOUTS:
+        view = _laid_out(table, console.width, layout, tight=tight)
+        lines = console.render_lines(view, pad=False)
+        if len(lines) <= rows:
+            return SegmentLines(lines, new_lines=True)
+        too_high.append(lines)
+    return _cut(min(too_high, key=len), max(rows - 1, 0))
+
+
+def _cut(lines: list[list[Segment]], shown: int) -> RenderableType:
+    """Show as many lines as there is room for, and say how high the terminal should be."""
+    return Group(
+        SegmentLines(lines[:shown], new_lines=True),
+        Text(f"and {len(lines) - shown} more lines in a terminal of {len(lines) + 1}", "yellow"),
+    )
+
+
+def _laid_out(
+    table: CurrentCompensationAnswer, width: int, layout: Layout, *, tight: bool
+) -> RenderableType:
     return Group(
         Text.assemble(("SIMULATED ", "bold yellow"), "a reading every second; Ctrl-C ends it"),
-        table_view(
-            table,
-            console.width,
-            tight=console.is_terminal and console.height < _AIRY_ROWS,
-            hint="/docs leads to all",
-            compensation_only=console.is_terminal and console.height < _TALL_ROWS,
-        ),
+        table_view(table, width, layout=layout, tight=tight, hint="/docs leads to all"),
     )
 
 
 def short_line(table: CurrentCompensationAnswer) -> str:
-    """Say in a line where the table stands: temperatures, and each unit's greatest error."""
+    """Say in a line where the table stands: temperatures, and the greatest linear error."""
     temperatures = ", ".join(
         f"{sensor.sensor} {sensor.temperature_c:.2f}"
         for sensor in table.sensors

@@ -1,4 +1,4 @@
-"""thermap import: machine descriptions, error maps and readings from files."""
+"""thermap import: machine descriptions, error maps, readings and measurements from files."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ from app.cli.contract_json import read_contract_json
 from app.cli.csv_comments import Stated
 from app.cli.csv_error_map import read_csv_error_map
 from app.cli.delimited_text import UnreadableFile
+from app.cli.import_checks import choose_machine, expect_one_label, expect_sensors, naming
+from app.cli.import_measurements import import_measurements
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
-from app.client import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
+from app.client import ThermapClient, UnknownThingError
 from app.client.connection import DEFAULT_URL
-from app.errors import Conflict, ThermapError, list_names
-
-
-class NotImported(ThermapError):
-    """The service refused a file's content."""
+from app.errors import Conflict, counted
 
 
 @dataclass(slots=True)
@@ -61,6 +59,30 @@ def import_files(
         typer.Option(envvar="THERMAP_MEASURED_AT", help="When a CSV map was measured, ISO 8601."),
     ] = None,
     temperature: TemperatureOption = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            envvar="THERMAP_METHOD",
+            help="The files are an instrument's readings by this method, such as step-diagonal; "
+            "the map that they make is stored and shown.",
+        ),
+    ] = None,
+    evaluate_only: Annotated[
+        bool,
+        typer.Option(
+            "--evaluate-only",
+            envvar="THERMAP_EVALUATE_ONLY",
+            help="With --method: show what comes out and store nothing.",
+        ),
+    ] = False,
+    json: Annotated[
+        bool,
+        typer.Option(
+            "--json",
+            envvar="THERMAP_JSON",
+            help="With --method: the service's JSON, a line for each file.",
+        ),
+    ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Store machines, error maps and readings from files; all are checked before any is sent.
@@ -73,30 +95,35 @@ def import_files(
 
     What is there already with the same content stays as it is.
 
+    With `--method`, CSV files hold an instrument's readings, with columns and comment
+    lines as docs/methods/files.md shows, and JSON files the body of the request.
+
     Example: `thermap import machine.json run-1.csv run-3.csv run-6.csv`
+
+    Example: `thermap import --method step-diagonal laser.csv --machine mcfv5050`
     """
     temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
     stated = Stated(label, measured_at, temperatures_c)
+    if method is not None:
+        import_measurements(
+            files, method, machine, stated, store=not evaluate_only, json=json, url=url
+        )
+        return
+    for option, given in {"--evaluate-only": evaluate_only, "--json": json}.items():
+        if given:
+            raise typer.BadParameter("goes with --method", param_hint=option)
     imported = _read_all(files, stated, machine)
     with connect(url) as thermap:
         _check_with_service(thermap, imported)
         for i, one in enumerate(imported):
-            try:
+            with naming(one.file, [later.file for later in imported[i + 1 :]]):
                 _send(thermap, one)
-            except NotListeningError:
-                raise
-            except (ThermapClientError, Conflict) as error:
-                rest = [str(later.file) for later in imported[i + 1 :]]
-                unsent = f" (not sent after it: {list_names(rest)})" if rest else ""
-                why = error.sentence if isinstance(error, ThermapClientError) else error.detail
-                raise NotImported(f"{one.file}: {why}{unsent}") from error
 
 
 def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> list[ImportedFile]:
     """Read every file, machines first, and complain of all that is wrong in any."""
     tables = [file for file in files if file.suffix.lower() != ".json"]
-    if stated.label and len(tables) > 1:
-        raise typer.BadParameter("names one map, came several CSV files", param_hint="--label")
+    expect_one_label(stated, tables)
     imported: list[ImportedFile] = []
     problems: list[str] = []
     for file in files:
@@ -108,7 +135,8 @@ def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> lis
         raise UnreadableFile("\n".join(["nothing was sent:", *problems]))
     described = [settings.id for one in imported for settings in one.machines]
     for one in imported:
-        _name_machine(one, machine, described)
+        if one.needs_machine:
+            one.machine = choose_machine(one.file, one.machine, machine, described)
     return sorted(imported, key=lambda one: not one.machines)
 
 
@@ -131,22 +159,6 @@ def _read_json(file: Path) -> ImportedFile:
     return one
 
 
-def _name_machine(one: ImportedFile, machine: str | None, described: Sequence[str]) -> None:
-    """Decide whose maps these are: the file's word, --machine, or the only machine described."""
-    if not one.needs_machine:
-        return
-    if one.machine and machine and one.machine != machine:
-        raise typer.BadParameter(
-            f"{one.file} says that it belongs to {one.machine!r}, came {machine!r}",
-            param_hint="--machine",
-        )
-    if not (one.machine or machine or len(described) == 1):
-        raise typer.BadParameter(
-            f"{one.file} does not say which machine it belongs to", param_hint="--machine"
-        )
-    one.machine = one.machine or machine or described[0]
-
-
 def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]) -> None:
     """Refuse what the machines cannot take, before anything is sent."""
     described = {settings.id: settings for one in imported for settings in one.machines}
@@ -155,12 +167,7 @@ def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]
     for one in imported:
         if one.needs_machine:
             known = [sensor.name for sensor in machines[one.machine].sensors]
-            for name in _sensors_in(one):
-                if name not in known:
-                    raise NotImported(
-                        f"nothing was sent: {one.file}: machine {one.machine!r} has no sensor "
-                        f"{name!r}; it has {list_names(known)}"
-                    )
+            expect_sensors(one.file, one.machine, known, _sensors_in(one))
 
 
 def _sensors_in(one: ImportedFile) -> Iterator[str]:
@@ -181,7 +188,7 @@ def _send(thermap: ThermapClient, one: ImportedFile) -> None:
     if one.readings:
         done = thermap.store_readings(one.machine, one.readings)
         typer.echo(
-            f"{one.file}: {done.stored} readings stored, {done.duplicates} were there already"
+            f"{one.file}: {counted(done.stored, 'reading')} stored, {done.duplicates} there already"
         )
 
 

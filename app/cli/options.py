@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -98,3 +98,65 @@ def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> 
             raise typer.BadParameter(f"{name} is stated twice", param_hint=option)
         found[name] = number
     return found
+
+
+def read_point(text: str, option: str, example: str) -> list[float]:
+    """Read `X,Y,Z` in mm.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is something else.
+
+    >>> read_point("0,0,-12.5", "--tool", "0,0,160")
+    [0.0, 0.0, -12.5]
+    """
+    numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
+    found = [number for number in numbers if number is not None]
+    if len(numbers) != 3 or len(found) != 3:
+        raise typer.BadParameter(
+            f"expected X,Y,Z in mm, such as {example}, came {text!r}", param_hint=option
+        )
+    return found
+
+
+ToolOption = Annotated[
+    str,
+    typer.Option(
+        "--tool",
+        envvar="THERMAP_TOOL",
+        metavar="X,Y,Z",
+        help="Tool offset in mm, such as 0,0,160.",
+    ),
+]
+MissingOption = Annotated[
+    bool,
+    typer.Option(
+        "--missing-as-zero",
+        envvar="THERMAP_MISSING_AS_ZERO",
+        help="Let error components that no two maps have count as zero.",
+    ),
+]
+
+
+def field_question(
+    temperature: Iterable[str] | None, tool: str, missing_as_zero: bool
+) -> dict[str, Any]:
+    """Write what questions about the machine in three dimensions share.
+
+    Parameters
+    ----------
+    temperature, tool, missing_as_zero
+        Values of the options; without a temperature the latest reading is meant.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a value cannot be read.
+    """
+    question: dict[str, Any] = {
+        "tool_offset_mm": read_point(tool, "--tool", "0,0,160"),
+        "missing_components": "zero" if missing_as_zero else "refuse",
+    }
+    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
+    return question | ({"temperatures_c": temperatures_c} if temperatures_c else {})

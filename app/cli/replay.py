@@ -29,7 +29,7 @@ from app.cli.replay_times import Plan, Stamps, plan_replay
 from app.cli.table_change import change_view, component_changes, sampled_tables
 from app.client import ConflictError, ThermapClient
 from app.client.connection import DEFAULT_URL
-from app.errors import list_names
+from app.errors import counted, list_names
 
 _LONGEST_SLEEP_S = 0.2
 _WARY = timedelta(minutes=2)
@@ -117,7 +117,7 @@ def replay(
 def _announce(thermap: ThermapClient, machine: str, file: Path, plan: Plan) -> None:
     first, last = plan.readings[0].time, plan.readings[-1].time
     reason = f": {plan.reason}" if plan.reason else ""
-    typer.echo(f"{file}: {len(plan.readings)} readings {plan.stamps}{reason}", err=True)
+    typer.echo(f"{file}: {counted(len(plan.readings), 'reading')} {plan.stamps}{reason}", err=True)
     if plan.stamps is not Stamps.AS_SENT:
         typer.echo(f"from {first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC", err=True)
     if thermap.readings(machine, since=first - _WARY, limit=1):
@@ -144,9 +144,9 @@ def _send(thermap: ThermapClient, machine: str, plan: Plan) -> None:
                 sent = due
                 progress.update(task, completed=sent)
     except KeyboardInterrupt:
-        typer.echo(f"stopped after {sent} of {len(plan.readings)} readings", err=True)
+        typer.echo(f"stopped after {sent} of {counted(len(plan.readings), 'reading')}", err=True)
         raise typer.Exit(130) from None
-    typer.echo(f"{stored} readings stored, {sent - stored} were there already")
+    typer.echo(f"{counted(stored, 'reading')} stored, {sent - stored} there already")
 
 
 @contextmanager

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from enum import Enum
+from itertools import groupby, zip_longest
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -26,13 +27,26 @@ from app.geometry.components import COMPONENTS
 
 POSITIONS_SHOWN: Final = 5
 SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"
+_SIGN_ALONE: Final = "compensation: minus the error, added to the command"
 _PLAIN: Final = frozenset({"interpolated", "at-map"})
 _NAME, _CHAPTER, _WORD, _UNIT, _NUMBER = 7, 8, 12, 6, 7
 """Widths of the columns, the same in every group; numbers may need more."""
+_HALF, _HALF_NUMBER, _GAP = 10, 6, 2
+"""Widths where two components share a row: of their words, of a number, between the two."""
+_LEAST_IN_HALVES: Final = 3
+"""Positions below which components do not share rows: straightness is zero at both ends."""
 
 
 _NumberColumns: TypeAlias = Sequence[Mapping[str, Any]]
 """How rich is to make the columns of numbers."""
+
+
+class Layout(Enum):
+    """How much a table shows, and thereby how many lines it takes."""
+
+    FULL = "errors and compensation, side by side where the width suffices"
+    COMPENSATION = "without the errors where they would take rows of their own"
+    PAIRED = "without the errors, rotations beside the displacements of their axis"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +85,7 @@ def table_view(
     answer: CompensationAnswer,
     width: int,
     *,
-    compensation_only: bool = False,
+    layout: Layout = Layout.FULL,
     tight: bool = False,
     hint: str = "--json has all",
 ) -> RenderableType:
@@ -84,8 +98,8 @@ def table_view(
     width
         Columns of the terminal; where they suffice, errors and compensation stand
         side by side, else one above the other.
-    compensation_only
-        Leave the errors out where they would take rows of their own.
+    layout
+        What may be left out, and whether components share rows.
     tight
         Leave out blank lines and the explanation of the sign.
     hint
@@ -95,12 +109,16 @@ def table_view(
     if isinstance(answer, CurrentCompensationAnswer):
         parts.append(_sensors(answer))
     parts.extend(Text(f"! {warning}", style="yellow") for warning in answer.warnings)
+    known = (effect for effect in answer.effects if effect.in_table)
+    parts.extend(Text(f"+ {e.kind}: {e.explanation}", style="dim") for e in known)
     blank = [] if tight else [Text()]
     for entries in _by_origin(answer.components):
         parts.extend([*blank, _origin(entries[0])])
         for _, group in groupby(entries, key=lambda entry: (entry.axis, entry.positions_mm)):
-            parts.append(_numbers(list(group), width, compensation_only))
-    if not tight:
+            parts.append(_numbers(list(group), width, layout))
+    if layout is Layout.PAIRED:
+        parts.append(Text(_SIGN_ALONE, style="dim"))
+    elif not tight:
         parts.append(Text("\n" + SIGN + _left_out(answer, _shown(width), hint), style="dim"))
     return Group(*parts)
 
@@ -140,6 +158,8 @@ def _sensors(answer: CurrentCompensationAnswer) -> Text:
 
 
 def _origin(entry: ComponentCompensationAnswer) -> Text:
+    if entry.sensor is None:
+        return Text.assemble(("adopted effects alone", "bold"), ", no two maps have it")
     stands_in = f" for {entry.stand_in_for}" if entry.stand_in_for else ""
     text = Text.assemble(
         (f"{entry.sensor} {entry.temperature_c:.2f} °C{stands_in}", "bold"),
@@ -149,23 +169,61 @@ def _origin(entry: ComponentCompensationAnswer) -> Text:
     return text
 
 
-def _numbers(
-    entries: Sequence[ComponentCompensationAnswer], width: int, compensation_only: bool
-) -> Table:
+def _numbers(entries: Sequence[ComponentCompensationAnswer], width: int, layout: Layout) -> Table:
     """Lay a group's numbers out under their positions."""
+    in_halves = _shown_in_halves(entries, width)
+    if layout is Layout.PAIRED and in_halves >= _LEAST_IN_HALVES:
+        return _paired(entries, in_halves)
     positions = entries[0].positions_mm or []
     chosen = evenly_chosen(len(positions), _shown(width)) if positions else [0]
     headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
     rows = [row for entry in entries for row in _component_rows(entry, chosen)]
     numbers = [signed(v) for row in rows for v in (*row.errors, *row.compensation)]
     number_width = max(_NUMBER, *map(len, numbers), *map(len, headings))
-    wide = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
-    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+    enough = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
+    wide = enough and layout is not Layout.PAIRED
+    table = _empty_table()
     table.show_header = bool(positions)
     table.add_column(f"{entries[0].axis} in mm" if positions else "", width=_NAME)
-    add = _add_wide if wide else _add_short if compensation_only else _add_tall
+    add = _add_wide if wide else _add_tall if layout is Layout.FULL else _add_short
     add(table, rows, [{"header": heading, "min_width": number_width} for heading in headings])
     return table
+
+
+def _shown_in_halves(entries: Sequence[ComponentCompensationAnswer], width: int) -> int:
+    """Say how many positions fit where displacements and rotations share rows; 0: they cannot."""
+    if len({COMPONENTS[entry.component].is_rotation for entry in entries}) < 2:
+        return 0
+    everywhere = range(len(entries[0].positions_mm or []))
+    rows = [row for entry in entries for row in _component_rows(entry, everywhere)]
+    widths = [len(signed(value)) for row in rows for value in row.compensation]
+    beside = width - 2 * (_HALF + 1) - _GAP
+    return min(beside // (2 * (max(_HALF_NUMBER, *widths) + 1)), POSITIONS_SHOWN)
+
+
+def _paired(entries: Sequence[ComponentCompensationAnswer], shown: int) -> Table:
+    """Lay an axis' compensation out in two halves: displacements, and rotations beside them."""
+    positions = entries[0].positions_mm or []
+    chosen = evenly_chosen(len(positions), shown)
+    halves: tuple[list[list[str]], list[list[str]]] = ([], [])
+    for entry in entries:
+        for row in _component_rows(entry, chosen):
+            words = f"{row.code:5} {row.unit}"
+            halves[COMPONENTS[entry.component].is_rotation].append(
+                [words, *map(signed, row.compensation)]
+            )
+    table = _empty_table()
+    columns = [{"header": f"{positions[i]:g}", "min_width": _HALF_NUMBER} for i in chosen]
+    for gap in (0, _GAP):
+        table.add_column(" " * gap + f"{entries[0].axis} in mm", min_width=_HALF + gap)
+        _add_numbers(table, columns)
+    for displacement, rotation in zip_longest(*halves, fillvalue=[""] * (1 + len(chosen))):
+        table.add_row(*displacement, " " * _GAP + rotation[0], *rotation[1:])
+    return table
+
+
+def _empty_table() -> Table:
+    return Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
 
 
 def _shown(width: int) -> int:

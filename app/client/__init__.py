@@ -7,7 +7,7 @@
 
 from app.client.awaiting import AsyncThermapClient
 from app.client.blocking import ThermapClient
-from app.client.calls import TaggedTable
+from app.client.calls import TaggedTable, VolumetricErrors
 from app.client.connection import DEFAULT_URL
 from app.client.errors import (
     ConflictError,
@@ -37,4 +37,5 @@ __all__ = [
     "TooManyRequestsError",
     "UnexpectedAnswerError",
     "UnknownThingError",
+    "VolumetricErrors",
 ]

@@ -12,16 +12,33 @@ from typing import Any, Self
 import httpx
 
 from app.api.routes.health import HealthAnswer, ReadyAnswer
+from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
+from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.compensation import CompensationAnswer
 from app.api.schemas.error_maps import ErrorMapAnswer
+from app.api.schemas.grids import GridAnswer
 from app.api.schemas.machines import MachineAnswer
+from app.api.schemas.measurements.axes import PositioningAnswer
+from app.api.schemas.measurements.base import MeasurementAnswer
+from app.api.schemas.measurements.diagonals import BodyDiagonalAnswer, StepDiagonalAnswer
+from app.api.schemas.measurements.parts import (
+    DrilledPlateAnswer,
+    MachinedPartAnswer,
+    RotaryAxisAnswer,
+)
+from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
 from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings
-from app.client import calls
+from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
+from app.api.schemas.rotary import RotaryErrorAnswer
+from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
+from app.api.schemas.watch import WatchAnswer
+from app.client import calls, loop_calls
 from app.client.blocking import ThermapClient
 from app.client.call import Answer, Call, Content
-from app.client.calls import TaggedTable
+from app.client.calls import TaggedTable, VolumetricErrors
 from app.client.connection import explaining, httpx_options, service_url, without_password
 
 
@@ -134,6 +151,137 @@ class AsyncThermapClient:
         self, machine: str, observations: Sequence[Content], model_version: int | None = None
     ) -> PredictionAnswer:
         return await self.send(calls.predict(machine, observations, model_version))
+
+    async def volumetric_error(self, machine: str, question: Content) -> VolumetricErrors:
+        return await self.send(calls.volumetric_error(machine, question))
+
+    async def grid(self, machine: str, question: Content) -> GridAnswer:
+        return await self.send(calls.grid(machine, question))
+
+    async def volumetric_accuracy(self, machine: str, question: Content) -> AccuracyAnswer:
+        return await self.send(calls.volumetric_accuracy(machine, question))
+
+    async def accuracy_from_lines(self, lines: Content) -> LinesAnswer:
+        return await self.send(calls.accuracy_from_lines(lines))
+
+    async def compensation_levels(self, machine: str, question: Content) -> LevelsAnswer:
+        return await self.send(calls.compensation_levels(machine, question))
+
+    async def rotary_axis_error(self, machine: str, question: Content) -> RotaryErrorAnswer:
+        return await self.send(calls.rotary_axis_error(machine, question))
+
+    async def current_picture(self, machine: str, missing_components: str = "refuse") -> str:
+        return await self.send(calls.current_picture(machine, missing_components))
+
+    async def picture(self, machine: str, question: Content) -> dict[str, Any]:
+        return await self.send(calls.picture(machine, question))
+
+    async def measure_step_diagonal(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> StepDiagonalAnswer:
+        return await self.send(calls.measure_step_diagonal(machine, measurement, store))
+
+    async def measure_body_diagonal(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> BodyDiagonalAnswer:
+        return await self.send(calls.measure_body_diagonal(machine, measurement, store))
+
+    async def measure_positioning(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> PositioningAnswer:
+        return await self.send(calls.measure_positioning(machine, measurement, store))
+
+    async def measure_six_dof(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> MeasurementAnswer:
+        return await self.send(calls.measure_six_dof(machine, measurement, store))
+
+    async def measure_machined_part(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> MachinedPartAnswer:
+        return await self.send(calls.measure_machined_part(machine, measurement, store))
+
+    async def measure_drilled_plate(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> DrilledPlateAnswer:
+        return await self.send(calls.measure_drilled_plate(machine, measurement, store))
+
+    async def measure_rotary_axis(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> RotaryAxisAnswer:
+        return await self.send(calls.measure_rotary_axis(machine, measurement, store))
+
+    async def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
+        return await self.send(calls.simulate_step_diagonal(machine, plan))
+
+    async def store_verification(self, machine: str, verification: Content) -> VerificationAnswer:
+        return await self.send(loop_calls.store_verification(machine, verification))
+
+    async def verifications(self, machine: str) -> list[VerificationAnswer]:
+        return await self.send(loop_calls.verifications(machine))
+
+    async def verification(self, machine: str, verification_id: int) -> WholeVerificationAnswer:
+        return await self.send(loop_calls.verification(machine, verification_id))
+
+    async def delete_verification(self, machine: str, verification_id: int) -> None:
+        return await self.send(loop_calls.delete_verification(machine, verification_id))
+
+    async def watch(self, machine: str) -> WatchAnswer:
+        return await self.send(loop_calls.watch(machine))
+
+    async def verification_residuals(
+        self, machine: str, verification_id: int, model_version: int | None = None, rows: int = 0
+    ) -> ResidualsAnswer:
+        return await self.send(
+            loop_calls.verification_residuals(machine, verification_id, model_version, rows)
+        )
+
+    async def residuals(
+        self,
+        machine: str,
+        verifications: Sequence[int],
+        model_version: int | None = None,
+        rows: int = 0,
+    ) -> ResidualsAnswer:
+        return await self.send(loop_calls.residuals(machine, verifications, model_version, rows))
+
+    async def compare_models(
+        self, machine: str, verifications: Sequence[int], versions: Sequence[int]
+    ) -> ModelComparisonAnswer:
+        return await self.send(loop_calls.compare_models(machine, verifications, versions))
+
+    async def analyse(self, machine: str, question: Content) -> AnalysisHead:
+        return await self.send(loop_calls.analyse(machine, question))
+
+    async def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
+        return await self.send(loop_calls.plan_analysis(machine, plan))
+
+    async def analyses(self, machine: str) -> list[AnalysisHead]:
+        return await self.send(loop_calls.analyses(machine))
+
+    async def analysis(self, machine: str, analysis_id: int) -> AnalysisAnswer:
+        return await self.send(loop_calls.analysis(machine, analysis_id))
+
+    async def analysis_report(self, machine: str, analysis_id: int) -> str:
+        return await self.send(loop_calls.analysis_report(machine, analysis_id))
+
+    async def cancel_analysis(self, machine: str, analysis_id: int) -> AnalysisHead:
+        return await self.send(loop_calls.cancel_analysis(machine, analysis_id))
+
+    async def delete_analysis(self, machine: str, analysis_id: int) -> None:
+        return await self.send(loop_calls.delete_analysis(machine, analysis_id))
+
+    async def adopt_analysis(
+        self,
+        machine: str,
+        analysis_id: int,
+        effects: Sequence[int] | None = None,
+        *,
+        onto_active: bool = False,
+    ) -> ModelAnswer:
+        return await self.send(
+            loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active)
+        )
 
     async def send(self, call: Call[Answer]) -> Answer:
         return call.answer(await self._exchange(call))

@@ -10,15 +10,32 @@ from typing import Any, Self
 import httpx
 
 from app.api.routes.health import HealthAnswer, ReadyAnswer
+from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
+from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.compensation import CompensationAnswer
 from app.api.schemas.error_maps import ErrorMapAnswer
+from app.api.schemas.grids import GridAnswer
 from app.api.schemas.machines import MachineAnswer
+from app.api.schemas.measurements.axes import PositioningAnswer
+from app.api.schemas.measurements.base import MeasurementAnswer
+from app.api.schemas.measurements.diagonals import BodyDiagonalAnswer, StepDiagonalAnswer
+from app.api.schemas.measurements.parts import (
+    DrilledPlateAnswer,
+    MachinedPartAnswer,
+    RotaryAxisAnswer,
+)
+from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
 from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings
-from app.client import calls
+from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
+from app.api.schemas.rotary import RotaryErrorAnswer
+from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
+from app.api.schemas.watch import WatchAnswer
+from app.client import calls, loop_calls
 from app.client.call import Answer, Call, Content
-from app.client.calls import TaggedTable
+from app.client.calls import TaggedTable, VolumetricErrors
 from app.client.connection import explaining, httpx_options, service_url, without_password
 
 
@@ -179,6 +196,167 @@ class ThermapClient:
     ) -> PredictionAnswer:
         """Predict the error of each `ObservationSchema` with the stored readings."""
         return self.send(calls.predict(machine, observations, model_version))
+
+    def volumetric_error(self, machine: str, question: Content) -> VolumetricErrors:
+        """Sum all errors at the points of a `VolumetricErrorRequest`, as numpy arrays."""
+        return self.send(calls.volumetric_error(machine, question))
+
+    def grid(self, machine: str, question: Content) -> GridAnswer:
+        """Give the corner values of a `GridRequest`'s grid, or of one that keeps a tolerance."""
+        return self.send(calls.grid(machine, question))
+
+    def volumetric_accuracy(self, machine: str, question: Content) -> AccuracyAnswer:
+        """Measure the work volume by every definition, as an `AccuracyRequest` asks."""
+        return self.send(calls.volumetric_accuracy(machine, question))
+
+    def accuracy_from_lines(self, lines: Content) -> LinesAnswer:
+        """Compute ELv and ELSv of a `LinesRequest`."""
+        return self.send(calls.accuracy_from_lines(lines))
+
+    def compensation_levels(self, machine: str, question: Content) -> LevelsAnswer:
+        """Say what controllers of different ability would leave of the volumetric error."""
+        return self.send(calls.compensation_levels(machine, question))
+
+    def rotary_axis_error(self, machine: str, question: Content) -> RotaryErrorAnswer:
+        """Say what location errors of rotary axes do to a `RotaryErrorRequest`'s points."""
+        return self.send(calls.rotary_axis_error(machine, question))
+
+    def current_picture(self, machine: str, missing_components: str = "refuse") -> str:
+        """Draw the work volume at the latest reading: a page that needs the service's files."""
+        return self.send(calls.current_picture(machine, missing_components))
+
+    def picture(self, machine: str, question: Content) -> dict[str, Any]:
+        """Draw the work volume as a `PictureRequest` asks: a plotly figure."""
+        return self.send(calls.picture(machine, question))
+
+    def measure_step_diagonal(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> StepDiagonalAnswer:
+        """Derive translations and squareness from a `StepDiagonalRequest`'s readings."""
+        return self.send(calls.measure_step_diagonal(machine, measurement, store))
+
+    def measure_body_diagonal(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> BodyDiagonalAnswer:
+        """Evaluate Ed, ESd and squareness of a `BodyDiagonalRequest`'s readings."""
+        return self.send(calls.measure_body_diagonal(machine, measurement, store))
+
+    def measure_positioning(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> PositioningAnswer:
+        """Evaluate a `PositioningRequest`'s runs by ISO 230-2."""
+        return self.send(calls.measure_positioning(machine, measurement, store))
+
+    def measure_six_dof(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> MeasurementAnswer:
+        """Take up to six errors of one axis from a `SixDofRequest`."""
+        return self.send(calls.measure_six_dof(machine, measurement, store))
+
+    def measure_machined_part(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> MachinedPartAnswer:
+        """Take a `MachinedPartRequest`'s straightness, and compare it with the model."""
+        return self.send(calls.measure_machined_part(machine, measurement, store))
+
+    def measure_drilled_plate(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> DrilledPlateAnswer:
+        """Take scale, squareness and axis errors from a `DrilledPlateRequest`'s holes."""
+        return self.send(calls.measure_drilled_plate(machine, measurement, store))
+
+    def measure_rotary_axis(
+        self, machine: str, measurement: Content, *, store: bool = False
+    ) -> RotaryAxisAnswer:
+        """Find a rotary axis from a `RotaryAxisRequest`'s places of a ball."""
+        return self.send(calls.measure_rotary_axis(machine, measurement, store))
+
+    def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
+        """Say what a laser would read on the stored machine in a `StepDiagonalSimulation`."""
+        return self.send(calls.simulate_step_diagonal(machine, plan))
+
+    def store_verification(self, machine: str, verification: Content) -> VerificationAnswer:
+        """Store a `VerificationRequest`: observations to hold the model against."""
+        return self.send(loop_calls.store_verification(machine, verification))
+
+    def verifications(self, machine: str) -> list[VerificationAnswer]:
+        """List verifications without their observations, oldest first."""
+        return self.send(loop_calls.verifications(machine))
+
+    def verification(self, machine: str, verification_id: int) -> WholeVerificationAnswer:
+        """Show one verification with its observations."""
+        return self.send(loop_calls.verification(machine, verification_id))
+
+    def delete_verification(self, machine: str, verification_id: int) -> None:
+        """Delete a verification; analyses of it keep their results."""
+        return self.send(loop_calls.delete_verification(machine, verification_id))
+
+    def watch(self, machine: str) -> WatchAnswer:
+        """Say whether the machine still is as its model says, by a sequential test."""
+        return self.send(loop_calls.watch(machine))
+
+    def verification_residuals(
+        self, machine: str, verification_id: int, model_version: int | None = None, rows: int = 0
+    ) -> ResidualsAnswer:
+        """Subtract what a model version says from one verification, with so many single rows."""
+        return self.send(
+            loop_calls.verification_residuals(machine, verification_id, model_version, rows)
+        )
+
+    def residuals(
+        self,
+        machine: str,
+        verifications: Sequence[int],
+        model_version: int | None = None,
+        rows: int = 0,
+    ) -> ResidualsAnswer:
+        """Do the same with several verifications together."""
+        return self.send(loop_calls.residuals(machine, verifications, model_version, rows))
+
+    def compare_models(
+        self, machine: str, verifications: Sequence[int], versions: Sequence[int]
+    ) -> ModelComparisonAnswer:
+        """Show versions side by side, on the observations that all can be held against."""
+        return self.send(loop_calls.compare_models(machine, verifications, versions))
+
+    def analyse(self, machine: str, question: Content) -> AnalysisHead:
+        """Ask for an analysis with an `AnalysisRequest`; look at it until it is done."""
+        return self.send(loop_calls.analyse(machine, question))
+
+    def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
+        """Say what the observations of a `PlanRequest` could see, before anyone measures."""
+        return self.send(loop_calls.plan_analysis(machine, plan))
+
+    def analyses(self, machine: str) -> list[AnalysisHead]:
+        """List analyses without their results, oldest first."""
+        return self.send(loop_calls.analyses(machine))
+
+    def analysis(self, machine: str, analysis_id: int) -> AnalysisAnswer:
+        """Show how far an analysis is and, once it is done, what it found."""
+        return self.send(loop_calls.analysis(machine, analysis_id))
+
+    def analysis_report(self, machine: str, analysis_id: int) -> str:
+        """Read an analysis as a page for a person: HTML that needs no other file."""
+        return self.send(loop_calls.analysis_report(machine, analysis_id))
+
+    def cancel_analysis(self, machine: str, analysis_id: int) -> AnalysisHead:
+        """Cancel an analysis that waits or runs."""
+        return self.send(loop_calls.cancel_analysis(machine, analysis_id))
+
+    def delete_analysis(self, machine: str, analysis_id: int) -> None:
+        """Delete an analysis; a model version that was made of it stays."""
+        return self.send(loop_calls.delete_analysis(machine, analysis_id))
+
+    def adopt_analysis(
+        self,
+        machine: str,
+        analysis_id: int,
+        effects: Sequence[int] | None = None,
+        *,
+        onto_active: bool = False,
+    ) -> ModelAnswer:
+        """Make the next, active model version with effects that an analysis found."""
+        return self.send(loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active))
 
     def send(self, call: Call[Answer]) -> Answer:
         """Send a call that `app.client.calls` describes, and read its answer."""

@@ -5,6 +5,7 @@ Both clients send these; neither knows a path or a body.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,17 +14,33 @@ from typing import Any, Final
 from urllib.parse import quote
 
 import httpx
+import numpy as np
 from pydantic import BaseModel
 
+from app.api.media_types import ANSWER_HEADER, HTML, NPY
 from app.api.routes.health import HealthAnswer, ReadyAnswer
+from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
 from app.api.schemas.compensation import CompensationAnswer, CurrentCompensationAnswer
+from app.api.schemas.error_field import AnswerHead
 from app.api.schemas.error_maps import ErrorMapAnswer
+from app.api.schemas.grids import GridAnswer
 from app.api.schemas.machines import MachineAnswer
+from app.api.schemas.measurements.axes import PositioningAnswer
+from app.api.schemas.measurements.base import MeasurementAnswer
+from app.api.schemas.measurements.diagonals import BodyDiagonalAnswer, StepDiagonalAnswer
+from app.api.schemas.measurements.parts import (
+    DrilledPlateAnswer,
+    MachinedPartAnswer,
+    RotaryAxisAnswer,
+)
+from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
 from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings
-from app.client.call import Call, Content, nothing, reader_of
-from app.client.errors import error_of
+from app.api.schemas.rotary import RotaryErrorAnswer
+from app.arrays import FloatArray
+from app.client.call import Answer, Call, Content, nothing, reader_of
+from app.client.errors import error_of, unreadable
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
@@ -35,6 +52,19 @@ class TaggedTable:
 
     table: CurrentCompensationAnswer
     etag: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VolumetricErrors:
+    """Errors [µm] and orientation errors [µrad] at points: shape (n, 3) or (s, n, 3).
+
+    `head` says what the service says beside them: model version, warnings, and which
+    components count as zero.
+    """
+
+    errors_um: FloatArray
+    orientation_urad: FloatArray
+    head: AnswerHead
 
 
 # -- health --------------------------------------------------------------------------------
@@ -70,17 +100,17 @@ def machines() -> Call[list[MachineAnswer]]:
 
 def machine(machine_id: str) -> Call[MachineAnswer]:
     """GET /v1/machines/{machine}."""
-    return Call("GET", _of(machine_id), reader_of(MachineAnswer))
+    return Call("GET", of_machine(machine_id), reader_of(MachineAnswer))
 
 
 def change_machine(machine_id: str, changes: Content) -> Call[MachineAnswer]:
     """PATCH /v1/machines/{machine}."""
-    return Call("PATCH", _of(machine_id), reader_of(MachineAnswer), changes)
+    return Call("PATCH", of_machine(machine_id), reader_of(MachineAnswer), changes)
 
 
 def delete_machine(machine_id: str) -> Call[None]:
     """DELETE /v1/machines/{machine}."""
-    return Call("DELETE", _of(machine_id), nothing)
+    return Call("DELETE", of_machine(machine_id), nothing)
 
 
 # -- error maps ----------------------------------------------------------------------------
@@ -88,22 +118,22 @@ def delete_machine(machine_id: str) -> Call[None]:
 
 def store_error_map(machine_id: str, error_map: Content) -> Call[ErrorMapAnswer]:
     """POST …/error-maps."""
-    return Call("POST", _of(machine_id, "error-maps"), reader_of(ErrorMapAnswer), error_map)
+    return Call("POST", of_machine(machine_id, "error-maps"), reader_of(ErrorMapAnswer), error_map)
 
 
 def error_maps(machine_id: str) -> Call[list[ErrorMapAnswer]]:
     """GET …/error-maps."""
-    return Call("GET", _of(machine_id, "error-maps"), reader_of(list[ErrorMapAnswer]))
+    return Call("GET", of_machine(machine_id, "error-maps"), reader_of(list[ErrorMapAnswer]))
 
 
 def error_map(machine_id: str, map_id: int) -> Call[ErrorMapAnswer]:
     """GET …/error-maps/{id}."""
-    return Call("GET", _of(machine_id, "error-maps", map_id), reader_of(ErrorMapAnswer))
+    return Call("GET", of_machine(machine_id, "error-maps", map_id), reader_of(ErrorMapAnswer))
 
 
 def delete_error_map(machine_id: str, map_id: int) -> Call[None]:
     """DELETE …/error-maps/{id}."""
-    return Call("DELETE", _of(machine_id, "error-maps", map_id), nothing)
+    return Call("DELETE", of_machine(machine_id, "error-maps", map_id), nothing)
 
 
 # -- sensor assignment and models ----------------------------------------------------------
@@ -111,35 +141,39 @@ def delete_error_map(machine_id: str, map_id: int) -> Call[None]:
 
 def sensor_assignment(machine_id: str) -> Call[dict[str, str]]:
     """GET …/sensor-assignment."""
-    return Call("GET", _of(machine_id, "sensor-assignment"), reader_of(dict[str, str]))
+    return Call("GET", of_machine(machine_id, "sensor-assignment"), reader_of(dict[str, str]))
 
 
 def assign_sensors(
     machine_id: str, assignment: AssignmentSchema | Mapping[str, str]
 ) -> Call[dict[str, str]]:
     """PUT …/sensor-assignment."""
-    return Call("PUT", _of(machine_id, "sensor-assignment"), reader_of(dict[str, str]), assignment)
+    return Call(
+        "PUT", of_machine(machine_id, "sensor-assignment"), reader_of(dict[str, str]), assignment
+    )
 
 
 def correlate_sensors(machine_id: str) -> Call[CorrelationAnswer]:
     """POST …/sensor-assignment/correlate."""
-    path = _of(machine_id, "sensor-assignment", "correlate")
+    path = of_machine(machine_id, "sensor-assignment", "correlate")
     return Call("POST", path, reader_of(CorrelationAnswer))
 
 
 def models(machine_id: str) -> Call[list[ModelAnswer]]:
     """GET …/models."""
-    return Call("GET", _of(machine_id, "models"), reader_of(list[ModelAnswer]))
+    return Call("GET", of_machine(machine_id, "models"), reader_of(list[ModelAnswer]))
 
 
 def model(machine_id: str, version: int) -> Call[ModelAnswer]:
     """GET …/models/{version}."""
-    return Call("GET", _of(machine_id, "models", version), reader_of(ModelAnswer))
+    return Call("GET", of_machine(machine_id, "models", version), reader_of(ModelAnswer))
 
 
 def activate_model(machine_id: str, version: int) -> Call[ModelAnswer]:
     """POST …/models/{version}/activate."""
-    return Call("POST", _of(machine_id, "models", version, "activate"), reader_of(ModelAnswer))
+    return Call(
+        "POST", of_machine(machine_id, "models", version, "activate"), reader_of(ModelAnswer)
+    )
 
 
 # -- live ----------------------------------------------------------------------------------
@@ -149,7 +183,7 @@ def store_readings(
     machine_id: str, readings: Content | Iterable[Content]
 ) -> Iterator[Call[StoredReadings]]:
     """POST …/readings, as often as their number needs."""
-    path = _of(machine_id, "readings")
+    path = of_machine(machine_id, "readings")
     remaining = iter([readings] if isinstance(readings, BaseModel | Mapping) else readings)
     while part := list(islice(remaining, READINGS_A_CALL)):
         yield Call("POST", path, reader_of(StoredReadings), part)
@@ -176,7 +210,9 @@ def readings(
 ) -> Call[list[ReadingSchema]]:
     """GET …/readings."""
     query = {"from": since, "to": until, "every_s": every_s, "limit": limit}
-    return Call("GET", _of(machine_id, "readings"), reader_of(list[ReadingSchema]), query=query)
+    return Call(
+        "GET", of_machine(machine_id, "readings"), reader_of(list[ReadingSchema]), query=query
+    )
 
 
 def compensation(
@@ -184,14 +220,14 @@ def compensation(
 ) -> Call[CompensationAnswer]:
     """POST …/compensation."""
     body = {"temperatures_c": temperatures_c, "state": state or {}}
-    return Call("POST", _of(machine_id, "compensation"), reader_of(CompensationAnswer), body)
+    return Call("POST", of_machine(machine_id, "compensation"), reader_of(CompensationAnswer), body)
 
 
 def current_table(machine_id: str, etag: str | None) -> Call[TaggedTable | None]:
     """GET …/compensation; 304 is the answer None."""
     return Call(
         "GET",
-        _of(machine_id, "compensation"),
+        of_machine(machine_id, "compensation"),
         _read_tagged,
         headers={"If-None-Match": etag} if etag else {},
         answered_by=frozenset({304}),
@@ -205,13 +241,128 @@ def predict(
     body: dict[str, Any] = {"observations": list(observations)}
     if model_version is not None:
         body["model_version"] = model_version
-    return Call("POST", _of(machine_id, "predictions"), reader_of(PredictionAnswer), body)
+    return Call("POST", of_machine(machine_id, "predictions"), reader_of(PredictionAnswer), body)
 
 
-def _of(machine_id: str, *further: str | int) -> str:
+# -- geometry ------------------------------------------------------------------------------
+
+
+def volumetric_error(machine_id: str, question: Content) -> Call[VolumetricErrors]:
+    """POST …/volumetric-error, answered in numpy's form."""
+    path = of_machine(machine_id, "volumetric-error")
+    return Call("POST", path, _read_vectors, question, headers={"Accept": NPY})
+
+
+def grid(machine_id: str, question: Content) -> Call[GridAnswer]:
+    """POST …/compensation/grid."""
+    path = of_machine(machine_id, "compensation", "grid")
+    return Call("POST", path, reader_of(GridAnswer), question)
+
+
+def volumetric_accuracy(machine_id: str, question: Content) -> Call[AccuracyAnswer]:
+    """POST …/volumetric-accuracy."""
+    path = of_machine(machine_id, "volumetric-accuracy")
+    return Call("POST", path, reader_of(AccuracyAnswer), question)
+
+
+def accuracy_from_lines(lines: Content) -> Call[LinesAnswer]:
+    """POST /v1/volumetric-accuracy/from-lines."""
+    return Call("POST", "/v1/volumetric-accuracy/from-lines", reader_of(LinesAnswer), lines)
+
+
+def compensation_levels(machine_id: str, question: Content) -> Call[LevelsAnswer]:
+    """POST …/compensation/levels."""
+    path = of_machine(machine_id, "compensation", "levels")
+    return Call("POST", path, reader_of(LevelsAnswer), question)
+
+
+def rotary_axis_error(machine_id: str, question: Content) -> Call[RotaryErrorAnswer]:
+    """POST …/rotary-axis-error."""
+    path = of_machine(machine_id, "rotary-axis-error")
+    return Call("POST", path, reader_of(RotaryErrorAnswer), question)
+
+
+def current_picture(machine_id: str, missing_components: str) -> Call[str]:
+    """GET …/picture, as a page."""
+    query = {"missing_components": missing_components}
+    return Call(
+        "GET", of_machine(machine_id, "picture"), _read_text, query=query, headers={"Accept": HTML}
+    )
+
+
+def picture(machine_id: str, question: Content) -> Call[dict[str, Any]]:
+    """POST …/picture, as a figure."""
+    return Call("POST", of_machine(machine_id, "picture"), reader_of(dict[str, Any]), question)
+
+
+# -- measurements --------------------------------------------------------------------------
+
+
+def measure_step_diagonal(
+    machine_id: str, measurement: Content, store: bool
+) -> Call[StepDiagonalAnswer]:
+    """POST …/measurements/step-diagonal."""
+    return _measure(machine_id, "step-diagonal", StepDiagonalAnswer, measurement, store)
+
+
+def measure_body_diagonal(
+    machine_id: str, measurement: Content, store: bool
+) -> Call[BodyDiagonalAnswer]:
+    """POST …/measurements/body-diagonal."""
+    return _measure(machine_id, "body-diagonal", BodyDiagonalAnswer, measurement, store)
+
+
+def measure_positioning(
+    machine_id: str, measurement: Content, store: bool
+) -> Call[PositioningAnswer]:
+    """POST …/measurements/positioning."""
+    return _measure(machine_id, "positioning", PositioningAnswer, measurement, store)
+
+
+def measure_six_dof(machine_id: str, measurement: Content, store: bool) -> Call[MeasurementAnswer]:
+    """POST …/measurements/six-dof."""
+    return _measure(machine_id, "six-dof", MeasurementAnswer, measurement, store)
+
+
+def measure_machined_part(
+    machine_id: str, measurement: Content, store: bool
+) -> Call[MachinedPartAnswer]:
+    """POST …/measurements/machined-part."""
+    return _measure(machine_id, "machined-part", MachinedPartAnswer, measurement, store)
+
+
+def measure_drilled_plate(
+    machine_id: str, measurement: Content, store: bool
+) -> Call[DrilledPlateAnswer]:
+    """POST …/measurements/drilled-plate."""
+    return _measure(machine_id, "drilled-plate", DrilledPlateAnswer, measurement, store)
+
+
+def measure_rotary_axis(
+    machine_id: str, measurement: Content, store: bool
+) -> Call[RotaryAxisAnswer]:
+    """POST …/measurements/rotary-axis."""
+    return _measure(machine_id, "rotary-axis", RotaryAxisAnswer, measurement, store)
+
+
+def simulate_step_diagonal(machine_id: str, plan: Content) -> Call[SimulatedStepDiagonal]:
+    """POST …/measurements/step-diagonal/simulate."""
+    path = of_machine(machine_id, "measurements", "step-diagonal", "simulate")
+    return Call("POST", path, reader_of(SimulatedStepDiagonal), plan)
+
+
+def _measure(
+    machine_id: str, method: str, answer: type[Answer], measurement: Content, store: bool
+) -> Call[Answer]:
+    path = of_machine(machine_id, "measurements", method)
+    query = {"store": "true" if store else "false"}
+    return Call("POST", path, reader_of(answer), measurement, query=query)
+
+
+def of_machine(machine_id: str, *further: str | int) -> str:
     """Name a path below a machine, whatever characters its id has.
 
-    >>> _of("mill 3/b", "models", 2)
+    >>> of_machine("mill 3/b", "models", 2)
     '/v1/machines/mill%203%2Fb/models/2'
     """
     if not machine_id:
@@ -223,6 +374,20 @@ def _read_ready(response: httpx.Response) -> ReadyAnswer:
     if response.headers.get("content-type", "") != "application/json":
         raise error_of(response)
     return reader_of(ReadyAnswer)(response)
+
+
+def _read_text(response: httpx.Response) -> str:
+    return response.text
+
+
+def _read_vectors(response: httpx.Response) -> VolumetricErrors:
+    """Read one array of shape (n, 6) or (s, n, 6), and the head beside it."""
+    try:
+        numbers = np.load(io.BytesIO(response.content), allow_pickle=False)
+        head = AnswerHead.model_validate_json(response.headers[ANSWER_HEADER], extra="ignore")
+    except (ValueError, KeyError, EOFError) as error:
+        raise unreadable(response, f"no array of errors: {error}") from error
+    return VolumetricErrors(numbers[..., :3], numbers[..., 3:], head)
 
 
 def _read_tagged(response: httpx.Response) -> TaggedTable | None:

@@ -443,7 +443,7 @@ COMPONENTS = {
     "empty name": (component(component=""), "0.component", "EXX"),
     "nul in the name": (component(component="EXX\0"), "0.component", "EXX"),
     "unknown field": (component(errors_mm=[0, 1]), "0.errors_mm", "unknown field"),
-    "no components": ([], "", "at least 1 entries"),
+    "no components": ([], "", "at least 1 entry"),
     "twice the same": (component() + component(component="D_x(x)"), "1.component", "EXX again"),
     "a metre of error": (component(errors_um=[0.0, 1.1e6]), "0.errors_um", "±1e+06 µm"),
     "not a list": ({"EXX": [0, 1]}, "", "list"),
@@ -463,7 +463,7 @@ async def test_a_wrong_component_is_named(app, client, components, field, said):
 @pytest.mark.parametrize(
     ("temperatures_c", "field", "said"),
     [
-        ({}, "temperatures_c", "at least 1 entries"),
+        ({}, "temperatures_c", "at least 1 entry"),
         ({"nose": 20.0}, "temperatures_c.nose", "x-middle, y-front, z-column, spindle"),
         ({"x-middle": 293.15}, "temperatures_c.x-middle", "20.00 °C if it was meant in kelvin"),
         ({"\0": 20.0}, "temperatures_c.\0", "x-middle"),

@@ -49,6 +49,7 @@ async def test_the_table_between_two_maps(client):
         "computed_at": iso(START),
         "complete": True,
         "warnings": [],
+        "effects": [],
     }
     on_x = {
         "sensor": "x-middle",

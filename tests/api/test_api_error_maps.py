@@ -35,7 +35,10 @@ async def test_a_map_comes_back_as_it_was_stated(client):
     content = error_map(
         "Run #9",
         40.0,
-        measuring_lines_mm={"x": [0, 250, 100]},
+        measuring_lines_mm={
+            "x": [0, 250, 100],
+            "y": {"point_mm": [250, 0, 100], "tool_offset_mm": [0, 0, 160]},
+        },
         repeatability_um=0.5,
         instrument="laser vector",
     )
@@ -270,7 +273,7 @@ async def test_positions_beyond_the_travel_are_stored_with_a_warning(client):
             "temperatures_c",
             "expected a temperature of x-middle in °C",
         ),
-        ({"measuring_lines_mm": {"w": [0, 0, 0]}}, "measuring_lines_mm", "'w'"),
+        ({"measuring_lines_mm": {"w": [0, 0, 0]}}, "measuring_lines_mm.w", "'w'"),
     ],
     ids=["out of range", "kelvin", "unknown sensor", "sensor missing", "measuring line"],
 )

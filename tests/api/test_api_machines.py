@@ -158,6 +158,10 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
     await client.post("/v1/machines/other/error-maps", json=error_map("Run #1", 20.0))
     reading = {"time": iso(START), "temperatures_c": {"x-middle": 20.0}}
     await client.post(f"{ROOM}/readings", json=reading)
+    seen = {"time": iso(START), "component": "EXX", "position_mm": 5, "measured_um": 1.0}
+    for machine in (ROOM, "/v1/machines/other"):
+        body = {"label": "seen", "observations": [seen]}
+        assert (await client.post(f"{machine}/verifications", json=body)).status_code == 201
     answer = await client.delete(ROOM)
     assert (answer.status_code, answer.content) == (204, b"")
     for path in ("", "/compensation", "/readings", "/models"):
@@ -172,6 +176,9 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
         "model_version": 1,
         "model_version_map": 1,
         "reading": 0,
+        "verification": 1,
+        "analysis": 0,
+        "watch": 0,
     }
 
 

@@ -195,6 +195,40 @@ async def test_with_measuring_lines_the_arm_counts_from_the_line(client):
     assert above[0] == pytest.approx(5.5 + 11 * 0.1)
 
 
+async def test_the_line_s_own_tool_offset_is_no_arm(client):
+    """EBX with a reflector at z = 50 mm on a tool of 100 mm: at z = 50 with that tool, no arm."""
+    for stored_map in (await client.get(f"{ROOM}/error-maps")).json():
+        await client.delete(f"{ROOM}/error-maps/{stored_map['id']}")
+    line = {"x": {"point_mm": [0, 0, 50], "tool_offset_mm": [0, 0, 100]}}
+    for t in (20.0, 30.0):
+        content = error_map(f"On a line at {t}", t, measuring_lines_mm=line)
+        await client.post(f"{ROOM}/error-maps", json=content)
+    await client.post(f"{ROOM}/readings", json=reading(START, 25.5))
+    points = [
+        {"time": iso(START), "point_mm": [100, 0, z], "tool_offset_mm": [0, 0, tool]}
+        for z, tool in ((50, 100), (150, 0), (150, 100))
+    ]
+    found = (await predict(client, *points))["predicted_um"]
+    assert [e[0] for e in found] == pytest.approx([5.5, 5.5, 5.5 + 11 * 0.1])
+
+
+async def test_at_a_point_each_axis_has_its_direction(client):
+    for t in (32.0, 36.0):
+        tables = [
+            table("EXX", [0, 100], [0.0, 1.0], backward_errors_um=[5.0, 6.0]),
+            table("EYY", [0, 100], [0.0, 2.0], backward_errors_um=[10.0, 12.0]),
+        ]
+        await client.post(f"{ROOM}/error-maps", json=error_map(f"At {t}", t, components=tables))
+    for stored_map in (await client.get(f"{ROOM}/error-maps")).json()[:3]:
+        await client.delete(f"{ROOM}/error-maps/{stored_map['id']}")
+    await client.post(f"{ROOM}/readings", json=reading(START, 34.0))
+    point = {"time": iso(START), "point_mm": [100, 100, 0]}
+    asked = [point | {"direction": d} for d in ("+", "-", {"x": "+", "y": "-"}, {"x": "-"})]
+    document = await predict(client, *asked)
+    expected = [[1, 2, 0], [6, 12, 0], [1, 12, 0], [6, 7, 0]]
+    assert document["predicted_um"] == expected
+
+
 @pytest.mark.parametrize(
     ("observation", "field"),
     [

@@ -7,10 +7,20 @@ import pytest
 
 from app.units import unit_of_field
 
-NO_UNIT = {"weight", "r", "confidence_95"}
-"""Numbers without a unit: shares and correlations."""
+NO_UNIT = {
+    *("weight", "r", "confidence_95", "ratio", "ratios", "exaggeration"),
+    *("progress", "holdout_fraction", "share_above_repeatability", "share_above"),
+    *("likelihood_ratio", "two_ln_bayes_factor", "p_global", "calibration_slope"),
+    *("calibration_slope_error", "forward_slope", "found_again_share"),
+    *("evidence", "behind", "alias_share", "leverage", "overlap", "limit", "false_alarm"),
+    *("parameters", "standard_errors"),
+}
+"""Numbers without a unit: shares, correlations, probabilities and ratios; or with their unit
+in each one's own name."""
 
-UNITS = re.compile(r"\[(mm|µm|µrad|µm/m|µrad/m|°C|°C/min|s|1/min)[\];]")
+UNITS = re.compile(
+    r"\[(mm|µm|µrad|µm/m|µrad/m|°C|°C/min|°|s|1/min|square of the errors' unit)[\];]"
+)
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +142,14 @@ def test_every_route_of_the_contract_is_there(document):
         f"{room}/compensation": {"get", "post"},
         f"{room}/readings": {"get", "post"},
         f"{room}/predictions": {"post"},
+        f"{room}/verifications": {"get", "post"},
+        f"{room}/verifications/{{verification_id}}": {"get", "delete"},
+        f"{room}/analyses": {"get", "post"},
+        f"{room}/analyses/{{analysis_id}}": {"get", "delete"},
+        f"{room}/analyses/{{analysis_id}}/cancel": {"post"},
+        f"{room}/analyses/{{analysis_id}}/adopt": {"post"},
+        f"{room}/analyses/{{analysis_id}}/report": {"get"},
+        f"{room}/analyses/plan": {"post"},
         "/healthz": {"get"},
         "/readyz": {"get"},
         "/metrics": {"get"},

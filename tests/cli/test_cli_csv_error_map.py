@@ -134,6 +134,69 @@ def test_backward_errors(read):
     assert "backward_errors_um" not in values(found, "EYX")
 
 
+def test_standard_errors(read):
+    text = (
+        "component,position_mm,error_um,standard_error_um,backward_error_um,"
+        "backward_standard_error_um\n"
+        "EXX,9,2,0.3,3,0.5\nEXX,0,0,0.2,1,0.4\nEYX,0,5,,,\nSXY,,-12,0.8,,\n"
+    )
+    found = read(HEAD + text)
+    assert values(found, "EXX") == {
+        "component": "EXX",
+        "positions_mm": [0.0, 9.0],
+        "errors_um": [0.0, 2.0],
+        "standard_errors_um": [0.2, 0.3],
+        "backward_errors_um": [1.0, 3.0],
+        "backward_standard_errors_um": [0.4, 0.5],
+    }
+    assert "standard_errors_um" not in values(found, "EYX")
+    assert values(found, "SXY")["standard_error_um_per_m"] == 0.8
+    table = found.error_map.to_error_map().tables["EXX"]
+    assert table.standard_errors.tolist() == [0.2, 0.3]
+    assert table.backward_standard_errors.tolist() == [0.4, 0.5]
+
+
+def test_standard_errors_in_columns_of_their_own_units(read):
+    found = read(
+        HEAD
+        + "component;Position [mm];Error [µm];Error [µrad];Standard error [µm];"
+        + "Standard errors [µrad];standard_error_um/m;slope_um_per_m\n"
+        + "EXX;0;1,5;;0,25;;;\nEBX;0;;2,5;;0,5;;\nEYY^x;0;;;;;0,75;3\n"
+    )
+    assert values(found, "EXX")["standard_errors_um"] == [0.25]
+    assert values(found, "EBX")["standard_errors_urad"] == [0.5]
+    assert values(found, "EYY^x")["standard_errors_um_per_m"] == [0.75]
+    assert found.remarks == []
+
+
+def test_standard_errors_that_cannot_be(complaints):
+    head = "component,position_mm,error_um,standard_error_um\n"
+    assert complaints(HEAD + head + "EXX,0,0,-0.2\nEXX,9,1,x\n") == [
+        "run.csv, line 5, column 4 (standard_error_um): expected a standard error of EXX in µm, "
+        "which is not negative, came '-0.2'",
+        "run.csv, line 6, column 4 (standard_error_um): expected a number in µm, came 'x'",
+    ]
+    assert complaints(HEAD + head + "EXX,0,0,0.2\nEXX,9,1,\n") == [
+        "run.csv, line 6: expected a standard error of EXX in every line or in none, unlike line 5",
+    ]
+    two = "component,position_mm,error_um,standard_error_um,standard_error_urad\n"
+    assert complaints(HEAD + two + "EXX,0,0,,0.1\n") == [
+        "run.csv, line 5, column 5 (standard_error_urad): expected EXX in µm once, in the column "
+        "standard_error_um, came '0.1'",
+    ]
+    backward = "component,position_mm,error_um,backward_standard_error_um\n"
+    (said,) = complaints(HEAD + backward + "EXX,0,0,0.1\n")
+    assert "expected backward_errors_um of EXX beside it, came none" in said
+
+
+def test_one_value_has_no_direction(complaints):
+    text = "component,position_mm,error_um,backward_error_um\nSXY,,-12,5\n"
+    assert complaints(HEAD + text) == [
+        "run.csv, line 5, column 4 (backward_error_um): expected nothing, as SXY has no "
+        "direction of approach, came '5'"
+    ]
+
+
 def test_the_command_line_goes_before_the_file(read):
     stated = Stated("Run #2", "2026-03-02T06:00:00Z", {"x-middle": 21.5, "spindle": 23.0})
     found = read(HEAD + ROWS, stated).error_map

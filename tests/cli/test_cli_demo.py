@@ -1,5 +1,6 @@
 """thermap demo: within seconds a compensation table, labelled as simulated, and a clean end."""
 
+import io
 import os
 import re
 import select
@@ -8,9 +9,12 @@ import time
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from rich.console import Console
 
 from app.cli.demo_machine import HISTORY, set_up
+from app.cli.demo_view import live_view
 from app.cli.listening import listening
+from app.cli.table_view import signed
 from app.client import ThermapClient
 from app.errors import Conflict
 from tests.cli.conftest import ended
@@ -33,10 +37,10 @@ def test_a_table_in_a_pipe_and_a_service_behind_it(start, tmp_path):
     text = read_until(process, "minus the error")
     assert text.count("SIMULATED") == 2
     # The chapter's argument: three maps leave less than two, two less than none.
-    rows = [line for line in text.splitlines() if re.search(r"#1, #|none \(", line)]
-    remains = [float(row[31:39]) for row in rows]
+    rows = re.findall(r"(?:none|#1, #6|#1, #3, #6) +((?:\d+\.\d\d *){6})\n", text)
+    remains = [[float(number) for number in row.split()] for row in rows]
     assert len(remains) == 9
-    assert remains[2] < remains[1] < remains[0]
+    assert all(a < b < c for c, b, a in zip(*remains[:3], strict=True))
     assert re.search(r"x-middle \d\d\.\d\d °C, Run #\d to Run #\d, weight \d\.\d\d", text)
     assert "ISO C0Y" in text
     url = re.search(r"http://127.0.0.1:\d+", text)[0]
@@ -63,8 +67,74 @@ def test_a_live_view_on_a_terminal_that_ends_with_ctrl_c(start_on_terminal, tmp_
             break
     assert process.wait(10.0) == 0
     assert "Traceback" not in text
-    # The whole table fits 24 lines: its last component is there.
+    # The whole table fits 24 lines: its last components are there, and nothing is cut off.
     assert "SZX" in text
+    assert "ECZ" in text
+    assert "more lines" not in text
+
+
+@pytest.fixture
+def simulated_table(client):
+    """The simulated machine's table at its latest reading."""
+    client.delete_machine("mcfv5050")
+    return client.current_table(set_up(client)).table
+
+
+def lines_of(table, columns, rows):
+    """What the live view shows on a terminal of this size."""
+    console = Console(
+        file=io.StringIO(), force_terminal=True, width=columns, height=rows, highlight=False
+    )
+    lines = console.render_lines(live_view(table, console), pad=False)
+    return ["".join(segment.text for segment in line).rstrip() for line in lines]
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "shown"),
+    [
+        # Size to: errors, chapter's names, blank lines.
+        (80, 24, (False, False, False)),
+        (120, 24, (False, False, False)),
+        (80, 32, (False, True, False)),
+        (80, 40, (False, True, True)),
+        (80, 60, (True, True, True)),
+        (120, 40, (True, True, True)),
+    ],
+)
+def test_the_live_view_shows_every_component_and_does_not_scroll(
+    simulated_table, columns, rows, shown
+):
+    lines = lines_of(simulated_table, columns, rows)
+    assert len(lines) < rows
+    assert max(map(len, lines)) <= columns
+    text = "\n".join(lines)
+    assert all(entry.component in text for entry in simulated_table.components)
+    assert (" error " in text, "A_x(x)" in text, "" in lines) == shown
+
+
+def test_in_low_terminals_rotations_stand_beside_the_displacements_of_their_axis(simulated_table):
+    entries = {entry.component: entry for entry in simulated_table.components}
+    at = [0, 7, 13, 20]
+    for row, (left, right) in {"EYX": ("EYX", "EBX"), "EZZ": ("EZZ", "ECZ")}.items():
+        line = next(line for line in lines_of(simulated_table, 80, 24) if line.startswith(row))
+        displacement = [signed(entries[left].compensation_um[i]) for i in at]
+        rotation = [signed(entries[right].compensation_urad[i]) for i in at]
+        assert line.split() == [left, "µm", *displacement, right, "µrad", *rotation]
+    assert "x in mm         0    175    325    500   x in mm" in "\n".join(
+        lines_of(simulated_table, 80, 24)
+    )
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(60, 15), (80, 12), (120, 20), (80, 2), (80, 1)])
+def test_a_terminal_that_is_too_low_is_told_how_high_it_should_be(simulated_table, columns, rows):
+    lines = lines_of(simulated_table, columns, rows)
+    assert len(lines) == max(rows - 1, 1)
+    more, needed = map(
+        int, re.fullmatch(r"and (\d+) more lines in .* of (\d+)", lines[-1]).groups()
+    )
+    all_lines = lines_of(simulated_table, columns, needed)
+    assert len(all_lines) == len(lines) - 1 + more == needed - 1
+    assert all_lines[: len(lines) - 1] == lines[:-1]
 
 
 def test_setting_up_again_changes_nothing(client):
@@ -84,7 +154,7 @@ def test_history_comes_before_the_first_live_reading(client):
     assert now - HISTORY - timedelta(seconds=10) < readings[0].time < now - timedelta(minutes=4)
     assert now - timedelta(seconds=10) < readings[-1].time <= now
     table = client.current_table("mcfv5050").table
-    assert (table.complete, table.warnings, len(table.components)) == (True, [], 12)
+    assert (table.complete, table.warnings, len(table.components)) == (True, [], 21)
     assert {s.health for s in table.sensors} == {"ok"}
 
 

@@ -63,7 +63,7 @@ def test_a_machine_with_maps_and_readings_in_any_order(thermap, client, write):
     assert (found.exit_code, found.stderr) == (0, "")
     assert found.stdout.splitlines() == [
         f"{machine}: machine mill stored",
-        f"{readings}: 1 readings stored, 1 were there already",
+        f"{readings}: 1 reading stored, 1 there already",
         f"{maps}: error map 'a' stored as number {client.error_maps('mill')[0].id}, "
         "model version 1",
         f"{maps}: error map 'b' stored as number {client.error_maps('mill')[1].id}, "

@@ -41,7 +41,7 @@ def test_all_at_once_shows_how_the_table_changed(thermap, client, write):
     assert found.exit_code == 0, found.output
     assert "columns that are not read: load" in found.stderr
     assert "61 readings with their recorded spacing, the last one as it is sent" in found.stderr
-    assert "61 readings stored, 0 were there already" in found.stdout
+    assert "61 readings stored, 0 there already" in found.stdout
     # EXX at 500 mm grows by 5 µm/°C from 20 °C on, so over 3 °C by 15 µm.
     row = next(line.split() for line in found.stdout.splitlines() if line.startswith("EXX"))
     assert row == ["EXX", "D_x(x)", "µm", "500", "0.00", "-15.00", "-15.00", "15.00"]

@@ -12,7 +12,10 @@ from app.cli.listening import CannotListen, listening, url_of
 from app.cli.options import read_named_numbers
 from tests.cli.conftest import ended, wait_until_it_answers
 
-COMMANDS = ("serve", "demo", "import", "compensate", "replay")
+COMMANDS = (
+    *("serve", "demo", "import", "compensate", "accuracy", "picture", "replay"),
+    "simulate step-diagonal",
+)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -132,7 +135,7 @@ def test_version(run):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_an_example_and_the_environment(run, command):
-    found = run(command, "--help")
+    found = run(*command.split(), "--help")
     assert found.exit_code == 0
     assert f"Example: thermap {command}" in found.stdout
     assert "THERMAP_" in found.stdout

@@ -37,7 +37,7 @@ async def post_compensation(
     """Compute the table at these temperatures; nothing is stored."""
     current = (await _in_memory(context, machine)).current
     warnings = database_warnings(context, current)
-    table = table_at(current, body.temperatures_c, context.now(), warnings)
+    table = table_at(current, body.temperatures_c, context.now(), warnings, body.state)
     return Response(table_json(table), media_type=JSON)
 
 
@@ -62,7 +62,7 @@ async def get_compensation(
     headers = {"ETag": f'W/"{state.tag}"', "Cache-Control": "no-cache"}
     if _matches(if_none_match, state.tag):
         return Response(status_code=304, headers=headers)
-    written = current_table_json(current_table(context, live, state))
+    written = current_table_json(current_table(context, state))
     return Response(written, media_type=JSON, headers=headers)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -85,6 +86,34 @@ Name = Annotated[
 _StateName = Annotated[
     str, StringConstraints(min_length=1, max_length=200), AfterValidator(_no_control_characters)
 ]
+
+_SIGNS = {"+": 1, "-": -1, None: 0}
+
+
+def _for_each_axis(stated: Any) -> Any:
+    """Let one direction stand for every axis."""
+    if isinstance(stated, str):
+        if stated not in _SIGNS:
+            raise ValueError("`+`, `-`, or one of them for each axis")
+        return dict.fromkeys("xyz", stated)
+    return stated
+
+
+Direction = Annotated[
+    dict[Literal["x", "y", "z"], Literal["+", "-"]] | None, BeforeValidator(_for_each_axis)
+]
+"""Direction of approach, `+` or `-`, of all axes or of each; the mean where none is stated."""
+
+
+def signs_of(direction: Mapping[Any, str] | None) -> tuple[int, int, int]:
+    """Give +1, −1 or 0 (not stated) for x, y and z.
+
+    >>> signs_of({"x": "+", "z": "-"})
+    (1, 0, -1)
+    """
+    x, y, z = (_SIGNS[(direction or {}).get(axis)] for axis in "xyz")
+    return (x, y, z)
+
 
 Temperatures = Annotated[
     dict[str, Number],

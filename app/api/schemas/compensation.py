@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import Field
 
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
@@ -36,6 +34,23 @@ class ComponentCompensationAnswer(Schema):
     error_um_per_m: Number | None = Field(None, description="Squareness [µm/m]")
     error_um: Number | None = Field(None, description="Rotary-axis position error [µm]")
     error_urad: Number | None = Field(None, description="Rotary-axis direction error [µrad]")
+    standard_errors_um: list[Number] | None = Field(
+        None,
+        description="Standard error of each error and its compensation [µm], as far as the "
+        "measurement of the maps goes; absent where a map that enters states none",
+    )
+    standard_errors_urad: list[Number] | None = Field(None, description="The same [µrad]")
+    standard_errors_um_per_m: list[Number] | None = Field(None, description="The same [µm/m]")
+    standard_errors_urad_per_m: list[Number] | None = Field(None, description="The same [µrad/m]")
+    standard_error_um_per_m: Number | None = Field(
+        None, description="Standard error of a squareness [µm/m]"
+    )
+    standard_error_um: Number | None = Field(
+        None, description="Standard error of a rotary axis' position [µm]"
+    )
+    standard_error_urad: Number | None = Field(
+        None, description="Standard error of a rotary axis' direction [µrad]"
+    )
     compensation_um: list[Number] | Number | None = Field(None, description="Minus the error [µm]")
     compensation_urad: list[Number] | Number | None = Field(
         None, description="Minus the error [µrad]"
@@ -52,6 +67,16 @@ class ComponentCompensationAnswer(Schema):
     backward_errors_urad: list[Number] | None = Field(None, description="The same [µrad]")
     backward_slopes_um_per_m: list[Number] | None = Field(None, description="The same [µm/m]")
     backward_slopes_urad_per_m: list[Number] | None = Field(None, description="The same [µrad/m]")
+    backward_standard_errors_um: list[Number] | None = Field(
+        None, description="Standard errors of the backward errors [µm]"
+    )
+    backward_standard_errors_urad: list[Number] | None = Field(None, description="The same [µrad]")
+    backward_standard_errors_um_per_m: list[Number] | None = Field(
+        None, description="The same [µm/m]"
+    )
+    backward_standard_errors_urad_per_m: list[Number] | None = Field(
+        None, description="The same [µrad/m]"
+    )
     backward_compensation_um: list[Number] | None = Field(
         None, description="Minus the backward error [µm]"
     )
@@ -62,26 +87,43 @@ class ComponentCompensationAnswer(Schema):
     )
     iso: str | None = Field(None, description="ISO 230-1 name of a squareness", examples=["C0Y"])
     iso_error_urad: Number | None = Field(None, description="Its error in ISO's sign [µrad]")
-    sensor: str = Field(description="Sensor that was used", examples=["x-middle"])
+    sensor: str | None = Field(
+        description="Sensor that was used; null, as are the next four, where no two maps have "
+        "the component and adopted effects alone give it an error",
+        examples=["x-middle"],
+    )
     stand_in_for: str | None = Field(
         None, description="Assigned sensor, where another one stands in for it"
     )
-    temperature_c: Number = Field(description="That sensor's temperature T_u [°C]")
-    lower_map: str = Field(description="Label of the lower map (T_n)", examples=["Run #1"])
-    upper_map: str = Field(description="Label of the upper map (T_m)", examples=["Run #3"])
-    weight: Number = Field(
+    temperature_c: Number | None = Field(description="That sensor's temperature T_u [°C]")
+    lower_map: str | None = Field(description="Label of the lower map (T_n)", examples=["Run #1"])
+    upper_map: str | None = Field(description="Label of the upper map (T_m)", examples=["Run #3"])
+    weight: Number | None = Field(
         description="The upper map's share, (T_u − T_n)/(T_m − T_n)", examples=[0.42]
     )
     status: str = Field(
-        description="`interpolated`, `at-map`, `clamped`, `extrapolated` or `stand-in`",
+        description="`interpolated`, `at-map`, `clamped`, `extrapolated`, `stand-in` or "
+        "`effects-only`",
         examples=["interpolated"],
     )
-    effects: list[Any] = Field(description="Adopted effects that are in these numbers")
+    effects: list[str] = Field(
+        description="Kinds of the adopted effects that are in these numbers; a component with "
+        "effects has no standard errors, because the maps do not say how sure an effect is",
+        examples=[["thermal-lag"]],
+    )
 
     @property
     def unit(self) -> str:
         """The unit of this component's errors and compensation."""
         return COMPONENTS[self.component].unit.symbol
+
+    @property
+    def standard_errors(self) -> list[float] | float | None:
+        """One standard deviation of the errors, in `unit`; None where it is not known."""
+        value: list[float] | float | None = getattr(
+            self, COMPONENTS[self.component].standard_error_field
+        )
+        return value
 
     @property
     def compensation(self) -> list[float] | float:
@@ -90,18 +132,40 @@ class ComponentCompensationAnswer(Schema):
         return value
 
 
+class EffectInTableAnswer(Schema):
+    """An adopted effect of the model, and whether it is in the table."""
+
+    kind: str = Field(description="Kind of the effect", examples=["thermal-lag"])
+    components: list[str] = Field(description="Components that it acts on", examples=[["EZZ"]])
+    sensors: list[str] = Field(description="Sensors that drive it", examples=[["z-column"]])
+    explanation: str = Field(
+        description="What it is, in a sentence", examples=["EZZ follows z-column 41 ± 2 min late"]
+    )
+    in_table: bool = Field(description="Whether it could be evaluated and is in the numbers")
+    missing: str = Field(description="What it lacks, empty where nothing")
+
+
 class CompensationAnswer(Schema):
-    """The compensation table at stated temperatures."""
+    """The compensation table at stated temperatures.
+
+    Adopted effects act as far as the request carries what they need: temperatures, the
+    machine's `state`, and the present time. Those that need the past, such as a thermal lag,
+    are in the table at the latest reading only.
+    """
 
     machine: str = Field(description="The machine's id", examples=["mcfv5050"])
     model_version: int = Field(description="Version of the model", examples=[3])
     computed_at: UtcTime = Field(description="When it was computed, UTC")
     complete: bool = Field(
         description=(
-            "Whether every component of the maps is in the table, none on an old temperature"
+            "Whether every component of the maps and every adopted effect is in the table, none "
+            "on an old temperature"
         )
     )
     warnings: list[str] = Field(description="All that is not as it should be, in sentences")
+    effects: list[EffectInTableAnswer] = Field(
+        [], description="The model's adopted effects, in the table or not"
+    )
     components: list[ComponentCompensationAnswer] = Field(description="One for each component")
 
 
@@ -110,7 +174,9 @@ class SensorStateAnswer(Schema):
 
     sensor: str = Field(description="Sensor", examples=["x-middle"])
     health: str = Field(
-        description="`ok`, `missing`, `stale`, `out-of-range`, `stuck` or `jump`", examples=["ok"]
+        description="`ok`, `missing`, `stale`, `out-of-range`, `stuck`, `jump`, or `faulty`: an "
+        "adopted effect says that it reads wrong, and another sensor stands in",
+        examples=["ok"],
     )
     temperature_c: Number | None = Field(description="Its last value [°C]")
     age_s: Number | None = Field(description="Age of that value [s]")

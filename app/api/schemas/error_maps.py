@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from app.api.schemas.base import (
     Name,
@@ -15,10 +15,20 @@ from app.api.schemas.base import (
     Schema,
     Temperatures,
     UtcTime,
+    way_of,
+)
+from app.api.schemas.uncertainty import (
+    Covariance,
+    StandardError,
+    StandardErrors,
+    read_uncertainty,
+    show_uncertainty,
+    uncertainty_fields,
 )
 from app.arrays import FloatArray
 from app.errors import InvalidContent, UnknownComponent
 from app.geometry.components import Component, parse_component
+from app.geometry.measuring_line import MeasuringLine
 from app.storage.records import StoredMap
 from app.thermal.error_map import ComponentTable, ErrorMap
 
@@ -29,7 +39,9 @@ class ComponentSchema(Schema):
     Which field carries the numbers follows from the component: linear errors
     `errors_um`, angular errors `errors_urad`, nonrigid slopes `slopes_um_per_m` or
     `slopes_urad_per_m`, squareness `value_um_per_m`, rotary-axis locations
-    `value_um` or `value_urad`.
+    `value_um` or `value_urad`. What is known of their uncertainty stands beside them
+    as standard errors in the same unit, or as a covariance where the errors at different
+    positions are not independent of each other.
     """
 
     component: str = Field(
@@ -60,6 +72,46 @@ class ComponentSchema(Schema):
     )
     value_um: Number | None = Field(None, description="Rotary-axis position error [µm]")
     value_urad: Number | None = Field(None, description="Rotary-axis direction error [µrad]")
+    standard_errors_um: StandardErrors | None = Field(
+        None,
+        description="Standard error of each error, one standard deviation [µm]",
+        examples=[[0.2, 0.2, 0.3]],
+    )
+    standard_errors_urad: StandardErrors | None = Field(None, description="The same [µrad]")
+    standard_errors_um_per_m: StandardErrors | None = Field(
+        None, description="Standard errors of slopes [µm/m]"
+    )
+    standard_errors_urad_per_m: StandardErrors | None = Field(None, description="The same [µrad/m]")
+    backward_standard_errors_um: StandardErrors | None = Field(
+        None, description="Standard errors of the backward errors [µm]"
+    )
+    backward_standard_errors_urad: StandardErrors | None = Field(
+        None, description="The same [µrad]"
+    )
+    backward_standard_errors_um_per_m: StandardErrors | None = Field(
+        None, description="The same [µm/m]"
+    )
+    backward_standard_errors_urad_per_m: StandardErrors | None = Field(
+        None, description="The same [µrad/m]"
+    )
+    standard_error_um_per_m: StandardError | None = Field(
+        None, description="Standard error of a squareness [µm/m]", examples=[0.8]
+    )
+    standard_error_um: StandardError | None = Field(
+        None, description="Standard error of a rotary axis' position [µm]"
+    )
+    standard_error_urad: StandardError | None = Field(
+        None, description="Standard error of a rotary axis' direction [µrad]"
+    )
+    covariance: Covariance | None = Field(
+        None,
+        description="Covariance of the errors [square of the errors' unit]: instead of standard "
+        "errors or beside them, where the errors are not independent of each other",
+        examples=[[[0.04, 0.02], [0.02, 0.09]]],
+    )
+    backward_covariance: Covariance | None = Field(
+        None, description="Covariance of the backward errors [square of the errors' unit]"
+    )
 
     def to_table(self) -> ComponentTable:
         """Make the table; InvalidContent where the fields do not fit the component."""
@@ -75,14 +127,25 @@ class ComponentSchema(Schema):
                 f"expected the values of {component.code} in {component.unit.symbol}, came none",
             )
         if not component.is_table:
-            return ComponentTable.make(component, [sign * stated])
+            return ComponentTable.make(
+                component, [sign * stated], covariance=read_uncertainty(self, component, 1)
+            )
         backward = getattr(self, f"backward_{component.input_field}")
-        return ComponentTable.make(component, stated, self.positions_mm or (), backward)
+        n = len(self.positions_mm or stated)
+        return ComponentTable.make(
+            component,
+            stated,
+            self.positions_mm or (),
+            backward,
+            read_uncertainty(self, component, n),
+            read_uncertainty(self, component, n, "backward_"),
+        )
 
     def _refuse_other_fields(self, component: Component) -> None:
-        fitting = {"component", component.input_field}
+        fitting = {"component", component.input_field, *uncertainty_fields(component)}
         if component.is_table:
             fitting |= {"positions_mm", f"backward_{component.input_field}"}
+            fitting |= set(uncertainty_fields(component, "backward_"))
         other = sorted(f for f in self.model_fields_set - fitting if getattr(self, f) is not None)
         if other:
             raise InvalidContent.of_field(
@@ -108,10 +171,32 @@ class ComponentAnswer(ComponentSchema):
             numbers["positions_mm"] = table.positions_mm.tolist()
         if table.backward_errors is not None:
             numbers[table.backward_field] = table.backward_errors.tolist()
+        numbers |= show_uncertainty(component, table.covariance)
+        numbers |= show_uncertainty(component, table.backward_covariance, "backward_")
         if component.iso:
             numbers["iso"] = component.iso
             numbers["iso_value_urad"] = component.iso_sign * float(table.errors[0])
         return cls(component=component.code, chapter=component.chapter or None, **numbers)
+
+
+class MeasuringLineSchema(Schema):
+    """A measuring line on which a tool offset stood."""
+
+    point_mm: Point = Field(description="A point x, y, z of the line [mm]")
+    tool_offset_mm: Point = Field(
+        description="Tool offset with which it was measured [mm]", examples=[[0, 0, 160]]
+    )
+
+
+def _which(stated: Any) -> str:
+    return way_of("point") if isinstance(stated, list) else way_of("line")
+
+
+LineOrPoint = Annotated[
+    Annotated[Point, Tag(way_of("point"))] | Annotated[MeasuringLineSchema, Tag(way_of("line"))],
+    Discriminator(_which),
+]
+"""A measuring line as a point of it, where no tool offset stood on it, or with the offset."""
 
 
 class ErrorMapSchema(Schema):
@@ -141,10 +226,11 @@ class ErrorMapSchema(Schema):
     components: list[ComponentSchema] = Field(
         min_length=1, max_length=100, description="The measured components"
     )
-    measuring_lines_mm: dict[str, Point] = Field(
+    measuring_lines_mm: dict[str, LineOrPoint] = Field(
         default_factory=dict,
         description=(
-            "Axis to a point (x, y, z) of the line along which its translations were measured [mm]"
+            "Axis to the line along which its translations were measured: a point (x, y, z) of "
+            "it [mm], or that point with the tool offset"
         ),
         examples=[{"x": [0, 250, 100]}],
     )
@@ -172,8 +258,9 @@ class ErrorMapSchema(Schema):
             measured_at=self.measured_at,
             temperatures_c=self.temperatures_c,
             tables=tables,
-            measuring_lines_mm={
-                axis.lower(): (p[0], p[1], p[2]) for axis, p in self.measuring_lines_mm.items()
+            measuring_lines={
+                axis.lower(): _line(axis.lower(), stated)
+                for axis, stated in self.measuring_lines_mm.items()
             },
             repeatability_um=self.repeatability_um,
             instrument=self.instrument,
@@ -200,12 +287,26 @@ class ErrorMapAnswer(ErrorMapSchema):
             measured_at=error_map.measured_at,
             temperatures_c=dict(error_map.temperatures_c),
             components=[ComponentAnswer.of(table) for table in error_map.tables.values()],
-            measuring_lines_mm={a: list(p) for a, p in error_map.measuring_lines_mm.items()},
+            measuring_lines_mm={
+                a: shown_line(line) for a, line in error_map.measuring_lines.items()
+            },
             repeatability_um=error_map.repeatability_um,
             instrument=error_map.instrument,
             in_active_model=in_active_model,
             warnings=warnings,
         )
+
+
+def _line(axis: str, stated: list[float] | MeasuringLineSchema) -> MeasuringLine:
+    if isinstance(stated, list):
+        return MeasuringLine.make(axis, stated)
+    return MeasuringLine.make(axis, stated.point_mm, stated.tool_offset_mm)
+
+
+def shown_line(line: MeasuringLine) -> list[float] | MeasuringLineSchema:
+    """Show a measuring line: as a point where no tool offset stood on it."""
+    point, tool = list(line.point_mm), list(line.tool_offset_mm)
+    return MeasuringLineSchema(point_mm=point, tool_offset_mm=tool) if any(tool) else point
 
 
 def _plain(component: Component, values: FloatArray) -> list[float] | float:

@@ -147,6 +147,11 @@ class MachineAnswer(MachineSettings):
 
     active_model: int | None = Field(description="Active model version, null before the first map")
     created_at: UtcTime = Field(description="When it was created, UTC")
+    watch: str | None = Field(
+        None,
+        description="What the last verifications say of the active model: `within` or `beyond` "
+        "its limits (…/watch says more); null where none was judged",
+    )
 
     @classmethod
     def of(cls, stored: StoredMachine) -> Self:
@@ -155,6 +160,7 @@ class MachineAnswer(MachineSettings):
             **settings_of(stored.machine),
             active_model=stored.active_version,
             created_at=stored.created_at,
+            watch=stored.watch,
         )
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import Field, RootModel
 
 from app.api.schemas.base import Number, Schema, UtcTime
 from app.errors import FieldError, InvalidContent, UnknownComponent
 from app.geometry.components import COMPONENTS, ORDER, parse_component
+from app.identification.effects.effect import Effect
+from app.identification.effects.registry import explain
+from app.services.load_machine import adopted_effects
 from app.storage.records import ModelVersion
 from app.thermal.sensor_assignment import Proposal, SensorCorrelation
 
@@ -120,6 +123,41 @@ class ModelMap(Schema):
     temperatures_c: dict[str, Number] = Field(description="Its sensors' temperatures [°C]")
 
 
+class AdoptedEffectAnswer(Schema):
+    """An effect that the version has adopted."""
+
+    kind: str = Field(description="Kind of the effect", examples=["thermal-lag"])
+    variant: str = Field(description="Which form of the kind, empty where it has one only")
+    components: list[str] = Field(description="Components that it acts on", examples=[["EZZ"]])
+    sensors: list[str] = Field(description="Sensors that drive it", examples=[["z-column"]])
+    states: list[str] = Field(description="States of the machine that drive it")
+    parameters: dict[str, Number] = Field(
+        description="Parameters; their names say the unit",
+        examples=[{"time_constant_min": 41.2}],
+    )
+    standard_errors: dict[str, Number] = Field(
+        description="One standard deviation of those that were estimated",
+        examples=[{"time_constant_min": 1.9}],
+    )
+    explanation: str = Field(
+        description="What it is, in a sentence", examples=["EZZ follows z-column 41 ± 2 min late"]
+    )
+
+    @classmethod
+    def of(cls, effect: Effect) -> Self:
+        """Show an effect."""
+        return cls(
+            kind=effect.kind,
+            variant=effect.variant,
+            components=list(effect.components),
+            sensors=list(effect.sensors),
+            states=list(effect.states),
+            parameters=dict(effect.parameters),
+            standard_errors=dict(effect.standard_errors),
+            explanation=explain(effect),
+        )
+
+
 class ModelAnswer(Schema):
     """One immutable version of a machine's model."""
 
@@ -129,7 +167,7 @@ class ModelAnswer(Schema):
     reason: str = Field(description="What made it", examples=["map 'Run #3' stored"])
     maps: list[ModelMap] = Field(description="The error maps that it is made of")
     assignment: dict[str, str] = Field(description="Component to sensor")
-    effects: list[Any] = Field(description="Adopted effects")
+    effects: list[AdoptedEffectAnswer] = Field(description="Adopted effects")
 
     @classmethod
     def of(cls, version: ModelVersion, active: int | None) -> Self:
@@ -148,5 +186,5 @@ class ModelAnswer(Schema):
                 for m in version.maps
             ],
             assignment=AssignmentSchema.of(dict(version.assignment)).root,
-            effects=list(version.effects),
+            effects=[AdoptedEffectAnswer.of(effect) for effect in adopted_effects(version)],
         )

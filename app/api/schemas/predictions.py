@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
 from app.api.schemas.base import (
+    Direction,
     Integer,
     MachineState,
     Millimetres,
@@ -14,12 +15,11 @@ from app.api.schemas.base import (
     Point,
     Schema,
     UtcTime,
+    signs_of,
 )
 from app.errors import InvalidContent, UnknownComponent
 from app.geometry.components import parse_component
 from app.services.predict_errors import Observation
-
-_DIRECTIONS = {"+": 1, "-": -1, None: 0}
 
 
 class ObservationSchema(Schema):
@@ -28,8 +28,11 @@ class ObservationSchema(Schema):
     time: UtcTime = Field(description="When, with a zone", examples=["2026-03-01T06:00:00Z"])
     component: str | None = Field(None, description="Component", examples=["EZZ"])
     position_mm: Millimetres | None = Field(None, description="Position on its axis [mm]")
-    direction: Literal["+", "-"] | None = Field(
-        None, description="Direction of approach; the mean of both where it is not stated"
+    direction: Direction = Field(
+        None,
+        description="Direction of approach, or of each axis at a point; the mean of both where "
+        "it is not stated",
+        examples=["+", {"x": "+", "z": "-"}],
     )
     point_mm: Point | None = Field(None, description="Nominal point x, y, z [mm]")
     tool_offset_mm: Point = Field([0.0, 0.0, 0.0], description="Tool offset X, Y, Z [mm]")
@@ -41,12 +44,16 @@ class ObservationSchema(Schema):
             raise InvalidContent.of_field(
                 "component", "expected a component or a point_mm, and not both"
             )
-        direction = _DIRECTIONS[self.direction]
+        directions = signs_of(self.direction)
         if self.point_mm is not None:
             x, y, z = self.point_mm
             tx, ty, tz = self.tool_offset_mm
             return Observation(
-                self.time, point_mm=(x, y, z), tool_offset_mm=(tx, ty, tz), direction=direction
+                self.time,
+                point_mm=(x, y, z),
+                tool_offset_mm=(tx, ty, tz),
+                directions=directions,
+                state=self.state,
             )
         try:
             component, sign = parse_component(str(self.component))
@@ -57,7 +64,12 @@ class ObservationSchema(Schema):
                 "position_mm", f"expected a position of {component.code} in mm, came none"
             )
         return Observation(
-            self.time, component.code, self.position_mm, direction=direction, sign=sign
+            self.time,
+            component.code,
+            self.position_mm,
+            directions=directions,
+            sign=sign,
+            state=self.state,
         )
 
 
@@ -103,7 +115,9 @@ class PredictionAnswer(Schema):
     status: list[str] = Field(
         description=(
             "For each observation `interpolated`, `at-map`, `clamped`, `extrapolated`, "
-            "`stand-in`, or `no-reading`, `outside-maps`"
+            "`stand-in`, or `no-reading`, `outside-maps`; `effects-only` where no two maps have "
+            "the component; `effect-missing` where an adopted effect lacks what drives it and is "
+            "not in the value (the warnings say which and why)"
         )
     )
     warnings: list[str] = Field(description="What is not as it should be, in sentences")

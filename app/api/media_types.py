@@ -1,0 +1,14 @@
+"""The forms in which answers travel."""
+
+from __future__ import annotations
+
+from typing import Final
+
+JSON: Final = "application/json"
+HTML: Final = "text/html"
+CSV: Final = "text/csv"
+NPY: Final = "application/x-npy"
+ARROW: Final = "application/vnd.apache.arrow.stream"
+
+ANSWER_HEADER: Final = "Thermap-Answer"
+"""What an answer in a binary form says beside its numbers, as JSON."""

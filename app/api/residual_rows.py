@@ -1,0 +1,59 @@
+"""Single residuals: the first of them as objects, or all of them as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import numpy as np
+
+from app.identification.residuals import channel_unit
+from app.services.show_residuals import ShownResiduals
+
+SIGNS: Final = {1.0: "+", -1.0: "-", 0.0: "0"}
+
+
+def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[str, Any]]:
+    """Write residuals as objects, in the order in which they were measured.
+
+    Parameters
+    ----------
+    shown
+        The residuals.
+    most
+        At most so many; None: all.
+    """
+    rows, report = shown.report.residuals.rows, shown.report
+    names = rows.channels
+    units = [channel_unit(name).symbol for name in names]
+    return [
+        {
+            "verification": shown.verification_ids[rows.verification[i]],
+            "observation": int(rows.observation[i]),
+            "time": datetime.fromtimestamp(rows.times_s[i], UTC),
+            "component": names[rows.channel[i]],
+            "unit": units[rows.channel[i]],
+            **{
+                f"{axis}_mm": None if np.isnan(at) else float(at)
+                for axis, at in zip("xyz", rows.points_mm[i], strict=True)
+            },
+            "direction": "".join(SIGNS[d] for d in rows.directions[i].tolist()),
+            "measured": float(rows.measured[i]),
+            "predicted": float(report.residuals.predicted[i]),
+            "residual": float(report.values[i]),
+        }
+        for i in range(len(rows) if most is None else min(most, len(rows)))
+    ]
+
+
+def residuals_csv(shown: ShownResiduals) -> str:
+    """Write all residuals as CSV with a header."""
+    rows = residual_rows(shown)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]))
+    writer.writeheader()
+    for row in rows:
+        writer.writerow(row | {"time": f"{row['time']:%Y-%m-%dT%H:%M:%S.%fZ}"})
+    return text.getvalue()

@@ -1,0 +1,173 @@
+"""The machine in three dimensions: errors at points, grids, accuracy, levels, rotary axes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import orjson
+from fastapi import APIRouter, Header
+from starlette.responses import Response
+
+from app.api.dependencies import ContextDep, MachinePath
+from app.api.many_points import ManyPoints
+from app.api.media_types import ARROW, JSON, NPY
+from app.api.negotiation import chosen_form
+from app.api.openapi import body_of
+from app.api.schemas.accuracy import (
+    AccuracyAnswer,
+    AccuracyRequest,
+    LevelAnswer,
+    LevelsAnswer,
+    LevelsRequest,
+    LinesAnswer,
+    LinesRequest,
+    volume_of,
+)
+from app.api.schemas.error_field import head_of
+from app.api.schemas.grids import GridAnswer, GridRequest
+from app.api.schemas.rotary import RotaryErrorAnswer, RotaryErrorRequest
+from app.api.schemas.volumetric_error import VolumetricErrorAnswer, VolumetricErrorRequest
+from app.api.table_json import OPTIONS
+from app.api.vectors import vectors_response
+from app.geometry.line_accuracy import line_accuracy
+from app.services.assess_accuracy import assess_accuracy, compare_levels
+from app.services.compute_grid import Grid, compute_grid, grid_for_tolerance
+from app.services.compute_rotary_error import compute_rotary_error
+from app.services.compute_volumetric_error import compute_volumetric_error
+
+router = APIRouter(tags=["geometry"])
+MACHINE = "/v1/machines/{machine}"
+
+_VECTORS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {
+            NPY: {"schema": {"type": "string", "format": "binary"}},
+            ARROW: {"schema": {"type": "string", "format": "binary"}},
+        }
+    }
+}
+
+
+@router.post(
+    MACHINE + "/volumetric-error",
+    summary="Volumetric error at points",
+    response_model=VolumetricErrorAnswer,
+    responses=_VECTORS,
+    openapi_extra=body_of(VolumetricErrorRequest),
+)
+def post_volumetric_error(
+    context: ContextDep,
+    machine: MachinePath,
+    asked: ManyPoints,
+    accept: Annotated[str, Header(description=f"`{JSON}`, `{NPY}` or `{ARROW}`")] = JSON,
+) -> Response:
+    """Sum all errors, with squareness, lever arms and tool offset, at up to a million points.
+
+    With `Accept: application/x-npy` the answer is one numpy array of shape (n, 6), errors
+    x, y, z [µm] and orientation x, y, z [µrad]; as an Arrow stream it has these as
+    columns. What JSON says beside the numbers is then in the header `Thermap-Answer`.
+    """
+    body, points_mm = asked
+    found = compute_volumetric_error(
+        context,
+        machine,
+        body.question(),
+        points_mm,
+        outside_travel_allowed=body.outside_travel == "allow",
+    )
+    head = head_of(found.asked, found.warnings)
+    form = chosen_form(accept, [JSON, NPY, ARROW])
+    if form == JSON:
+        head["outside_travel"] = found.outside_travel
+    errors_um, orientation_urad = found.errors_um, found.orientation_urad
+    if body.several_states and errors_um.ndim == 2:
+        errors_um, orientation_urad = errors_um[None], orientation_urad[None]
+    return vectors_response(form, head, errors_um, orientation_urad)
+
+
+@router.post(
+    MACHINE + "/compensation/grid",
+    summary="Grid of errors for a controller that interpolates trilinearly",
+    response_model=GridAnswer,
+)
+def post_grid(context: ContextDep, machine: MachinePath, body: GridRequest) -> Response:
+    """Give the corner values at stated nodes, or of the coarsest grid for a tolerance.
+
+    Beside them stands, for each cell, how far trilinear interpolation is from the model.
+    """
+    nodes = body.nodes()
+    if nodes is None:
+        tolerance_um = body.tolerance_um or 0.0
+        found = grid_for_tolerance(context, machine, body.question(), tolerance_um, body.travels())
+    else:
+        x, y, z = (np.array(along, dtype=np.float64) for along in nodes)
+        found = compute_grid(context, machine, body.question(), (x, y, z))
+    return Response(_grid_json(found), media_type=JSON)
+
+
+@router.post(MACHINE + "/volumetric-accuracy", summary="Volumetric accuracy by every definition")
+def post_accuracy(
+    context: ContextDep, machine: MachinePath, body: AccuracyRequest
+) -> AccuracyAnswer:
+    """Measure the work volume by the chapter's sums, definitions 1 and 2, diagonals and lines."""
+    found = assess_accuracy(context, machine, body.question(), body.travels())
+    return AccuracyAnswer.of(head_of(found.asked, found.warnings), found.volume, found.accuracy)
+
+
+@router.post("/v1/volumetric-accuracy/from-lines", summary="ELv and ELSv from measured lines")
+def post_accuracy_from_lines(body: LinesRequest) -> LinesAnswer:
+    """Compute ELv and ELSv as the chapter's Table 8.2 has them; nothing is stored."""
+    return LinesAnswer.of(line_accuracy(body.linear_um, body.straightness_um))
+
+
+@router.post(
+    MACHINE + "/compensation/levels", summary="What better controllers would leave of the error"
+)
+def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) -> LevelsAnswer:
+    """Compare controllers that know displacement, straightness, angles or slopes.
+
+    Each level has the tables that such a controller needs, with squareness folded into
+    straightness, and what it leaves of the volumetric error over the work volume.
+    """
+    found = compare_levels(context, machine, body.question(), body.travels(), body.points_per_axis)
+    return LevelsAnswer(
+        **head_of(found.asked, found.warnings),
+        volume=volume_of(found.volume),
+        levels=[LevelAnswer.of(level) for level in found.levels],
+    )
+
+
+@router.post(
+    MACHINE + "/rotary-axis-error",
+    summary="What location errors of rotary axes do to carried points",
+    response_model=RotaryErrorAnswer,
+)
+def post_rotary_error(
+    context: ContextDep, machine: MachinePath, body: RotaryErrorRequest
+) -> Response:
+    """Turn points about the axes where they are and where they should be: the difference."""
+    points_mm = np.array(body.points_mm, dtype=np.float64)
+    found = compute_rotary_error(
+        context, machine, body.question(), points_mm, body.angles(), body.order, body.pivots()
+    )
+    fields = head_of(found.asked, list(found.asked.warnings)) | {
+        "errors_um": np.ascontiguousarray(found.errors_um),
+        "locations": found.locations,
+    }
+    return Response(orjson.dumps(fields, option=OPTIONS), media_type=JSON)
+
+
+def _grid_json(found: Grid) -> bytes:
+    grid, difference = found.grid, found.difference
+    fields = head_of(found.asked, found.warnings) | {
+        "x_mm": grid.x_mm,
+        "y_mm": grid.y_mm,
+        "z_mm": grid.z_mm,
+        "errors_um": grid.errors_um,
+        "compensation_um": 0.0 - grid.errors_um,
+        "largest_difference_um": np.ascontiguousarray(difference.bound_length_um),
+        "attained_difference_um": np.ascontiguousarray(difference.attained_length_um),
+        "largest_um": found.bound_um,
+    }
+    return orjson.dumps(fields, option=OPTIONS)

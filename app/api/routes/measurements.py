@@ -1,0 +1,284 @@
+"""Measurements that make maps: what an instrument read goes in, components come out."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Query
+
+from app.api.dependencies import ContextDep, MachinePath
+from app.api.schemas.error_field import triple
+from app.api.schemas.measurements.axes import (
+    PositioningAnswer,
+    PositioningRequest,
+    SixDofRequest,
+)
+from app.api.schemas.measurements.base import MeasurementAnswer, answer_fields
+from app.api.schemas.measurements.diagonals import (
+    BodyDiagonalAnswer,
+    BodyDiagonalRequest,
+    StepDiagonalAnswer,
+    StepDiagonalRequest,
+)
+from app.api.schemas.measurements.parts import (
+    ComparisonAnswer,
+    DrilledPlateAnswer,
+    DrilledPlateRequest,
+    MachinedPartAnswer,
+    MachinedPartRequest,
+    RotaryAxisAnswer,
+    RotaryAxisRequest,
+)
+from app.api.schemas.measurements.simulation import (
+    SimulatedStepDiagonal,
+    StepDiagonalSimulation,
+)
+from app.errors import InvalidContent
+from app.measurement.body_diagonal import body_diagonal
+from app.measurement.drilled_plate import evaluate_drilled_plate
+from app.measurement.machined_part import evaluate_machined_part
+from app.measurement.positioning import evaluate_positioning
+from app.measurement.rotary_axis import measure_rotary_axis
+from app.measurement.six_dof import evaluate_six_dof
+from app.measurement.stated_axes import as_straightness
+from app.measurement.step_diagonal import step_diagonal
+from app.services.predict_part import predict_part
+from app.services.simulate_measurement import simulate_step_diagonal
+from app.services.store_measurement import measured_machine, store_measurement, travel_volume
+from app.thermal.machine import Travel
+
+router = APIRouter(prefix="/v1/machines/{machine}/measurements", tags=["measurements"])
+
+Store = Annotated[bool, Query(description="Whether the components are stored as an error map")]
+
+
+@router.post(
+    "/step-diagonal",
+    summary="Sequential step diagonal (C. Wang)",
+    response_model_exclude_unset=True,
+)
+def post_step_diagonal(
+    context: ContextDep, machine: MachinePath, body: StepDiagonalRequest, store: Store = False
+) -> StepDiagonalAnswer:
+    """Derive nine translations and three squareness errors from three or four diagonals."""
+    described = measured_machine(context, machine)
+    found = step_diagonal(
+        described.chain,
+        body.origin_mm,
+        body.step_mm,
+        body.diagonals,
+        line=body.line,
+        angular=body.known_angular(),
+        tool_offset_mm=body.tool_offset_mm,
+        target=body.target,
+        repeatability_um=body.repeatability_um,
+        mirror_angle_urad=body.mirror_angle_urad,
+        travel_mm={axis: (t.min_mm, t.max_mm) for axis, t in described.axes.items()},
+    )
+    measured = store_measurement(
+        context, described, "step-diagonal", body.header(), found.result, store=store
+    )
+    closure = found.closure_um
+    return StepDiagonalAnswer(
+        **answer_fields(measured),
+        closure_um=None if closure is None else closure.tolist(),
+    )
+
+
+@router.post(
+    "/body-diagonal", summary="Body diagonals (ISO 230-6)", response_model_exclude_unset=True
+)
+def post_body_diagonal(
+    context: ContextDep, machine: MachinePath, body: BodyDiagonalRequest, store: Store = False
+) -> BodyDiagonalAnswer:
+    """Evaluate Ed and ESd, and squareness from the ends."""
+    described = measured_machine(context, machine)
+    stated = {axis: Travel(t.min_mm, t.max_mm) for axis, t in body.volume.items()}
+    found = body_diagonal(
+        {name: runs.readings() for name, runs in body.diagonals.items()},
+        volume=travel_volume(described, stated),
+        chain=described.chain,
+        repeatability_um=body.repeatability_um,
+    )
+    measured = store_measurement(
+        context, described, "body-diagonal", body.header(), found.result, store=store
+    )
+    return BodyDiagonalAnswer(
+        **answer_fields(measured),
+        Ed_um=found.accuracy.ed_um,
+        ESd_um=found.accuracy.esd_um,
+        diagonals_um=dict(found.accuracy.ranges_um),
+        reversal_um=dict(found.reversal_um),
+    )
+
+
+@router.post("/positioning", summary="Positioning (ISO 230-2)", response_model_exclude_unset=True)
+def post_positioning(
+    context: ContextDep, machine: MachinePath, body: PositioningRequest, store: Store = False
+) -> PositioningAnswer:
+    """Evaluate runs over target positions; both directions are kept."""
+    described = measured_machine(context, machine)
+    found = evaluate_positioning(
+        body.axis,
+        body.targets_mm,
+        body.forward_um,
+        body.backward_um or (),
+        repeatability_um=body.repeatability_um,
+    )
+    measured = store_measurement(
+        context, described, "positioning", body.header(), found.result, store=store
+    )
+    return PositioningAnswer(**answer_fields(measured), targets=PositioningAnswer.targets_of(found))
+
+
+@router.post(
+    "/six-dof", summary="Six errors of one axis (Y.-Y. Hsu)", response_model_exclude_unset=True
+)
+def post_six_dof(
+    context: ContextDep, machine: MachinePath, body: SixDofRequest, store: Store = False
+) -> MeasurementAnswer:
+    """Take displacement, straightness and angles of one axis with their measuring line."""
+    described = measured_machine(context, machine)
+    result = evaluate_six_dof(
+        body.axis,
+        body.positions_mm,
+        body.linear_um,
+        body.straightness_um,
+        body.angular_urad,
+        backward_linear_um=body.backward_linear_um,
+        backward_straightness_um=body.backward_straightness_um,
+        backward_angular_urad=body.backward_angular_urad,
+        measuring_line_mm=body.measuring_line_mm,
+        tool_offset_mm=body.tool_offset_mm,
+        straightness_line=body.straightness_line,
+        repeatability_um=body.repeatability_um,
+        repeatability_urad=body.repeatability_urad,
+    )
+    measured = store_measurement(context, described, "six-dof", body.header(), result, store=store)
+    return MeasurementAnswer(**answer_fields(measured))
+
+
+@router.post(
+    "/machined-part", summary="Straightness of a machined edge", response_model_exclude_unset=True
+)
+def post_machined_part(
+    context: ContextDep, machine: MachinePath, body: MachinedPartRequest, store: Store = False
+) -> MachinedPartAnswer:
+    """Take the straightness of an edge, and compare it with the active model's prediction."""
+    described = measured_machine(context, machine)
+    predicted = None
+    if body.temperatures_c:
+        path = body.measuring_line_mm
+        predicted = predict_part(
+            context,
+            machine,
+            as_straightness(body.component),
+            np.array(body.positions_mm, dtype=np.float64),
+            body.temperatures_c,
+            None if path is None else triple(path),
+            triple(body.tool_offset_mm),
+        )
+    found = evaluate_machined_part(
+        body.component,
+        body.positions_mm,
+        body.measured_um,
+        None if predicted is None else predicted.predicted_um,
+        line=body.line,
+        measuring_line_mm=body.measuring_line_mm,
+        tool_offset_mm=body.tool_offset_mm,
+        repeatability_um=body.repeatability_um,
+    )
+    measured = store_measurement(
+        context, described, "machined-part", body.header(), found.result, store=store
+    )
+    fields = answer_fields(measured)
+    comparison = None
+    if predicted is not None and found.comparison is not None:
+        fields["notes"] += predicted.notes
+        comparison = ComparisonAnswer.of(
+            found.comparison, predicted.predicted_um.tolist(), predicted.model_version
+        )
+    return MachinedPartAnswer(
+        **fields,
+        straightness_um=found.straightness_um,
+        slope_um_per_m=found.slope_um_per_m,
+        suspicious=list(found.suspicious_measured),
+        comparison=comparison,
+    )
+
+
+@router.post(
+    "/drilled-plate", summary="Holes of a drilled plate", response_model_exclude_unset=True
+)
+def post_drilled_plate(
+    context: ContextDep, machine: MachinePath, body: DrilledPlateRequest, store: Store = False
+) -> DrilledPlateAnswer:
+    """Take scale, squareness and axis errors from holes, up to a rigid motion."""
+    described = measured_machine(context, machine)
+    try:
+        found = evaluate_drilled_plate(
+            [hole.nominal_mm for hole in body.holes],
+            [hole.measured_mm for hole in body.holes],
+            origin_mm=body.origin_mm,
+            tool_offset_mm=body.tool_offset_mm,
+            expansion_um_per_m_k=body.expansion_um_per_m_k,
+            drilled_minus_measured_c=body.drilled_minus_measured_c,
+            repeatability_um=body.repeatability_um,
+        )
+    except InvalidContent as error:
+        raise _of_holes(error) from None
+    measured = store_measurement(
+        context, described, "drilled-plate", body.header(), found.result, store=store
+    )
+    errors = found.scale_standard_errors_um_per_m.tolist()
+    return DrilledPlateAnswer(
+        **answer_fields(measured),
+        rotation_urad=found.rotation_urad,
+        shift_mm=found.shift_mm.tolist(),
+        scale_um_per_m=found.scale_um_per_m.tolist(),
+        scale_standard_errors_um_per_m=[None if math.isnan(e) else e for e in errors],
+        squareness_um_per_m=found.squareness_um_per_m,
+        residuals_um=found.residuals_um.tolist(),
+        suspicious=list(found.suspicious),
+    )
+
+
+@router.post("/rotary-axis", summary="R-test of a rotary axis", response_model_exclude_unset=True)
+def post_rotary_axis(
+    context: ContextDep, machine: MachinePath, body: RotaryAxisRequest, store: Store = False
+) -> RotaryAxisAnswer:
+    """Find how a rotary axis lies from the places of a ball that it carries."""
+    described = measured_machine(context, machine)
+    found = measure_rotary_axis(
+        body.axis,
+        [ball.angle_deg for ball in body.points],
+        [ball.position_mm for ball in body.points],
+        repeatability_um=body.repeatability_um,
+        pivot_mm=body.pivot_mm,
+    )
+    measured = store_measurement(
+        context, described, "rotary-axis", body.header(), found.result, store=store
+    )
+    return RotaryAxisAnswer(
+        **answer_fields(measured),
+        residuals_um=found.residuals_um.tolist(),
+        noise_um=found.noise_um,
+        degrees_of_freedom=found.degrees_of_freedom,
+    )
+
+
+@router.post("/step-diagonal/simulate", summary="What a laser would read on the step diagonals")
+def post_simulation(
+    context: ContextDep, machine: MachinePath, body: StepDiagonalSimulation
+) -> SimulatedStepDiagonal:
+    """Walk the stored machine along its diagonals: for training, and to check a set-up."""
+    found = simulate_step_diagonal(context, machine, body.question(), body.plan())
+    return SimulatedStepDiagonal.of(body, found)
+
+
+def _of_holes(error: InvalidContent) -> InvalidContent:
+    """Name the holes' fields as the body has them."""
+    columns = {"nominal_mm", "measured_mm"}
+    return error.inside("holes") if {e.field for e in error.errors} <= columns else error

@@ -1,0 +1,77 @@
+"""Pictures: the work volume as it is distorted, as a page for people or a figure for programs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Query
+from starlette.responses import Response
+
+from app.api.dependencies import ContextDep, MachinePath
+from app.api.media_types import HTML, JSON
+from app.api.negotiation import chosen_form
+from app.api.schemas.pictures import PictureRequest
+from app.pictures.page import figure_json, page
+from app.services.context import Context
+from app.services.picture_work_volume import picture_work_volume
+
+router = APIRouter(prefix="/v1/machines/{machine}", tags=["geometry"])
+
+PLOTLY_JS = "/docs-assets/plotly.min.js"
+
+_FORMS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A page, or a plotly figure as JSON",
+        "content": {HTML: {"schema": {"type": "string"}}, JSON: {"schema": {"type": "object"}}},
+    }
+}
+AcceptHeader = Annotated[str, Header(description=f"`{HTML}` or `{JSON}`")]
+
+
+@router.get(
+    "/picture",
+    summary="Picture of the distorted work volume at the latest reading",
+    responses=_FORMS,
+    response_class=Response,
+)
+def get_picture(
+    context: ContextDep,
+    machine: MachinePath,
+    missing_components: Annotated[
+        Literal["refuse", "zero"],
+        Query(description="Whether components that no two maps have may count as zero"),
+    ] = "refuse",
+    accept: AcceptHeader = JSON,
+) -> Response:
+    """Draw the work volume with exaggerated error vectors; a browser is shown a page."""
+    body = PictureRequest.model_validate({"missing_components": missing_components})
+    return _picture(context, machine, body, accept)
+
+
+@router.post(
+    "/picture",
+    summary="Picture of the distorted work volume",
+    responses=_FORMS,
+    response_class=Response,
+)
+def post_picture(
+    context: ContextDep, machine: MachinePath, body: PictureRequest, accept: AcceptHeader = JSON
+) -> Response:
+    """Draw the work volume at stated temperatures, with a tool offset, in a stated volume."""
+    return _picture(context, machine, body, accept)
+
+
+def _picture(context: Context, machine: str, body: PictureRequest, accept: str) -> Response:
+    drawn = picture_work_volume(
+        context,
+        machine,
+        body.question(),
+        body.travels(),
+        body.exaggeration,
+        body.arrows_per_axis,
+    )
+    headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
+    if chosen_form(accept, [JSON, HTML]) == HTML:
+        written = page(drawn.figure, plotly_js=PLOTLY_JS)
+        return Response(written, media_type=HTML, headers=headers)
+    return Response(figure_json(drawn.figure), media_type=JSON, headers=headers)

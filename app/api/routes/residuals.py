@@ -1,0 +1,84 @@
+"""What model versions leave of verifications."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query
+from starlette.responses import Response
+
+from app.api.dependencies import ContextDep, MachinePath, VerificationPath
+from app.api.media_types import CSV, JSON
+from app.api.negotiation import chosen_form
+from app.api.residual_rows import residual_rows, residuals_csv
+from app.api.schemas.residuals import (
+    MOST_ROWS,
+    ComparisonRequest,
+    ModelComparisonAnswer,
+    ResidualsAnswer,
+    ResidualsRequest,
+)
+from app.services.compare_models import compare_models
+from app.services.show_residuals import ShownResiduals, show_residuals
+
+router = APIRouter(prefix="/v1/machines/{machine}", tags=["closing the loop"])
+
+Accept = Annotated[str, Header(description=f"`{JSON}` or `{CSV}`")]
+
+_FORMS: dict[int | str, dict[str, Any]] = {
+    200: {"model": ResidualsAnswer, "content": {CSV: {"schema": {"type": "string"}}}}
+}
+
+
+@router.get(
+    "/verifications/{verification_id}/residuals",
+    summary="Residuals of one verification",
+    responses=_FORMS,
+    response_model=ResidualsAnswer,
+)
+def get_residuals(
+    context: ContextDep,
+    machine: MachinePath,
+    verification_id: VerificationPath,
+    model_version: Annotated[
+        int | None, Query(description="Version; the active one if not stated")
+    ] = None,
+    rows: Annotated[
+        int, Query(ge=0, le=MOST_ROWS, description="How many single residuals are shown too")
+    ] = 0,
+    accept: Accept = JSON,
+) -> Response:
+    """Subtract what the model says from what was measured; nothing is fitted."""
+    return _response(
+        show_residuals(context, machine, [verification_id], model_version), rows, accept
+    )
+
+
+@router.post(
+    "/residuals",
+    summary="Residuals of several verifications",
+    responses=_FORMS,
+    response_model=ResidualsAnswer,
+)
+def post_residuals(
+    context: ContextDep, machine: MachinePath, body: ResidualsRequest, accept: Accept = JSON
+) -> Response:
+    """Subtract what the model says from all that was measured; nothing is fitted."""
+    shown = show_residuals(context, machine, body.verifications, body.model_version)
+    return _response(shown, body.rows, accept)
+
+
+@router.post("/models/compare", summary="Compare model versions on verifications")
+def post_comparison(
+    context: ContextDep, machine: MachinePath, body: ComparisonRequest
+) -> ModelComparisonAnswer:
+    """Show versions side by side, on the observations that all can be held against."""
+    compared = compare_models(context, machine, body.verifications, body.versions)
+    return ModelComparisonAnswer.of(body.verifications, compared)
+
+
+def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
+    if chosen_form(accept, [JSON, CSV]) == CSV:
+        return Response(residuals_csv(shown), media_type=CSV)
+    answer = ResidualsAnswer.of(shown, residual_rows(shown, rows))
+    return Response(answer.model_dump_json(), media_type=JSON)

@@ -1,0 +1,89 @@
+"""Verifications: what was measured to hold the model against."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import orjson
+from fastapi import APIRouter, Response
+
+from app.api.dependencies import ContextDep, MachinePath, VerificationPath
+from app.api.many_observations import StatedVerification
+from app.api.media_types import JSON
+from app.api.openapi import body_of
+from app.api.schemas.verifications import (
+    MeasuredObservation,
+    VerificationAnswer,
+    VerificationRequest,
+    WholeVerificationAnswer,
+)
+from app.api.schemas.watch import WatchAnswer
+from app.api.table_json import OPTIONS
+from app.services.delete_verification import delete_verification
+from app.services.show_verifications import show_verification, show_verifications
+from app.services.show_watch import show_watch
+from app.services.store_verification import store_verification
+
+router = APIRouter(prefix="/v1/machines/{machine}", tags=["closing the loop"])
+PATH = "/verifications"
+
+
+@router.post(
+    PATH,
+    status_code=201,
+    summary="Store a verification",
+    openapi_extra=body_of(VerificationRequest),
+)
+def post_verification(
+    context: ContextDep, machine: MachinePath, stated: StatedVerification, response: Response
+) -> VerificationAnswer:
+    """Store up to 100,000 observations: all of them or, if one is wrong, none.
+
+    The same content under the same label again answers 200 with the stored verification.
+    """
+    found = store_verification(context, machine, stated)
+    response.status_code = 201 if found.is_new else 200
+    response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
+    return VerificationAnswer.of(found.stored)
+
+
+@router.get(PATH, summary="List verifications")
+def get_verifications(context: ContextDep, machine: MachinePath) -> list[VerificationAnswer]:
+    """List a machine's verifications without their observations, oldest first."""
+    return [VerificationAnswer.of(v) for v in show_verifications(context, machine)]
+
+
+@router.get(
+    PATH + "/{verification_id}",
+    summary="Show a verification",
+    response_model=WholeVerificationAnswer,
+)
+def get_verification(
+    context: ContextDep, machine: MachinePath, verification_id: VerificationPath
+) -> Response:
+    """Show one verification with its observations, in our components and signs."""
+    stored, verification = show_verification(context, machine, verification_id)
+    head = VerificationAnswer.of(stored).model_dump()
+    head["observations"] = [
+        MeasuredObservation.of(o, datetime.fromtimestamp(o.time_s, UTC))
+        for o in verification.observations
+    ]
+    return Response(orjson.dumps(head, option=OPTIONS), media_type=JSON)
+
+
+@router.delete(PATH + "/{verification_id}", status_code=204, summary="Delete a verification")
+def remove_verification(
+    context: ContextDep, machine: MachinePath, verification_id: VerificationPath
+) -> None:
+    """Delete a verification; analyses of it keep their results."""
+    delete_verification(context, machine, verification_id)
+
+
+@router.get("/watch", summary="Whether the machine still is as its model says")
+def get_watch(context: ContextDep, machine: MachinePath) -> WatchAnswer:
+    """Show where the sequential test of the active version stands, over all verifications.
+
+    An unchanged machine is ever called changed with a probability of at most `false_alarm`,
+    however often it is looked at. Each model version has a test of its own.
+    """
+    return WatchAnswer.of(show_watch(context, machine))

@@ -1,0 +1,160 @@
+"""Analyses over HTTP: what is asked, how far it is, what became of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field
+
+from app.api.schemas.analysis_result import AnalysisResult
+from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime
+from app.api.schemas.verifications import PlannedObservation
+from app.errors import InvalidContent
+from app.identification.observations import Verification
+from app.identification.rows import Datum
+from app.storage.records import AnalysisStatus, StoredAnalysis
+from app.storage.tables import LARGEST_INTEGER
+
+VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]
+"""Numbers of verifications."""
+
+
+class AnalysisRequest(Schema):
+    """What the active model is held against, and which effects are looked for."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"verifications": [1, 2, 3], "holdout_fraction": 0.3}}
+    )
+
+    verifications: VerificationIds = Field(description="Numbers of the verifications")
+    holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(
+        0.3, description="Share of the visits that take no part in the search, below 0.9"
+    )
+    effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Kinds of effects that are looked for; all of them where it is left out",
+        examples=[["thermal-lag", "backlash"]],
+    )
+    seed: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(
+        0, description="Of all that is drawn: the same data and seed give the same answer"
+    )
+
+
+class PlannedVerification(Schema):
+    """Observations that are to be taken with one set-up."""
+
+    label: Name = Field("planned", description="What the answer calls it", examples=["Monday"])
+    datum: Datum = Field(Datum.ABSOLUTE, description="`absolute`, `first` or `free`")
+    repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
+        None, description="Standard deviation of one observation [µm], where it is known"
+    )
+    observations: Annotated[list[PlannedObservation], Field(min_length=1, max_length=20_000)] = (
+        Field(description="What is to be measured")
+    )
+
+    def to_verification(self) -> Verification:
+        """Make the verification; InvalidContent names the observation that is wrong."""
+        found = []
+        for i, one in enumerate(self.observations):
+            try:
+                found.append(one.to_planned())
+            except InvalidContent as error:
+                raise error.inside(f"observations.{i}") from None
+        return Verification(self.label, found, self.datum, self.repeatability_um)
+
+
+class PlanRequest(Schema):
+    """What is to be measured, and which stored verifications would be analysed beside it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "planned": [
+                    {
+                        "observations": [
+                            {"time": "2026-03-09T06:00:00Z", "component": "EXX", "position_mm": 250}
+                        ]
+                    }
+                ]
+            }
+        }
+    )
+
+    planned: Annotated[list[PlannedVerification], Field(max_length=1000)] = Field(
+        default_factory=list, description="What is to be measured, visit by visit"
+    )
+    verifications: Annotated[list[Integer], Field(max_length=10_000)] = Field(
+        default_factory=list, description="Numbers of stored verifications"
+    )
+
+    def to_verifications(self) -> list[Verification]:
+        """Make the planned verifications; InvalidContent names what is wrong."""
+        found = []
+        for i, one in enumerate(self.planned):
+            try:
+                found.append(one.to_verification())
+            except InvalidContent as error:
+                raise error.inside(f"planned.{i}") from None
+        return found
+
+
+class AnalysisHead(Schema):
+    """An analysis as a job, without its result."""
+
+    id: int = Field(description="The analysis' number", examples=[1])
+    status: AnalysisStatus = Field(
+        description="`queued`, `running`, `done`, `failed` or `cancelled`"
+    )
+    progress: Number = Field(description="Share of the work that is done, 0 to 1")
+    message: str = Field(description="What is being done, or why it failed")
+    model_version: int = Field(description="Version that is held against the verifications")
+    verifications: list[int] = Field(description="Numbers of the verifications")
+    holdout_fraction: Number = Field(description="Share of the visits held out")
+    effects: list[str] | None = Field(description="Kinds that are looked for; null: all")
+    seed: int = Field(description="Of all that is drawn")
+    created_at: UtcTime = Field(description="When it was asked for, UTC")
+    started_at: UtcTime | None = Field(description="When it began, UTC")
+    finished_at: UtcTime | None = Field(description="When it ended, UTC")
+    adopted_version: int | None = Field(
+        description="Model version that was made of it; null as long as there is none"
+    )
+
+    @classmethod
+    def of(cls, stored: StoredAnalysis) -> Self:
+        """Show a job."""
+        return cls(
+            id=stored.id,
+            status=stored.status,
+            progress=stored.progress,
+            message=stored.message,
+            model_version=stored.task.model_version,
+            verifications=list(stored.task.verification_ids),
+            holdout_fraction=stored.task.holdout_fraction,
+            effects=None if stored.task.kinds is None else list(stored.task.kinds),
+            seed=stored.task.seed,
+            created_at=stored.created_at,
+            started_at=stored.started_at,
+            finished_at=stored.finished_at,
+            adopted_version=stored.adopted_version,
+        )
+
+
+class AnalysisAnswer(AnalysisHead):
+    """An analysis with its result, once it is done."""
+
+    result: AnalysisResult | None = Field(None, description="What was found; null before that")
+
+
+class AdoptionRequest(Schema):
+    """Which of the effects that an analysis found go into the model."""
+
+    effects: Annotated[list[Integer], Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Places in the result's list of effects, from 0; all where it is left out",
+        examples=[[0, 1]],
+    )
+    onto_active: bool = Field(
+        False,
+        description="Whether to add them to the active version where that is no longer the one "
+        "that was analysed: they were found on another model, so look at its residuals after",
+    )

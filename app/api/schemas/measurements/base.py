@@ -1,0 +1,101 @@
+"""What all methods of measuring share over HTTP."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from app.api.schemas.base import Millimetres, Name, Number, Schema, Temperatures, UtcTime, way_of
+from app.api.schemas.error_maps import ComponentAnswer, LineOrPoint, shown_line
+from app.services.store_measurement import MapHeader, Measured
+
+Axis = Literal["x", "y", "z"]
+MOST_POSITIONS: Final = 2000
+"""Of one measurement: the covariance of its errors has the square of that."""
+
+Readings = Annotated[list[Number], Field(min_length=1, max_length=MOST_POSITIONS)]
+MeasuredPositions = Annotated[list[Millimetres], Field(min_length=1, max_length=MOST_POSITIONS)]
+
+
+def _one_or_more(stated: object) -> str:
+    several = isinstance(stated, list) and stated and isinstance(stated[0], list)
+    return way_of("more") if several else way_of("one")
+
+
+Runs = Annotated[
+    Annotated[Readings, Tag(way_of("one"))]
+    | Annotated[
+        Annotated[list[Readings], Field(min_length=1, max_length=1000)], Tag(way_of("more"))
+    ],
+    Discriminator(_one_or_more),
+]
+"""One run, or a list of runs, over the positions."""
+
+Repeatability = Annotated[Number, Field(gt=0)]
+
+
+class MeasurementRequest(Schema):
+    """What makes an error map of a measurement; needed only where it is to be stored."""
+
+    label: Name | None = Field(None, description="The map's name", examples=["Run #1"])
+    measured_at: UtcTime | None = Field(
+        None, description="When it was measured, with a zone", examples=["2026-03-01T06:00:00Z"]
+    )
+    temperatures_c: Temperatures | None = Field(
+        None, description="Every sensor's temperature at that time [°C]"
+    )
+    instrument: Name | None = Field(None, description="What measured", examples=["laser vector"])
+    repeatability_um: Repeatability | None = Field(
+        None,
+        description="Standard deviation of one reading, where the readings do not show it [µm]",
+        examples=[0.3],
+    )
+
+    def header(self) -> MapHeader:
+        """Give what a map needs beside its components."""
+        return MapHeader(
+            label=self.label,
+            measured_at=self.measured_at,
+            temperatures_c=self.temperatures_c,
+            instrument=self.instrument,
+            repeatability_um=self.repeatability_um,
+        )
+
+
+class MeasurementAnswer(Schema):
+    """What a measurement yields."""
+
+    machine: str = Field(description="The machine's id", examples=["mcfv5050"])
+    method: str = Field(description="How it was measured", examples=["step-diagonal"])
+    stored: bool = Field(description="Whether an error map was made of it")
+    map_id: int | None = Field(description="That map's number", examples=[7])
+    components: list[ComponentAnswer] = Field(
+        description="The components with their standard errors"
+    )
+    figures: dict[str, Number] = Field(
+        description="Figures of quality and of the method's standard, by names that end in the "
+        "unit, such as closure_rms_um [µm]",
+        examples=[{"closure_rms_um": 0.31}],
+    )
+    notes: list[str] = Field(
+        description="What the method cannot see, what was left out, what looks wrong"
+    )
+    measuring_lines_mm: dict[str, LineOrPoint] = Field(
+        description="Axis to the line along which its translations count as measured [mm]"
+    )
+
+
+def answer_fields(measured: Measured) -> dict[str, Any]:
+    """Write the fields of `MeasurementAnswer`."""
+    result = measured.result
+    return {
+        "machine": measured.machine.id,
+        "method": measured.method,
+        "stored": measured.stored is not None,
+        "map_id": None if measured.stored is None else measured.stored.stored.id,
+        "components": [ComponentAnswer.of(table) for table in result.tables],
+        "figures": dict(result.figures),
+        "notes": [*result.notes, *measured.remarks],
+        "measuring_lines_mm": {a: shown_line(line) for a, line in result.measuring_lines.items()},
+    }

@@ -1,0 +1,242 @@
+"""Verifications over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Final, Self
+
+from pydantic import ConfigDict, Discriminator, Field, Tag
+
+from app.api.schemas.base import Name, Number, Schema, UtcTime, way_of
+from app.api.schemas.predictions import ObservationSchema
+from app.api.schemas.watch import JudgementAnswer
+from app.errors import InvalidContent
+from app.geometry.components import COMPONENTS, Component
+from app.identification.observations import Observation, Verification
+from app.identification.rows import Datum
+from app.services.predict_errors import Observation as Asked
+from app.storage.records import StoredVerification
+from app.thermal.error_map import VALUE_LIMIT
+
+MOST_OBSERVATIONS: Final = 100_000
+
+_VALUES: Final = ("measured_um", "measured_urad", "measured_um_per_m", "measured_urad_per_m")
+
+
+def _one_or_three(stated: Any) -> str:
+    return way_of("point") if isinstance(stated, list) else way_of("one")
+
+
+Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+OneOrThree = Annotated[
+    Annotated[Number, Tag(way_of("one"))] | Annotated[Triple, Tag(way_of("point"))],
+    Discriminator(_one_or_three),
+]
+"""The error of a component, or x, y and z of the error at a point."""
+
+
+def _observed(asked: Asked, values: Sequence[float], state: Mapping[str, float]) -> Observation:
+    """Set a measured value, in the sign in which it was stated, beside where and when."""
+    has_place = asked.component is not None and COMPONENTS[asked.component].is_table
+    return Observation(
+        time_s=asked.time.timestamp(),
+        measured=tuple(asked.sign * value for value in values),
+        component=asked.component,
+        position_mm=asked.position_mm if has_place else None,
+        point_mm=asked.point_mm,
+        tool_offset_mm=asked.tool_offset_mm,
+        directions=asked.directions,
+        state=state,
+    )
+
+
+class MeasuredObservation(ObservationSchema):
+    """What an instrument read once: of one component, or at a point of the work volume.
+
+    `measured_um` takes the value in the component's own unit, as predictions give it; the
+    fields that name another unit say the same more exactly.
+    """
+
+    measured_um: OneOrThree | None = Field(
+        None,
+        description="Measured error, actual minus nominal [µm; angular errors µrad, squareness "
+        "µm/m]; three numbers x, y, z at a point",
+        examples=[4.31, [1.2, -0.4, 3.3]],
+    )
+    measured_urad: Number | None = Field(None, description="Measured angular error [µrad]")
+    measured_um_per_m: Number | None = Field(
+        None, description="Measured squareness or slope [µm/m]", examples=[-8.2]
+    )
+    measured_urad_per_m: Number | None = Field(
+        None, description="Measured slope of an angular error [µrad/m]"
+    )
+
+    def to_measured(self) -> Observation:
+        """Make the observation, in our components and signs; InvalidContent if it cannot be."""
+        asked = self.to_observation()
+        component = None if asked.component is None else COMPONENTS[asked.component]
+        return _observed(asked, self._values(component), self.state)
+
+    def _values(self, component: Component | None) -> Sequence[float]:
+        stated = [name for name in _VALUES if getattr(self, name) is not None]
+        unit = "um" if component is None else component.unit.value
+        fitting = {"measured_um", f"measured_{unit}"}
+        if len(stated) != 1 or stated[0] not in fitting:
+            what = "a point" if component is None else component.code
+            came = " and ".join(stated) or "none"
+            raise InvalidContent.of_field(
+                "measured_um" if not stated else stated[-1],
+                f"expected one measured value of {what}, as {' or '.join(sorted(fitting))}, "
+                f"came {came}",
+            )
+        value = getattr(self, stated[0])
+        values = value if isinstance(value, list) else [value]
+        if len(values) != (3 if component is None else 1):
+            expected = "x, y and z" if component is None else "one number"
+            raise InvalidContent.of_field(
+                stated[0],
+                f"expected {expected}, came {'a list' if isinstance(value, list) else 'one'}",
+            )
+        symbol = "µm" if component is None else component.unit.symbol
+        too_large = [v for v in values if abs(v) > VALUE_LIMIT]
+        if too_large:
+            raise InvalidContent.of_field(
+                stated[0],
+                f"expected an error within ±{VALUE_LIMIT:g} {symbol}, came {too_large[0]:g}",
+            )
+        return values
+
+    @classmethod
+    def of(cls, observation: Observation, time: Any) -> dict[str, Any]:
+        """Show an observation as it may be posted again, without what it does not state."""
+        o = observation
+        shown: dict[str, Any] = {"time": time}
+        signs = {a: "+" if d > 0 else "-" for a, d in zip("xyz", o.directions, strict=True) if d}
+        if o.point_mm is not None:
+            shown |= {"point_mm": o.point_mm, "tool_offset_mm": o.tool_offset_mm}
+            shown |= {"direction": signs} if signs else {}
+            return shown | {"measured_um": o.measured, "state": o.state}
+        component = COMPONENTS[str(o.component)]
+        shown["component"] = component.code
+        if o.position_mm is not None:
+            shown["position_mm"] = o.position_mm
+        if component.axis in signs:
+            shown["direction"] = signs[str(component.axis)]
+        return shown | {f"measured_{component.unit}": o.measured[0], "state": o.state}
+
+
+class PlannedObservation(ObservationSchema):
+    """What is to be measured: of one component, or at a point of the work volume."""
+
+    def to_planned(self) -> Observation:
+        """Make an observation whose measured value nobody looks at."""
+        asked = self.to_observation()
+        return _observed(asked, [0.0] if asked.point_mm is None else [0.0] * 3, self.state)
+
+
+class VerificationHead(Schema):
+    """What a verification says beside its observations."""
+
+    label: Name = Field(
+        description="The verification's name on its machine", examples=["night shift"]
+    )
+    datum: Datum = Field(
+        Datum.ABSOLUTE,
+        description="`absolute`; `first`: the instrument was zeroed at the first observation of "
+        "each component; `free`: an unknown constant per component",
+    )
+    repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
+        None,
+        description="Standard deviation of one observation [µm], where it is known",
+        examples=[0.5],
+    )
+
+
+class VerificationRequest(VerificationHead):
+    """Up to 100,000 observations of one machine, with one set-up or several."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "label": "night shift",
+                "datum": "absolute",
+                "observations": [
+                    {
+                        "time": "2026-03-01T06:00:00Z",
+                        "component": "EXX",
+                        "position_mm": 250.0,
+                        "direction": "+",
+                        "measured_um": 4.31,
+                        "state": {"spindle_rpm": 0},
+                    },
+                    {"time": "2026-03-01T06:01:00Z", "component": "SXY", "measured_um": -8.2},
+                    {
+                        "time": "2026-03-01T06:02:00Z",
+                        "point_mm": [250, 100, 300],
+                        "tool_offset_mm": [0, 0, 160],
+                        "measured_um": [1.2, -0.4, 3.3],
+                    },
+                ],
+            }
+        }
+    )
+
+    observations: Annotated[
+        list[MeasuredObservation], Field(min_length=1, max_length=MOST_OBSERVATIONS)
+    ] = Field(description="What was measured")
+
+    def to_verification(self, observations: Iterable[Observation]) -> Verification:
+        """Make the verification of its head and these observations."""
+        return Verification(self.label, tuple(observations), self.datum, self.repeatability_um)
+
+
+def measured_observations(
+    stated: Iterable[MeasuredObservation], first: int = 0
+) -> list[Observation]:
+    """Make observations; InvalidContent names the one that is wrong by its number."""
+    found = []
+    for i, one in enumerate(stated, first):
+        try:
+            found.append(one.to_measured())
+        except InvalidContent as error:
+            raise error.inside(f"observations.{i}") from None
+    return found
+
+
+class VerificationAnswer(VerificationHead):
+    """A stored verification without its observations."""
+
+    id: int = Field(description="The verification's number", examples=[1])
+    stored_at: UtcTime = Field(description="When it was stored, UTC")
+    first_at: UtcTime = Field(description="Time of its first observation, UTC")
+    last_at: UtcTime = Field(description="Time of its last observation, UTC")
+    count: int = Field(description="How many observations it has", examples=[240])
+    components: list[str] = Field(
+        description="What was observed: component codes, and `points`", examples=[["EXX", "points"]]
+    )
+    judgement: JudgementAnswer | None = Field(
+        description="What it said of the active model when it came"
+    )
+
+    @classmethod
+    def of(cls, stored: StoredVerification) -> Self:
+        """Show a stored verification."""
+        return cls(
+            id=stored.id,
+            label=stored.label,
+            datum=stored.datum,
+            repeatability_um=stored.repeatability_um,
+            stored_at=stored.stored_at,
+            first_at=stored.first_at,
+            last_at=stored.last_at,
+            count=stored.observations,
+            components=list(stored.components),
+            judgement=None if stored.judgement is None else JudgementAnswer(**stored.judgement),
+        )
+
+
+class WholeVerificationAnswer(VerificationAnswer):
+    """A stored verification with its observations, in the order in which they came."""
+
+    observations: list[MeasuredObservation] = Field(description="What was measured")

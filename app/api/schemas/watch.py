@@ -1,0 +1,123 @@
+"""Whether a machine still is as its model says, over HTTP."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field
+
+from app.api.schemas.analysis_result import IN_ITS_UNIT
+from app.api.schemas.base import Number, Schema, UtcTime
+from app.identification.residuals import channel_unit
+from app.identification.watching import FALSE_ALARM
+from app.services.show_watch import Watch
+
+
+class BeyondAnswer(Schema):
+    """Something that changed."""
+
+    component: str = Field(description="Component code, or `points x`", examples=["EZZ"])
+    what: str = Field(description="Which number of its residuals", examples=["level"])
+    unit: str = Field(description="Unit of its numbers", examples=["µm"])
+    deviation: Number = Field(description=f"How far it is off {IN_ITS_UNIT}")
+    expected_sd: Number = Field(
+        description=f"Standard deviation that was to be expected {IN_ITS_UNIT}"
+    )
+    evidence: Number = Field(description="Its e-value")
+
+
+class JudgementAnswer(Schema):
+    """What a verification says of the model that was active when it came."""
+
+    model_version: int | None = Field(description="That version; null where there was none")
+    status: Literal["within", "beyond", "not-judged"] = Field(
+        description="`within` or `beyond` its limits by a sequential test, with all before it"
+    )
+    evidence: Number | None = Field(description="E-value of all verifications so far")
+    limit: Number | None = Field(
+        description="What the evidence ever reaches by chance with probability `false_alarm` only"
+    )
+    false_alarm: Number | None = Field(
+        description="Probability that an unchanged machine is ever called changed"
+    )
+    summary: str = Field(description="One sentence")
+    beyond: list[BeyondAnswer] = Field(description="What changed most, the clearest first")
+    visits: int = Field(description="Visits of the verification that were looked at")
+
+
+class JudgedVerification(Schema):
+    """One verification of the sequence."""
+
+    verification: int = Field(description="Number of the verification")
+    label: str = Field(description="Its name", examples=["night shift"])
+    last_at: UtcTime = Field(description="Time of its last observation, UTC")
+    status: str = Field(description="`within`, `beyond` or `not-judged`")
+    evidence: Number | None = Field(description="E-value of all verifications up to it")
+
+
+class FollowedNumber(Schema):
+    """One number that is followed from visit to visit."""
+
+    component: str = Field(description="Component code, or `points x`", examples=["EZZ"])
+    what: str = Field(description="`level`, or a slope along an axis", examples=["level"])
+    unit: str = Field(description="Unit of its deviation", examples=["µm"])
+    deviation: Number = Field(description=f"Latest deviation {IN_ITS_UNIT}")
+    evidence: Number = Field(description="Its e-value")
+
+
+class WatchAnswer(Schema):
+    """Where the sequential test of the active version stands."""
+
+    model_version: int = Field(description="The active version")
+    status: Literal["within", "beyond", "no-verification"] = Field(
+        description="`no-verification` before the first one was judged"
+    )
+    beyond_since: UtcTime | None = Field(
+        description="Time of the visit that first exceeded the limit, UTC; null: none did"
+    )
+    evidence: Number = Field(description="E-value of all verifications so far; 1 without any")
+    limit: Number = Field(
+        description="What the evidence ever reaches by chance with probability `false_alarm` only"
+    )
+    false_alarm: Number = Field(
+        description="Probability that an unchanged machine is ever called changed"
+    )
+    updated_at: UtcTime | None = Field(description="When the last verification was judged, UTC")
+    numbers: list[FollowedNumber] = Field(description="What is followed, strongest evidence first")
+    verifications: list[JudgedVerification] = Field(description="What was judged, oldest first")
+
+    @classmethod
+    def of(cls, watch: Watch) -> Self:
+        """Show a watch."""
+        streams = sorted(watch.state.streams.items(), key=lambda s: -s[1].process.evidence)
+        is_beyond = watch.beyond_since is not None
+        none_yet = watch.updated_at is None
+        return cls(
+            model_version=watch.model_version,
+            status="no-verification" if none_yet else "beyond" if is_beyond else "within",
+            beyond_since=watch.beyond_since,
+            evidence=watch.state.evidence(),
+            limit=1.0 / FALSE_ALARM,
+            false_alarm=FALSE_ALARM,
+            updated_at=watch.updated_at,
+            numbers=[
+                FollowedNumber(
+                    component=name.partition("|")[0],
+                    what=name.partition("|")[2],
+                    unit=channel_unit(name.partition("|")[0]).symbol,
+                    deviation=stream.last,
+                    evidence=stream.process.evidence,
+                )
+                for name, stream in streams
+            ],
+            verifications=[
+                JudgedVerification(
+                    verification=v.id,
+                    label=v.label,
+                    last_at=v.last_at,
+                    status=(v.judgement or {})["status"],
+                    evidence=(v.judgement or {})["evidence"],
+                )
+                for v in watch.judged
+            ],
+        )

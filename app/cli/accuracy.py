@@ -1,0 +1,110 @@
+"""thermap accuracy: volumetric accuracy by every definition, and what controllers leave of it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import orjson
+import typer
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer
+from app.cli.options import (
+    MachineArgument,
+    MissingOption,
+    TemperatureOption,
+    ToolOption,
+    UrlOption,
+    connect,
+    field_question,
+)
+from app.client.connection import DEFAULT_URL
+
+_LEVELS = {
+    "nothing": "none",
+    "displacement": "displacement tables",
+    "straightness": "straightness and squareness too",
+    "angular": "angular errors too",
+    "nonrigid": "nonrigid slopes too",
+}
+
+
+def accuracy(
+    machine: MachineArgument,
+    temperature: TemperatureOption = None,
+    tool: ToolOption = "0,0,0",
+    missing_as_zero: MissingOption = False,
+    json: Annotated[
+        bool,
+        typer.Option("--json", envvar="THERMAP_JSON", help="The service's JSON, both answers."),
+    ] = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Show volumetric accuracy by every definition, and what controllers would leave of it.
+
+    At these temperatures, or at the latest reading; over the axes' travel.
+
+    Example: `thermap accuracy mcfv5050 --tool 0,0,160 -t x-middle=24.1 -t z-column=27.3`
+    """
+    question = field_question(temperature, tool, missing_as_zero)
+    with connect(url) as thermap:
+        found = thermap.volumetric_accuracy(machine, question)
+        levels = thermap.compensation_levels(machine, question)
+    if json:
+        both = {"accuracy": found.model_dump(mode="json"), "levels": levels.model_dump(mode="json")}
+        typer.echo(orjson.dumps(both).decode())
+        return
+    Console(highlight=False).print(accuracy_view(found, levels))
+
+
+def accuracy_view(found: AccuracyAnswer, levels: LevelsAnswer) -> RenderableType:
+    """Lay out both answers for a terminal."""
+    volume = " × ".join(f"{axis} {t.min_mm:g} to {t.max_mm:g}" for axis, t in found.volume.items())
+    head = Text(f"{found.machine}, model version {found.model_version}; {volume} mm")
+    parts: list[RenderableType] = [head, _definitions(found), _levels(levels)]
+    if found.counted_as_zero:
+        parts.append(Text(f"! counted as zero: {', '.join(found.counted_as_zero)}", style="yellow"))
+    parts += [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    return Group(*parts)
+
+
+def _definitions(found: AccuracyAnswer) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("volumetric accuracy", "", "of"):
+        table.add_column(heading, justify="right" if not heading else "left")
+    rows = [
+        (
+            "definition 1",
+            found.with_arms.definition_1_um,
+            "µm",
+            "error at the tool, longest vector",
+        ),
+        ("definition 2", found.with_arms.definition_2_um, "µm", "error at the tool, ranges"),
+        ("definition 1", found.linear.definition_1_um, "µm", "translations alone (8.118)"),
+        ("definition 2", found.linear.definition_2_um, "µm", "translations alone (8.128)"),
+        ("definition 1", found.angular.definition_1_urad, "µrad", "rotations (8.119)"),
+        ("definition 2", found.angular.definition_2_urad, "µrad", "rotations (8.129)"),
+        ("Ed", found.Ed_um, "µm", "largest range on a body diagonal (ISO 230-6)"),
+        ("ESd", found.ESd_um, "µm", "range over all body diagonals"),
+        ("ELv", found.ELv_um, "µm", "displacement along the axes"),
+        ("ELSv", found.ELSv_um, "µm", "displacement, straightness, squareness"),
+    ]
+    for name, value, unit, of in rows:
+        table.add_row(name, f"{value:.2f} {unit}", of)
+    for name, ratio in found.ratios.items():
+        below = {"M1": "ELv", "M2": "Ed", "M3": "ESd"}[name]
+        table.add_row(name, "–" if ratio is None else f"{ratio:.2f}", f"ELSv/{below}")
+    return table
+
+
+def _levels(levels: LevelsAnswer) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("the controller compensates")
+    for heading in ("mean", "RMS", "largest left [µm]"):
+        table.add_column(heading, justify="right")
+    for level in levels.levels:
+        numbers = (f"{um:.2f}" for um in (level.mean_um, level.rms_um, level.max_um))
+        table.add_row(_LEVELS.get(level.level, level.level), *numbers)
+    return table

@@ -1,0 +1,254 @@
+"""thermap analyse: measured data in, what the model lacks out, as a report that a person reads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import orjson
+import typer
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from app.api.schemas.analyses import AnalysisAnswer
+from app.cli.analyse_files import VerificationFile, read_verifications
+from app.cli.analyse_plan_view import plan_view
+from app.cli.analyse_view import analysis_view
+from app.cli.import_checks import naming
+from app.cli.options import MachineArgument, UrlOption, connect
+from app.client import ThermapClient, ThermapClientError, loop_calls
+from app.client.connection import DEFAULT_URL
+from app.errors import ThermapError, list_names
+from app.storage.records import AnalysisStatus
+
+POLL_S: Final = 0.3
+CONFIRMED: Final = "confirmed"
+_GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
+
+
+class NotAnalysed(ThermapError):
+    """The analysis came to no answer."""
+
+
+def analyse(
+    machine: MachineArgument,
+    verification: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--verification",
+            "-v",
+            envvar="THERMAP_VERIFICATIONS",
+            metavar="FILE",
+            help="What was measured: CSV, or JSON of the HTTP contract; once for each file. "
+            "Without it all stored verifications serve.",
+        ),
+    ] = None,
+    effects: Annotated[
+        list[str] | None,
+        typer.Option(
+            envvar="THERMAP_EFFECTS",
+            metavar="KIND",
+            help="A kind of effect to look for, such as thermal-lag; all without it.",
+        ),
+    ] = None,
+    holdout: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_HOLDOUT",
+            min=0.05,
+            max=0.85,
+            help="Share of the visits that take no part in the search.",
+        ),
+    ] = 0.3,
+    adopt: Annotated[
+        bool,
+        typer.Option(
+            "--adopt",
+            envvar="THERMAP_ADOPT",
+            help="Make a model version with the effects that held-out visits confirm.",
+        ),
+    ] = False,
+    plan: Annotated[
+        bool,
+        typer.Option(
+            "--plan",
+            envvar="THERMAP_PLAN",
+            help="Say what these observations could see, before they are measured: the files need "
+            "no values, and nothing is stored.",
+        ),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE.html",
+            help="Write the report, a page that needs no internet.",
+        ),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", envvar="THERMAP_JSON", help="Write the service's JSON.")
+    ] = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Find what the model lacks: hold it against measured data, and write a report.
+
+    Example: `thermap analyse mcfv5050 --verification night-shift.csv -o report.html`
+    """
+    _check_usage(output, plan=plan, adopt=adopt)
+    files = read_verifications(verification or [], machine, is_planned=plan)
+    with connect(url) as thermap:
+        # An unknown machine is told before anything is stored.
+        thermap.machine(machine)
+        if plan:
+            _show_plan(thermap, machine, files, json=json)
+            return
+        ids = _store(thermap, machine, files) if files else _all_stored(thermap, machine)
+        question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
+        job = thermap.analyse(machine, question)
+        _follow(thermap, machine, job.id)
+        answer = orjson.loads(thermap.content(loop_calls.analysis(machine, job.id)))
+        _show(answer if json else analysis_view(answer["result"]))
+        if adopt:
+            _adopt(thermap, machine, job.id, answer["result"])
+        if output is not None:
+            _write(output, thermap.analysis_report(machine, job.id))
+            typer.echo(f"{output}: the report of analysis {job.id}", err=True)
+
+
+def _check_usage(output: Path | None, *, plan: bool, adopt: bool) -> None:
+    """Refuse before the work what would be refused after it."""
+    if output is not None and output.suffix.lower() != ".html":
+        raise typer.BadParameter(
+            f"expected a file that ends in .html, came {str(output)!r}", param_hint="--output"
+        )
+    if output is not None and not output.absolute().parent.is_dir():
+        raise typer.BadParameter(
+            f"cannot write {output}: there is no such folder", param_hint="--output"
+        )
+    if plan and (adopt or output is not None):
+        raise typer.BadParameter(
+            "a plan has no report and nothing to adopt: leave --adopt and --output away",
+            param_hint="--plan",
+        )
+
+
+def _show(found: Mapping[str, Any] | RenderableType) -> None:
+    """Write JSON, or a view."""
+    if isinstance(found, Mapping):
+        typer.echo(orjson.dumps(found).decode())
+    else:
+        Console(highlight=False).print(found)
+
+
+def _show_plan(
+    thermap: ThermapClient, machine: str, files: Sequence[VerificationFile], *, json: bool
+) -> None:
+    """Ask what the files' observations, or those that are stored, could see."""
+    for one in files:
+        for remark in one.remarks:
+            typer.echo(f"{one.file}: note: {remark}", err=True)
+    question = (
+        {"planned": [one.body for one in files]}
+        if files
+        else {"verifications": _all_stored(thermap, machine)}
+    )
+    call = loop_calls.plan_analysis(machine, question)
+    with Console(stderr=True).status("planning"):
+        answer = orjson.loads(thermap.content(call))
+    _show(answer if json else plan_view(answer))
+
+
+def _store(thermap: ThermapClient, machine: str, files: Sequence[VerificationFile]) -> list[int]:
+    """Store the files' verifications; the same content again is the one that is stored."""
+    found = []
+    for i, one in enumerate(files):
+        for remark in one.remarks:
+            typer.echo(f"{one.file}: note: {remark}", err=True)
+        with naming(one.file, [later.file for later in files[i + 1 :]]):
+            stored = thermap.store_verification(machine, one.body)
+        typer.echo(
+            f"{one.file}: verification {stored.label!r}, number {stored.id}, "
+            f"{stored.count} observations"
+            + (f"; {stored.judgement.summary}" if stored.judgement else ""),
+            err=True,
+        )
+        found.append(stored.id)
+    return found
+
+
+def _all_stored(thermap: ThermapClient, machine: str) -> list[int]:
+    found = [one.id for one in thermap.verifications(machine)]
+    if not found:
+        raise typer.BadParameter(
+            f"machine {machine!r} has no verification yet: state a file",
+            param_hint="--verification",
+        )
+    return found
+
+
+def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
+    """Show how far it is until it is done; Ctrl-C cancels it.
+
+    Raises
+    ------
+    NotAnalysed
+        If it failed, or somebody cancelled it.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    try:
+        with Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as progress:
+            task = progress.add_task("waiting", total=1.0)
+            while (job := thermap.analysis(machine, analysis_id)).status in _GOING_ON:
+                words = job.message or str(job.status)
+                progress.update(task, completed=job.progress, description=words)
+                time.sleep(POLL_S)
+            progress.update(task, completed=job.progress)
+    except KeyboardInterrupt:
+        _cancel(thermap, machine, analysis_id)
+        raise typer.Exit(130) from None
+    _expect_done(job)
+
+
+def _cancel(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
+    told = f"analysis {analysis_id} was told to stop"
+    with suppress(ThermapClientError):
+        thermap.cancel_analysis(machine, analysis_id)
+        told = f"analysis {analysis_id} cancelled"
+    typer.echo(told, err=True)
+
+
+def _expect_done(job: AnalysisAnswer) -> None:
+    if job.status is not AnalysisStatus.DONE:
+        why = f": {job.message}" if job.message else ""
+        raise NotAnalysed(f"analysis {job.id} {job.status}{why}")
+
+
+def _adopt(
+    thermap: ThermapClient, machine: str, analysis_id: int, result: Mapping[str, Any]
+) -> None:
+    """Adopt what held-out visits confirm; say what was left."""
+    confirmed = [i for i, e in enumerate(result["effects"]) if e["status"] == CONFIRMED]
+    left = [e["explanation"] for e in result["effects"] if e["status"] != CONFIRMED]
+    if left:
+        typer.echo(f"not adopted, because not confirmed: {list_names(left)}", err=True)
+    if not confirmed:
+        typer.echo("nothing was adopted: there is no confirmed effect", err=True)
+        return
+    model = thermap.adopt_analysis(machine, analysis_id, confirmed)
+    typer.echo(f"adopted: model version {model.version} is active", err=True)
+
+
+def _write(output: Path, page: str) -> None:
+    try:
+        output.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise typer.BadParameter(
+            f"cannot write {output}: {error.strerror}", param_hint="--output"
+        ) from None

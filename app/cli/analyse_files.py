@@ -1,0 +1,125 @@
+"""Files of verifications, read and checked before any of them is sent."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from app.api.error_responses import field_error
+from app.api.schemas.analyses import PlannedVerification
+from app.api.schemas.verifications import VerificationRequest, measured_observations
+from app.cli.contract_json import read_json
+from app.cli.csv_verification import read_csv_verification
+from app.cli.delimited_text import Problems, UnreadableFile
+from app.cli.import_checks import choose_machine
+from app.errors import InvalidContent
+
+_VALUE: Final = "measured_"
+"""Fields that begin so hold what was measured."""
+
+_PLACE: Final = re.compile(r"observations\.(\d+)\.?(.*)")
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationFile:
+    """What one file holds, checked.
+
+    Parameters
+    ----------
+    file
+        The file.
+    body
+        Of the request that stores it.
+    remarks
+        What of it was not read.
+    """
+
+    file: Path
+    body: Mapping[str, Any]
+    remarks: Sequence[str] = ()
+
+
+def read_verifications(
+    files: Sequence[Path], machine: str, *, is_planned: bool = False
+) -> list[VerificationFile]:
+    """Read every file, and complain of all that is wrong in any.
+
+    Parameters
+    ----------
+    files
+        CSV as docs/closing-the-loop.md shows, or the request's body as JSON.
+    machine
+        The machine that was measured; a file that names another is refused.
+    is_planned
+        Whether they are yet to be measured: measured values are not looked at.
+
+    Raises
+    ------
+    UnreadableFile
+        With file, line and column of everything that is wrong.
+    """
+    found: list[VerificationFile] = []
+    complaints: list[str] = []
+    for file in files:
+        try:
+            found.append(_read(file, machine, is_planned))
+        except UnreadableFile as error:
+            complaints.append(error.detail)
+    if complaints:
+        raise UnreadableFile("\n".join(["nothing was sent:", *complaints]))
+    return found
+
+
+def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:
+    problems = Problems(file)
+    if file.suffix.lower() == ".json":
+        body = read_json(file, problems)
+        if is_planned:
+            body = _without_values(body)
+        _check(body, problems, (), is_planned)
+        return VerificationFile(file, body)
+    read = read_csv_verification(file, is_planned=is_planned)
+    choose_machine(file, read.machine, machine)
+    _check(read.body, problems, read.lines, is_planned)
+    return VerificationFile(file, read.body, read.remarks)
+
+
+def _without_values(body: Any) -> Any:
+    """Leave measured values out of a body; one of another shape stays, to be refused."""
+    if not isinstance(body, dict) or not isinstance(body.get("observations"), list):
+        return body
+    planned = [
+        {k: v for k, v in o.items() if not k.startswith(_VALUE)} if isinstance(o, dict) else o
+        for o in body["observations"]
+    ]
+    return {**body, "observations": planned}
+
+
+def _check(body: Any, problems: Problems, lines: Sequence[int], is_planned: bool) -> None:
+    """Make of a body what the service would, so that what it would refuse is known here."""
+    try:
+        if is_planned:
+            PlannedVerification.model_validate(body).to_verification()
+        else:
+            measured_observations(VerificationRequest.model_validate(body).observations)
+    except ValidationError as error:
+        for found in map(field_error, error.errors()):
+            _complain(problems, lines, found.field, found.message)
+    except InvalidContent as error:
+        for one in error.errors:
+            _complain(problems, lines, one.field, one.message)
+    problems.raise_if_any()
+
+
+def _complain(problems: Problems, lines: Sequence[int], field: str, message: str) -> None:
+    """Name the line of an observation where there are lines, else the field."""
+    place = _PLACE.fullmatch(field)
+    if place and lines:
+        problems.add(message, lines[int(place[1])], place[2])
+    else:
+        problems.add(f"{field}: {message}")

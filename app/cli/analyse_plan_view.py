@@ -1,0 +1,96 @@
+"""What planned observations could see, for a terminal: by kind, and which visit to add."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import inf, isinf
+from typing import Any, Final
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from app.errors import list_names
+from app.pictures.analysis_report.detectable import Seen, size_range, units_of
+from app.pictures.analysis_report.names import kind_name
+
+DECIMALS: Final = 2
+
+NO_LARGER: Final = 1.05
+"""A factor below this is none."""
+
+Plan = Mapping[str, Any]
+
+
+def plan_view(plan: Plan) -> RenderableType:
+    """Lay out what a plan could see.
+
+    Parameters
+    ----------
+    plan
+        The service's answer, JSON's own types.
+    """
+    parts: list[RenderableType] = [Text(plan["summary"]), Text(), _effects(plan["effects"]), Text()]
+    parts += [Text(f"cannot be tested: {line}") for line in _not_testable(plan)]
+    parts += [Text(f"left out: {o['count']} values, {o['reason']}") for o in plan["excluded"]]
+    parts += [Text(f"note: {note}") for note in plan["notes"]]
+    if plan["suggestions"]:
+        parts.append(Text("visits to add:", style="bold"))
+    parts += [Padding(Text(s["sentence"]), (0, 0, 0, 2)) for s in plan["suggestions"]]
+    return Group(*parts)
+
+
+def told_apart(seen: Sequence[Seen]) -> str:
+    """Say how much larger effects of a kind must typically be to be told from their rivals.
+
+    Parameters
+    ----------
+    seen
+        Effects of one kind.
+
+    >>> rival = {"kind": "other-sensor"}
+    >>> told_apart([{"smallest_rms": 0.2, "distinguishable_rms": 0.5, "rival": rival}])
+    '2.5 × (other sensor)'
+    >>> told_apart([{"smallest_rms": 0.2, "distinguishable_rms": None, "rival": rival}])
+    'never (other sensor)'
+    """
+    factors = sorted((_factor(one), str(one["rival"]["kind"])) for one in seen if one["rival"])
+    if not factors:
+        return "it has no rival"
+    factor, rival = factors[len(factors) // 2]
+    if isinf(factor):
+        return f"never ({kind_name(rival)})"
+    if factor < NO_LARGER:
+        return "no larger"
+    return f"{factor:.2g} × ({kind_name(rival)})"
+
+
+def _factor(one: Seen) -> float:
+    if one["distinguishable_rms"] is None:
+        return inf
+    return float(one["distinguishable_rms"] / max(one["smallest_rms"], 1e-12))
+
+
+def _effects(seen: Sequence[Seen]) -> Table:
+    units = units_of(seen)
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    table.add_column("smallest seen (RMS)", no_wrap=True)
+    for unit in units:
+        table.add_column(unit, justify="right", no_wrap=True)
+    table.add_column("told from its rival")
+    for kind in dict.fromkeys(one["kind"] for one in seen):
+        own = [one for one in seen if one["kind"] == kind]
+        ranges = [size_range(own, unit, DECIMALS) for unit in units]
+        table.add_row(kind_name(kind), *ranges, told_apart(own))
+    return table
+
+
+def _not_testable(plan: Plan) -> Iterator[str]:
+    """Say each reason once for all kinds that share it."""
+    together: dict[tuple[str, str], list[str]] = {}
+    for one in plan["not_testable"]:
+        together.setdefault((one["on"], one["reason"]), []).append(kind_name(one["kind"]))
+    for (on, reason), kinds in together.items():
+        subject = f" of {on}" if on not in ("", "none") else ""
+        yield f"{list_names(kinds)}{subject}: {reason}"

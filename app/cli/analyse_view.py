@@ -1,0 +1,139 @@
+"""What an analysis found, for a terminal: the verdict, before and after, effects, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from app.pictures.analysis_report.names import (
+    VERDICTS,
+    component_name,
+    overall_unit,
+    parameter_name,
+    parameter_text,
+    rival_name,
+    status_words,
+)
+from app.pictures.analysis_report.words import decimals_for, figure_text
+
+COMPONENTS_SHOWN: Final = 12
+"""Those that changed come first, then those that stand out most; the report has all."""
+
+_STYLES: Final = {
+    "effects-found": "bold green",
+    "nothing-found": "bold",
+    "unexplained": "bold yellow",
+}
+
+Result = Mapping[str, Any]
+
+
+def analysis_view(result: Result) -> RenderableType:
+    """Lay out an analysis' answer.
+
+    Parameters
+    ----------
+    result
+        JSON's own types.
+    """
+    parts: list[RenderableType] = [
+        Text(VERDICTS[result["verdict"]], style=_STYLES[result["verdict"]]),
+        Text(result["summary"]),
+        Text(),
+        _components(result),
+        Text(),
+        *_effects(result["effects"]),
+        *_remains(result),
+        Text("next:", style="bold"),
+        *(Padding(Text(step), (0, 0, 0, 2)) for step in result["what_next"]),
+    ]
+    return Group(*parts)
+
+
+def _components(result: Result) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    table.add_column("RMS of residuals", no_wrap=True)
+    for heading in ("before", "after", "floor"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit", no_wrap=True)
+    table.add_column("values", justify="right")
+    components = sorted(result["components"], key=_is_unchanged)
+    for one in components[:COMPONENTS_SHOWN]:
+        decimals = decimals_for(one["noise"])
+        sizes = (*_sizes(one), one["floor"])
+        cells = [figure_text(size, decimals) for size in sizes]
+        name = component_name(one["component"])
+        table.add_row(name, *cells, one["unit"], str(one["count"]))
+    before, after = (_overall(result[which]) for which in ("before", "after"))
+    decimals = decimals_for(result["noise_um"])
+    cells = [figure_text(size, decimals) for size in (before, after, result["floor_um"])]
+    more = len(components) - COMPONENTS_SHOWN
+    unit = overall_unit(components)
+    name = f"all in {unit or 'their units'}" + (f" (and {more} more)" if more > 0 else "")
+    table.add_row(name, *cells, unit, str(result["values"]), style="bold")
+    return table
+
+
+def _sizes(component: Mapping[str, Any]) -> tuple[float, float]:
+    held = component["holdout_before_rms"] is not None
+    before, after = (
+        component[f"{'holdout_' if held else ''}{which}_rms"] for which in ("before", "after")
+    )
+    return before, after
+
+
+def _is_unchanged(component: Mapping[str, Any]) -> bool:
+    before, after = _sizes(component)
+    return before == after
+
+
+def _overall(figures: Mapping[str, Any]) -> float:
+    held, whole = figures["holdout_rms_um"], figures["rms_um"]
+    return float(whole if held is None else held)
+
+
+def _effects(effects: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    for number, effect in enumerate(effects, start=1):
+        yield Text(f"{number}. {effect['explanation']}", style="bold")
+        for line in _told_of(effect):
+            yield Padding(Text(line), (0, 0, 0, 3))
+        yield Text()
+
+
+def _told_of(effect: Mapping[str, Any]) -> Iterator[str]:
+    evidence, seen = (
+        effect["evidence"]["two_ln_bayes_factor"],
+        effect["evidence"]["seen_in_readings"],
+    )
+    sure = f": {seen}" if seen else f"; evidence {figure_text(evidence, 0)}"
+    proxy = "; a proxy: something unexplained remains beside it" if effect["is_proxy"] else ""
+    yield f"{status_words(effect)}{sure}{proxy}"
+    errors = effect["standard_errors"]
+    for name, value in effect["parameters"].items():
+        yield f"{parameter_name(name)}: {parameter_text(name, value, errors.get(name))}"
+    for rival in effect["alternatives"]:
+        if rival["tied"]:
+            yield f"cannot be told from {rival_name(effect, rival)}"
+    if effect["leverage_warning"]:
+        yield effect["leverage_warning"]
+
+
+def _remains(result: Result) -> Iterator[RenderableType]:
+    for part in result["unexplained"]:
+        leads = f"; it moves with {', '.join(part['leads'])}" if part["leads"] else ""
+        decimals = decimals_for(part["noise_um"])
+        sizes = [figure_text(part[name], decimals) for name in ("rms_um", "noise_um")]
+        yield Text(
+            f"unexplained in {component_name(part['component'])}: {sizes[0]} {part['unit']} RMS, "
+            f"where one observation scatters by {sizes[1]}{leads}",
+            style="yellow",
+        )
+    for one in result["excluded"]:
+        yield Text(f"left out: {one['count']} values, {one['reason']}")
+    if result["unexplained"] or result["excluded"]:
+        yield Text()

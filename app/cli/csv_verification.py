@@ -1,0 +1,274 @@
+"""Verifications from CSV: the body of `POST …/verifications`.
+
+    # label: night shift
+    # datum: first
+    time,component,position_mm,direction,measured_um,state spindle_rpm
+    2026-03-01T06:00:00Z,EXX,250,+,4.31,0
+
+One line for each observation: of a component, or at a point (`point_x_mm` …, `tool_x_mm` …,
+`measured_x_um` …). docs/closing-the-loop.md shows files of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from app.cli.csv_comments import Stated
+from app.cli.csv_measurements.columns import Columns, find_columns
+from app.cli.csv_measurements.comments import Comments, Statement, read_measurement_comments
+from app.cli.csv_measurements.formats import REPEATABILITY, choice_among
+from app.cli.csv_measurements.quantities import LENGTH, POSITION, SMALL_ANGLE, Named
+from app.cli.delimited_text import DelimitedText, Row, parse_delimited, read_text
+from app.cli.delimited_text import Problems as FileProblems
+from app.errors import UnknownComponent, list_names
+from app.geometry.components import LINEAR_LETTERS, parse_component
+from app.identification.rows import Datum
+from app.units import Unit
+
+Body = dict[str, Any]
+
+STATE: Final = "state"
+"""Columns that begin with this word hold the machine's state."""
+
+DIRECTIONS: Final = ("+", "-")
+
+_DATUM: Final = choice_among("datum", *(str(datum) for datum in Datum))
+_STATEMENTS: Final[tuple[Statement, ...]] = (_DATUM, REPEATABILITY)
+_READ_OF_COMMENTS: Final = frozenset({"label", "instrument"})
+
+_ANGLES: Final = (Unit.URAD, Unit.UM_PER_M)
+"""A µm/m is a µrad."""
+
+_TIME: Final = Named("time", None)
+_COMPONENT: Final = Named("component", None)
+_POSITION: Final = Named("position", POSITION)
+_DIRECTION: Final = Named("direction", None)
+_MEASURED: Final = Named("measured", LENGTH)
+_MEASURED_ANGLE: Final = Named("measured_angle", SMALL_ANGLE, ("measured",))
+_AT_POINTS: Final = tuple(
+    tuple(Named(f"{stem}_{axis}", quantity) for axis in LINEAR_LETTERS)
+    for stem, quantity in (
+        ("point", POSITION),
+        ("measured", LENGTH),
+        ("tool", POSITION),
+        ("direction", None),
+    )
+)
+_POINT, _MEASURED_AT, _TOOL, _DIRECTIONS_AT = _AT_POINTS
+
+
+@dataclass(frozen=True, slots=True)
+class CsvVerification:
+    """A verification as it is to be sent, and where in the file each observation stands.
+
+    Parameters
+    ----------
+    body
+        Of the request.
+    machine
+        The machine that the file names.
+    remarks
+        What of the file was not read.
+    lines
+        Line of each observation.
+    """
+
+    body: Body
+    machine: str | None
+    remarks: Sequence[str]
+    lines: Sequence[int]
+
+
+def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerification:
+    """Read a verification, and say what of the file was not read.
+
+    Parameters
+    ----------
+    file
+        CSV, see above; without a label it is called as the file.
+    is_planned
+        Whether it is yet to be measured: it needs no values, and those it has are not read.
+
+    Raises
+    ------
+    UnreadableFile
+        With line and column of everything that is wrong, what was expected and what came.
+    """
+    text = parse_delimited(read_text(file), FileProblems(file))
+    remarks: list[str] = []
+    comments = read_measurement_comments(text, _STATEMENTS, Stated(), False, remarks)
+    unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)
+    if unread:
+        remarks.append(f"comment lines that say nothing of a verification: {list_names(unread)}")
+    columns, states = _find_columns(text, remarks, is_planned)
+    if not text.rows:
+        text.problems.add("expected lines of observations, came none")
+    observations = [_observation(columns, states, row, is_planned) for row in text.rows]
+    text.problems.raise_if_any()
+    head = _head(comments, file.stem)
+    return CsvVerification(
+        {**head, "observations": observations},
+        comments.machine,
+        remarks,
+        [row.line for row in text.rows],
+    )
+
+
+def _head(comments: Comments, name: str) -> Body:
+    """Label, datum and repeatability, as far as stated."""
+    stated = comments.statements
+    head: Body = {"label": comments.state.get("label") or name}
+    if "datum" in stated:
+        head["datum"] = stated["datum"]
+    if REPEATABILITY.thing.full in stated:
+        head["repeatability_um"] = stated[REPEATABILITY.thing.full]
+    return head
+
+
+def _find_columns(
+    text: DelimitedText, remarks: list[str], is_planned: bool
+) -> tuple[Columns, Mapping[int, str]]:
+    """Tell the columns of states from the others, and these apart."""
+    names = {i: _state_name(heading) for i, heading in enumerate(text.headings)}
+    states = {i: name for i, name in names.items() if name}
+    twice = sorted(n for n in set(states.values()) if list(states.values()).count(n) > 1)
+    if twice:
+        text.problems.add(
+            f"expected each state in one column, came {list_names(twice)} again", text.heading_line
+        )
+    others = ["" if i in states else heading for i, heading in enumerate(text.headings)]
+    optional = [*(one for group in _AT_POINTS for one in group)]
+    optional += [_COMPONENT, _POSITION, _DIRECTION, _MEASURED, _MEASURED_ANGLE]
+    columns = find_columns(replace(text, headings=others), [_TIME], optional, remarks)
+    _expect_kind(text, columns, is_planned)
+    return Columns(text, columns.by_field), states
+
+
+def _state_name(heading: str) -> str:
+    """Read the name of a state off a heading; empty where it is something else.
+
+    >>> _state_name("state spindle_rpm"), _state_name("State: coolant"), _state_name("statement")
+    ('spindle_rpm', 'coolant', '')
+    """
+    word, rest = heading[: len(STATE)], heading[len(STATE) :]
+    if word.lower() != STATE or not rest or rest[0].isalnum():
+        return ""
+    return rest.strip(" :._[]")
+
+
+def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> None:
+    """Refuse a file whose columns hold neither components nor points."""
+    has_value = is_planned or "measured" in columns or "measured_angle" in columns
+    of_component = "component" in columns and has_value
+    needed = _POINT if is_planned else (*_POINT, *_MEASURED_AT)
+    at_points = all(one.field in columns for one in needed)
+    if not of_component and not at_points:
+        points = list_names(one.full for one in (*_POINT, *_MEASURED_AT))
+        text.problems.add(
+            "expected the columns component, position_mm and measured_um (or measured_urad), or "
+            f"at points {points}, came {list_names(text.headings)}",
+            text.heading_line,
+        )
+        text.problems.raise_if_any()
+
+
+def _observation(columns: Columns, states: Mapping[int, str], row: Row, is_planned: bool) -> Body:
+    """Read one line."""
+    found: Body = {"time": _time(columns, row), **_what(columns, row, is_planned)}
+    state = {name: columns.text.number(row, i, "numbers") for i, name in states.items()}
+    known = {name: value for name, value in state.items() if value is not None}
+    return found | ({"state": known} if known else {})
+
+
+def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
+    """Read what was measured: a component where one is named, else a point."""
+    if columns.word(row, "component"):
+        return _of_component(columns, row, is_planned)
+    if "point_x" not in columns:
+        columns.complain(row, "component", "expected a component such as EXX, came none")
+        return {}
+    found: Body = {"point_mm": [columns.needed(row, one.field) for one in _POINT]}
+    if not is_planned:
+        found["measured_um"] = [columns.needed(row, one.field) for one in _MEASURED_AT]
+    tool = [columns.number(row, one.field) for one in _TOOL]
+    if any(value is not None for value in tool):
+        found["tool_offset_mm"] = [value or 0.0 for value in tool]
+    signs = {
+        axis: sign
+        for axis, one in zip(LINEAR_LETTERS, _DIRECTIONS_AT, strict=True)
+        if (sign := _direction(columns, row, one.field))
+    }
+    return found | ({"direction": signs} if signs else {})
+
+
+def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
+    name = columns.word(row, "component")
+    try:
+        component, _ = parse_component(name)
+    except UnknownComponent as error:
+        columns.complain(row, "component", error.detail)
+        return {}
+    found: Body = {"component": name}
+    if not is_planned:
+        found |= _measured(columns, row, component.unit)
+    position = columns.number(row, "position")
+    if position is None and component.is_table:
+        _complain(columns, row, "position", f"expected a position of {name} in mm, came none")
+    if position is not None and component.is_table:
+        found["position_mm"] = position
+    direction = _direction(columns, row, "direction")
+    return found | ({"direction": direction} if direction else {})
+
+
+def _measured(columns: Columns, row: Row, unit: Unit) -> Body:
+    """Read a component's value; a column in µm may hold it in the component's own unit."""
+    field = "measured_angle" if unit in _ANGLES else "measured"
+    fits = unit is Unit.UM or unit in _ANGLES
+    value = columns.number(row, field) if fits else None
+    if value is not None:
+        return {f"measured_{unit}": value}
+    own = columns.by_field.get("measured")
+    if unit is not Unit.UM and own is not None and own.unit == LENGTH.unit:
+        value = columns.number(row, "measured")
+    if value is None:
+        _complain(columns, row, field, f"expected a measured value in {unit.symbol}, came none")
+    return {"measured_um": value}
+
+
+def _direction(columns: Columns, row: Row, field: str) -> str | None:
+    """Read the direction of approach; None where it is not stated."""
+    word = columns.word(row, field).replace("\N{MINUS SIGN}", "-")
+    if not word:
+        return None
+    if word not in DIRECTIONS:
+        columns.complain(row, field, f"expected + or -, came {word!r}")
+        return None
+    return word
+
+
+def _time(columns: Columns, row: Row) -> str:
+    written = columns.word(row, "time")
+    try:
+        zone = datetime.fromisoformat(written).tzinfo
+    except ValueError:
+        columns.complain(
+            row, "time", f"expected a time such as 2026-03-01T06:00:00Z, came {written!r}"
+        )
+        return written
+    if zone is None:
+        columns.complain(
+            row, "time", f"expected a time with its zone, such as {written}Z, came {written!r}"
+        )
+    return written
+
+
+def _complain(columns: Columns, row: Row, field: str, message: str) -> None:
+    """Note a problem at a cell, or at the line where there is no such column."""
+    if field in columns:
+        columns.complain(row, field, message)
+    else:
+        columns.text.problems.add(message, row.line)

@@ -1,0 +1,78 @@
+"""thermap picture: the distorted work volume, written to a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import orjson
+import typer
+
+from app.cli.options import (
+    MachineArgument,
+    MissingOption,
+    TemperatureOption,
+    ToolOption,
+    UrlOption,
+    connect,
+    field_question,
+)
+from app.client.connection import DEFAULT_URL
+from app.pictures.page import INLINE, page
+
+
+def picture(
+    machine: MachineArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE",
+            help="A page (.html), which needs no internet, or a plotly figure (.json).",
+        ),
+    ],
+    temperature: TemperatureOption = None,
+    tool: ToolOption = "0,0,0",
+    exaggeration: Annotated[
+        float | None,
+        typer.Option(
+            envvar="THERMAP_EXAGGERATION",
+            help="How many times larger than they are errors are drawn; chosen if not stated.",
+        ),
+    ] = None,
+    missing_as_zero: MissingOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Draw the work volume with exaggerated errors: at these temperatures, or as it is now.
+
+    Example: `thermap picture mcfv5050 --tool 0,0,160 -o mcfv5050.html`
+    """
+    if output.suffix.lower() not in (".html", ".json"):
+        raise typer.BadParameter(
+            f"expected a file that ends in .html or .json, came {str(output)!r}",
+            param_hint="--output",
+        )
+    question = field_question(temperature, tool, missing_as_zero)
+    if exaggeration is not None:
+        question["exaggeration"] = exaggeration
+    with connect(url) as thermap:
+        figure = thermap.picture(machine, question)
+    try:
+        output.write_text(_written(figure, output.suffix.lower()), encoding="utf-8")
+    except OSError as error:
+        raise typer.BadParameter(
+            f"cannot write {output}: {error.strerror}", param_hint="--output"
+        ) from None
+    typer.echo(f"{output}: {figure['layout']['meta']['drawn']}")
+
+
+def _written(figure: dict[str, object], suffix: str) -> str:
+    """Write a figure as a page that needs nothing else, or as it is."""
+    if suffix == ".json":
+        return orjson.dumps(figure, option=orjson.OPT_INDENT_2).decode()
+    # Importing plotly takes as long as all else that a command needs to start.
+    from plotly.graph_objects import Figure  # type: ignore[import-untyped]
+
+    return page(Figure(figure), plotly_js=INLINE)

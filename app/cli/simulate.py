@@ -1,0 +1,236 @@
+"""thermap simulate: what an instrument would read on a stored machine, as its file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
+from app.cli.options import (
+    MachineArgument,
+    MissingOption,
+    TemperatureOption,
+    ToolOption,
+    UrlOption,
+    connect,
+    field_question,
+    read_number,
+    read_point,
+)
+from app.client.connection import DEFAULT_URL
+from app.errors import counted, list_names
+from app.geometry.body_diagonal import DIAGONALS
+from app.measurement.step_diagonal_readings import TARGETS
+
+_DECIMALS = 6
+"""Of readings in µm: far below what any laser resolves."""
+
+simulate = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+
+
+@simulate.callback()
+def _describe() -> None:
+    """Simulated readings on a stored machine: for training, and to plan a measurement."""
+
+
+@simulate.command("step-diagonal")
+def simulate_step_diagonal(
+    machine: MachineArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE",
+            help="CSV, as `thermap import --method step-diagonal` reads it.",
+        ),
+    ],
+    temperature: TemperatureOption = None,
+    tool: ToolOption = "0,0,0",
+    steps: Annotated[
+        int, typer.Option(envvar="THERMAP_STEPS", min=1, help="Steps of each axis.")
+    ] = 10,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            envvar="THERMAP_ORIGIN",
+            metavar="X,Y,Z",
+            help="Lowest corner of the volume in mm; that of the axes' travel if not stated.",
+        ),
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option(
+            envvar="THERMAP_STEP",
+            metavar="X,Y,Z",
+            help="Length of each axis' step in mm; over the whole travel if not stated.",
+        ),
+    ] = None,
+    noise: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_NOISE",
+            metavar="UM",
+            min=0.0,
+            help="Standard deviation of one reading in µm.",
+        ),
+    ] = 0.0,
+    resolution: Annotated[
+        float | None,
+        typer.Option(
+            envvar="THERMAP_RESOLUTION",
+            metavar="UM",
+            min=0.0,
+            help="Readings are rounded to multiples of this, in µm.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option(envvar="THERMAP_SEED", min=0, help="Of the noise: the same gives the same."),
+    ] = 0,
+    target: Annotated[
+        str, typer.Option(envvar="THERMAP_TARGET", help="What reflects: point or flat-mirror.")
+    ] = "point",
+    mirror_tilt: Annotated[
+        list[str] | None,
+        typer.Option(
+            envvar="THERMAP_MIRROR_TILTS",
+            metavar="DIAGONAL=A,B",
+            help="Two tilts of a diagonal's mirror in µrad, about the horizontal and the other "
+            "direction beside the diagonal, such as ppp=100,0.",
+        ),
+    ] = None,
+    label: Annotated[
+        str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")
+    ] = "Simulated step diagonal",
+    missing_as_zero: MissingOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Write what a laser would read on the four step diagonals of a stored machine.
+
+    At these temperatures, or at the latest reading. `thermap import --method
+    step-diagonal FILE --evaluate-only` shows what comes out of it.
+
+    Example: `thermap simulate step-diagonal mcfv5050 --noise 0.2 -o laser.csv`
+    """
+    _expect_file_and_words(output, label, target)
+    plan: dict[str, Any] = field_question(temperature, tool, missing_as_zero) | {
+        "steps": steps,
+        "noise_um": noise,
+        "resolution_um": resolution,
+        "seed": seed,
+        "target": target,
+        "mirror_tilts_urad": dict(_read_tilts(mirror_tilt or ())),
+    }
+    if origin is not None:
+        plan["origin_mm"] = read_point(origin, "--origin", "0,0,0")
+    if step is not None:
+        plan["step_mm"] = read_point(step, "--step", "50,50,40")
+    with connect(url) as thermap:
+        found = thermap.simulate_step_diagonal(machine, plan)
+    text = "".join(f"{line}\n" for line in step_diagonal_lines(found, plan, label, _now()))
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise typer.BadParameter(
+            f"cannot write {output}: {error.strerror}", param_hint="--output"
+        ) from None
+    zero = (
+        [f"counted as zero: {list_names(found.counted_as_zero)}"] if found.counted_as_zero else []
+    )
+    for warning in [*zero, *found.warnings]:
+        typer.echo(f"note: {warning}", err=True)
+    walked = f"{counted(len(found.diagonals), 'diagonal')} in {counted(steps, 'step')}"
+    typer.echo(f"{output}: {walked}, simulated")
+
+
+def step_diagonal_lines(
+    found: SimulatedStepDiagonal, plan: dict[str, Any], label: str, measured_at: str
+) -> Iterator[str]:
+    """Write the lines of the file as docs/methods/files.md has them.
+
+    Parameters
+    ----------
+    found
+        The service's answer.
+    plan
+        What it was asked, of which noise, resolution and tilts are told in a sentence.
+    label, measured_at
+        Of the map that the file would make.
+    """
+    yield f"# label: {label}"
+    yield f"# machine: {found.machine}"
+    yield f"# measured_at: {measured_at}"
+    yield "# instrument: simulation"
+    # Sentences without a colon are read by people alone.
+    yield f"# Simulated from model version {found.model_version}, for training, not measured"
+    yield f"# Simulated with {_spoilt_by(plan)}"
+    if found.counted_as_zero:
+        yield f"# No two maps have {list_names(found.counted_as_zero)}, which count as zero"
+    for sensor, temperature_c in found.temperatures_c.items():
+        yield f"# temperature {sensor}: {temperature_c!r}"
+    yield f"# origin_mm: {_point(found.origin_mm)}"
+    yield f"# step_mm: {_point(found.step_mm)}"
+    yield f"# tool_offset_mm: {_point(found.tool_offset_mm)}"
+    yield f"# target: {found.target}"
+    yield "diagonal,step,after_x_um,after_y_um,after_z_um"
+    for diagonal, rows in found.diagonals.items():
+        for number, row in enumerate(rows, start=1):
+            readings = ",".join(f"{reading:.{_DECIMALS}f}" for reading in row)
+            yield f"{diagonal},{number},{readings}"
+
+
+def _spoilt_by(plan: dict[str, Any]) -> str:
+    """Say what the readings have beside the machine's errors."""
+    parts = [f"noise of {plan['noise_um']:g} µm (seed {plan['seed']})" if plan["noise_um"] else ""]
+    parts.append(f"steps of {plan['resolution_um']:g} µm" if plan["resolution_um"] else "")
+    for diagonal, (first, second) in plan["mirror_tilts_urad"].items():
+        parts.append(f"a mirror of {diagonal} tilted by {first:g} and {second:g} µrad")
+    return ", ".join(filter(None, parts)) or "no noise"
+
+
+def _point(numbers: Iterable[float]) -> str:
+    return ", ".join(map(repr, numbers))
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+
+
+def _expect_file_and_words(output: Path, label: str, target: str) -> None:
+    if output.suffix.lower() == ".json":
+        raise typer.BadParameter(
+            f"expected a CSV file, came {str(output)!r}", param_hint="--output"
+        )
+    if not label.isprintable() or not label or label != label.strip(' ;,"'):
+        raise typer.BadParameter(
+            "expected a name in one line that begins and ends with neither a blank nor "
+            f'one of ; , ", came {label!r}',
+            param_hint="--label",
+        )
+    if target not in TARGETS:
+        raise typer.BadParameter(
+            f"expected one of {list_names(TARGETS)}, came {target!r}", param_hint="--target"
+        )
+
+
+def _read_tilts(stated: Iterable[str]) -> Iterator[tuple[str, list[float]]]:
+    """Read `DIAGONAL=A,B` as often as it is stated."""
+    met: set[str] = set()
+    for text in stated:
+        diagonal, _, written = text.partition("=")
+        numbers = [read_number(part, decimal_comma=False) for part in written.split(",")]
+        found = [number for number in numbers if number is not None]
+        if diagonal not in DIAGONALS or diagonal in met or len(numbers) != 2 or len(found) != 2:
+            raise typer.BadParameter(
+                f"expected DIAGONAL=A,B once for each of {list_names(DIAGONALS)}, with two "
+                f"angles in µrad such as ppp=100,0, came {text!r}",
+                param_hint="--mirror-tilt",
+            )
+        met.add(diagonal)
+        yield diagonal, found

@@ -1,0 +1,116 @@
+"""The routes that close the loop: verifications, residuals, analyses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
+from app.api.schemas.models import ModelAnswer
+from app.api.schemas.plan import PlanAnswer
+from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
+from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
+from app.api.schemas.watch import WatchAnswer
+from app.client.call import Call, Content, nothing, reader_of
+from app.client.calls import of_machine
+
+
+def store_verification(machine_id: str, verification: Content) -> Call[VerificationAnswer]:
+    """POST …/verifications."""
+    path = of_machine(machine_id, "verifications")
+    return Call("POST", path, reader_of(VerificationAnswer), verification)
+
+
+def verifications(machine_id: str) -> Call[list[VerificationAnswer]]:
+    """GET …/verifications."""
+    return Call("GET", of_machine(machine_id, "verifications"), reader_of(list[VerificationAnswer]))
+
+
+def verification(machine_id: str, number: int) -> Call[WholeVerificationAnswer]:
+    """GET …/verifications/{id}."""
+    path = of_machine(machine_id, "verifications", number)
+    return Call("GET", path, reader_of(WholeVerificationAnswer))
+
+
+def delete_verification(machine_id: str, number: int) -> Call[None]:
+    """DELETE …/verifications/{id}."""
+    return Call("DELETE", of_machine(machine_id, "verifications", number), nothing)
+
+
+def watch(machine_id: str) -> Call[WatchAnswer]:
+    """GET …/watch."""
+    return Call("GET", of_machine(machine_id, "watch"), reader_of(WatchAnswer))
+
+
+def verification_residuals(
+    machine_id: str, number: int, model_version: int | None, rows: int
+) -> Call[ResidualsAnswer]:
+    """GET …/verifications/{id}/residuals."""
+    path = of_machine(machine_id, "verifications", number, "residuals")
+    query = {"model_version": model_version, "rows": rows}
+    return Call("GET", path, reader_of(ResidualsAnswer), query=query)
+
+
+def residuals(
+    machine_id: str, verifications: Iterable[int], model_version: int | None, rows: int
+) -> Call[ResidualsAnswer]:
+    """POST …/residuals."""
+    body = {"verifications": list(verifications), "model_version": model_version, "rows": rows}
+    return Call("POST", of_machine(machine_id, "residuals"), reader_of(ResidualsAnswer), body)
+
+
+def compare_models(
+    machine_id: str, verifications: Iterable[int], versions: Iterable[int]
+) -> Call[ModelComparisonAnswer]:
+    """POST …/models/compare."""
+    body = {"verifications": list(verifications), "versions": list(versions)}
+    path = of_machine(machine_id, "models", "compare")
+    return Call("POST", path, reader_of(ModelComparisonAnswer), body)
+
+
+def analyse(machine_id: str, question: Content) -> Call[AnalysisHead]:
+    """POST …/analyses."""
+    return Call("POST", of_machine(machine_id, "analyses"), reader_of(AnalysisHead), question)
+
+
+def plan_analysis(machine_id: str, plan: Content) -> Call[PlanAnswer]:
+    """POST …/analyses/plan."""
+    return Call("POST", of_machine(machine_id, "analyses", "plan"), reader_of(PlanAnswer), plan)
+
+
+def analyses(machine_id: str) -> Call[list[AnalysisHead]]:
+    """GET …/analyses."""
+    return Call("GET", of_machine(machine_id, "analyses"), reader_of(list[AnalysisHead]))
+
+
+def analysis(machine_id: str, number: int) -> Call[AnalysisAnswer]:
+    """GET …/analyses/{id}."""
+    return Call("GET", of_machine(machine_id, "analyses", number), reader_of(AnalysisAnswer))
+
+
+def analysis_report(machine_id: str, number: int) -> Call[str]:
+    """GET …/analyses/{id}/report."""
+    path = of_machine(machine_id, "analyses", number, "report")
+    return Call("GET", path, lambda response: response.text)
+
+
+def cancel_analysis(machine_id: str, number: int) -> Call[AnalysisHead]:
+    """POST …/analyses/{id}/cancel."""
+    path = of_machine(machine_id, "analyses", number, "cancel")
+    return Call("POST", path, reader_of(AnalysisHead))
+
+
+def delete_analysis(machine_id: str, number: int) -> Call[None]:
+    """DELETE …/analyses/{id}."""
+    return Call("DELETE", of_machine(machine_id, "analyses", number), nothing)
+
+
+def adopt_analysis(
+    machine_id: str, number: int, effects: Iterable[int] | None, onto_active: bool
+) -> Call[ModelAnswer]:
+    """POST …/analyses/{id}/adopt."""
+    body: dict[str, Any] = {"onto_active": onto_active}
+    if effects is not None:
+        body["effects"] = list(effects)
+    path = of_machine(machine_id, "analyses", number, "adopt")
+    return Call("POST", path, reader_of(ModelAnswer), body)

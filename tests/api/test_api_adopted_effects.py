@@ -1,0 +1,333 @@
+"""Adopted effects of each kind in everything that the service gives out, over HTTP."""
+
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from tests.api.test_api_short_way import OrdinaryWay
+from tests.effect_examples import (
+    ALL,
+    BACKLASH,
+    DRIFT,
+    LAG,
+    OUTDATED,
+    ROLL,
+    SINE,
+    SLOPE,
+    SPEED,
+    SPEED_LATE,
+    TAU_S,
+    adopt,
+    current,
+    fault,
+    low_pass_by_steps,
+    predicted,
+    stored,
+    warm_up,
+)
+from tests.service_examples import (
+    ROOM,
+    START,
+    by_code,
+    client_of,
+    reading,
+    temperatures,
+)
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_without_effects_the_model_and_the_table_have_none(client):
+    await stored(client, [reading(START, 25.5)])
+    document = await current(client)
+    assert document["effects"] == []
+    assert {tuple(entry["effects"]) for entry in document["components"]} == {()}
+
+
+async def test_a_lag_is_carried_along_and_is_what_predictions_say(client, app):
+    readings = warm_up()
+    await stored(client, readings[:40])
+    version = adopt(app, LAG)
+    for one in readings[40:]:
+        await stored(client, one)
+    document = await current(client)
+    assert document["model_version"] == version.version == 4
+    assert document["complete"] is True
+    assert document["effects"] == [
+        {
+            "kind": "thermal-lag",
+            "components": ["EZZ"],
+            "sensors": ["z-column"],
+            "explanation": "EZZ follows z-column 10 min late",
+            "in_table": True,
+            "missing": "",
+        }
+    ]
+    ezz = by_code(document)["EZZ"]
+    assert ezz["effects"] == ["thermal-lag"]
+    assert by_code(document)["EXX"]["effects"] == []
+    late_c = low_pass_by_steps(readings, lambda r: r["temperatures_c"]["z-column"], TAU_S, True)
+    # EZZ is (t − 20)·z/50 µm where z-column reads t + 2.
+    expected = [(late_c - 22.0) * z / 50.0 for z in ezz["positions_mm"]]
+    assert ezz["errors_um"] == pytest.approx(expected, abs=1e-3)
+    assert ezz["compensation_um"] == [-e for e in ezz["errors_um"]]
+    said = await predicted(client, *({"component": "EZZ", "position_mm": z} for z in (0, 50, 500)))
+    assert said["status"] == ["interpolated"] * 3
+    assert said["predicted_um"] == pytest.approx(ezz["errors_um"], abs=1e-9)
+
+
+async def test_a_lag_needs_five_time_constants_and_says_so(client, app):
+    adopt(app, LAG)
+    await stored(client, warm_up(49))
+    document = await current(client)
+    assert document["complete"] is False
+    (effect,) = document["effects"]
+    assert effect["in_table"] is False
+    lacking = (
+        "expected 50 min of readings of z-column without a gap, five time constants, came 49 min"
+    )
+    assert effect["missing"] == lacking
+    assert f"thermal-lag of EZZ is not in the table: {lacking}" in document["warnings"]
+    assert by_code(document)["EZZ"]["effects"] == []
+    said = await predicted(client, {"component": "EZZ", "position_mm": 500})
+    assert said["status"] == ["effect-missing"]
+    assert said["predicted_um"] == pytest.approx([by_code(document)["EZZ"]["errors_um"][-1]])
+    assert "thermal-lag of EZZ is not in some predictions of EZZ" in said["warnings"][0]
+
+
+async def test_stated_temperatures_have_no_past(client, app):
+    adopt(app, LAG, OUTDATED)
+    await stored(client, warm_up())
+    stated = {"temperatures_c": temperatures(25.5)}
+    answer = await client.post(f"{ROOM}/compensation", json=stated)
+    document = answer.json()
+    assert document["complete"] is False
+    assert document["warnings"] == [
+        "thermal-lag of EZZ is not in the table: the history of z-column is not known here"
+    ]
+    assert by_code(document)["EXX"]["errors_um"] == pytest.approx([3.0, 8.5, 30.5])
+    assert by_code(document)["EXX"]["effects"] == ["outdated-map"]
+
+
+async def test_a_state_acts_at_once_from_readings_and_from_requests(client, app):
+    adopt(app, SPEED)
+    await stored(client, reading(START, 25.5, state={"spindle_rpm": 8000.0}))
+    exx = by_code(await current(client))["EXX"]
+    assert exx["errors_um"] == pytest.approx([8.0, 13.5, 35.5])
+    stated = {"temperatures_c": temperatures(25.5), "state": {"spindle_rpm": 2000}}
+    exx = by_code((await client.post(f"{ROOM}/compensation", json=stated)).json())["EXX"]
+    assert exx["errors_um"] == pytest.approx([2.0, 7.5, 29.5])
+    del stated["state"]
+    document = (await client.post(f"{ROOM}/compensation", json=stated)).json()
+    assert document["complete"] is False
+    assert "no state spindle_rpm" in document["warnings"][0]
+    own = {"component": "EXX", "position_mm": 100}
+    said = await predicted(client, own, own | {"state": {"spindle_rpm": 0}})
+    assert said["predicted_um"] == pytest.approx([13.5, 5.5])
+
+
+async def test_a_state_counts_for_as_long_as_a_reading(client, app, clock):
+    adopt(app, SPEED)
+    await stored(client, reading(START, 25.5, state={"spindle_rpm": 8000.0}))
+    later = START + timedelta(seconds=120)
+    clock.advance(121)
+    await stored(client, reading(later, 25.5))
+    document = await current(client)
+    assert document["complete"] is True
+    assert by_code(document)["EXX"]["errors_um"][0] == pytest.approx(8.0)
+    await stored(client, reading(later + timedelta(seconds=1), 25.5))
+    assert (await current(client))["complete"] is False
+
+
+async def test_a_late_state_is_filtered_while_it_stands(client, app):
+    adopt(app, SPEED_LATE)
+    readings = warm_up(100)
+    await stored(client, readings)
+    exx = by_code(await current(client))["EXX"]
+    late = low_pass_by_steps(readings, lambda r: r["state"]["spindle_rpm"], 900.0, False)
+    assert exx["errors_um"][0] == pytest.approx(0.001 * late, abs=1e-3)
+    said = await predicted(client, {"component": "EXX", "position_mm": 0})
+    assert said["predicted_um"] == pytest.approx(exx["errors_um"][:1], abs=1e-9)
+
+
+async def test_a_reversal_gives_both_directions(client, app):
+    adopt(app, BACKLASH)
+    await stored(client, reading(START, 25.5))
+    exx = by_code(await current(client))["EXX"]
+    assert exx["errors_um"] == pytest.approx([1.5, 7.0, 29.0])
+    assert exx["backward_errors_um"] == pytest.approx([-1.5, 4.0, 26.0])
+    assert exx["backward_compensation_um"] == [-e for e in exx["backward_errors_um"]]
+    asked = [{"component": "EXX", "position_mm": 100, "direction": d} for d in ("+", "-", None)]
+    said = await predicted(client, *asked)
+    assert said["predicted_um"] == pytest.approx([7.0, 4.0, 5.5])
+    body = {"points_mm": [[100, 0, 0]], "missing_components": "zero"}
+    for direction, expected in (("+", 7.0), ("-", 4.0)):
+        answer = await client.post(f"{ROOM}/volumetric-error", json=body | {"direction": direction})
+        assert answer.json()["errors_um"][0][0] == pytest.approx(expected)
+        assert not any("reversal" in w for w in answer.json()["warnings"])
+    document = (await client.post(f"{ROOM}/volumetric-error", json=body)).json()
+    assert document["errors_um"][0][0] == pytest.approx(5.5)
+    assert "the reversal of EXX is left out: no direction is stated" in document["warnings"]
+
+
+async def test_a_sine_refines_the_positions(client, app):
+    adopt(app, SINE)
+    await stored(client, reading(START, 25.5))
+    exx = by_code(await current(client))["EXX"]
+    positions = np.array(exx["positions_mm"])
+    assert positions.size > 16 * 25
+    assert {0.0, 100.0, 500.0} <= set(exx["positions_mm"])
+    expected = 5.5 * positions / 100.0 + 2.0 * np.sin(2.0 * np.pi * positions / 20.0)
+    np.testing.assert_allclose(exx["errors_um"], expected, atol=1e-9)
+    where = np.linspace(0.0, 500.0, 97)
+    said = await predicted(client, *({"component": "EXX", "position_mm": x} for x in where))
+    on_table = np.interp(where, positions, exx["errors_um"])
+    np.testing.assert_allclose(said["predicted_um"], on_table, atol=0.02 * 2.0)
+
+
+async def test_a_rotation_that_no_map_has_acts_through_the_lever(client, app):
+    adopt(app, ROLL, SLOPE)
+    await stored(client, reading(START, 25.5))
+    document = await current(client)
+    eax = by_code(document)["EAX"]
+    assert eax["status"] == "effects-only"
+    assert (eax["sensor"], eax["lower_map"], eax["weight"]) == (None, None, None)
+    assert eax["positions_mm"] == [0.0, 500.0]
+    assert eax["errors_urad"] == pytest.approx([3.0, 11.0])
+    point, tool = [500.0, 100.0, 200.0], [0.0, 0.0, 150.0]
+    body = {"points_mm": [point], "tool_offset_mm": tool, "missing_components": "zero"}
+    answer = (await client.post(f"{ROOM}/volumetric-error", json=body)).json()
+    assert "EAX" not in answer["counted_as_zero"]
+    said = await predicted(client, {"point_mm": point, "tool_offset_mm": tool})
+    assert answer["errors_um"][0] == pytest.approx(said["predicted_um"][0], abs=1e-9)
+    grid = {"x_mm": [0, 500], "y_mm": [0, 100], "z_mm": [0, 200], "tool_offset_mm": tool}
+    corner = (
+        await client.post(f"{ROOM}/compensation/grid", json=grid | {"missing_components": "zero"})
+    ).json()["errors_um"]
+    assert corner[1][1][1] == pytest.approx(answer["errors_um"][0], abs=1e-9)
+    await client.post(f"{ROOM}/models/3/activate")
+    without = (await client.post(f"{ROOM}/volumetric-error", json=body)).json()
+    assert "EAX" in without["counted_as_zero"]
+    # XYFZ: the bed carries x, so a rotation of x turns the workpiece below the tool's tip.
+    difference = np.subtract(answer["errors_um"][0], without["errors_um"][0])
+    assert abs(difference[1]) > 1.0
+    slope_um_per_m = 2.0 * (30.5 - 25.0)
+    assert difference[0] == pytest.approx(slope_um_per_m * 0.2, rel=1e-6)
+
+
+async def test_a_drift_goes_on_with_the_readings(client, app, clock):
+    adopt(app, DRIFT)
+    await stored(client, reading(START, 25.5))
+    assert by_code(await current(client))["SXY"]["error_um_per_m"] == pytest.approx(-25.5 + 2.0)
+    assert by_code(await current(client))["SXY"]["iso_error_urad"] == pytest.approx(25.5 - 2.0)
+    clock.advance(86400)
+    # What stands is the table at the latest reading: it does not move while no reading comes.
+    assert by_code(await current(client))["SXY"]["error_um_per_m"] == pytest.approx(-25.5 + 2.0)
+    stated = {"temperatures_c": temperatures(25.5)}
+    for advance, expected in ((0, 4.0), (43200, 5.0)):
+        clock.advance(advance)
+        document = (await client.post(f"{ROOM}/compensation", json=stated)).json()
+        assert by_code(document)["SXY"]["error_um_per_m"] == pytest.approx(-25.5 + expected)
+
+
+# --- faulty sensors ------------------------------------------------------------------------
+
+
+async def test_a_faulty_sensor_is_replaced_by_its_stand_in(client, app):
+    """y-front stands in for x-middle: it reads 1 °C less in every map."""
+    adopt(app, fault("x-middle", ("EXX", "EBX", "SXY")))
+    wrong = reading(START, 25.5)
+    wrong["temperatures_c"]["x-middle"] += 1.5
+    await stored(client, wrong)
+    document = await current(client)
+    exx = by_code(document)["EXX"]
+    assert (exx["sensor"], exx["stand_in_for"], exx["status"]) == (
+        "y-front",
+        "x-middle",
+        "stand-in",
+    )
+    assert exx["errors_um"] == pytest.approx([0.0, 5.5, 27.5])
+    assert exx["effects"] == ["sensor-fault"]
+    assert document["effects"][0]["in_table"] is True
+    assert {s["sensor"]: s["health"] for s in document["sensors"]}["x-middle"] == "faulty"
+    assert any("x-middle reads wrong by 1.5" in w for w in document["warnings"])
+    assert any("y-front stands in for x-middle" in w for w in document["warnings"])
+    stated = {"temperatures_c": wrong["temperatures_c"]}
+    same = (await client.post(f"{ROOM}/compensation", json=stated)).json()
+    assert same["components"] == document["components"]
+    asked = {"component": "EXX", "position_mm": 500}
+    said = await predicted(client, asked)
+    assert (said["predicted_um"], said["status"]) == (pytest.approx([27.5]), ["stand-in"])
+    before = START - timedelta(hours=2)
+    await stored(client, reading(before, 25.5))
+    said = await predicted(client, asked, time=before)
+    assert said["status"] == ["interpolated"]
+
+
+async def test_without_a_stand_in_the_bias_is_taken_off(client, app):
+    adopt(app, fault("z-column", ("EZZ",)))
+    wrong = reading(START, 25.5)
+    wrong["temperatures_c"]["z-column"] += 1.5
+    await stored(client, wrong)
+    document = await current(client)
+    ezz = by_code(document)["EZZ"]
+    assert ezz["errors_um"] == pytest.approx([0.0, 5.5, 55.0])
+    assert ezz["sensor"] == "z-column"
+    assert ezz["effects"] == ["sensor-fault"]
+    assert any(
+        "no other sensor can stand in, the bias is taken off" in w for w in document["warnings"]
+    )
+    said = await predicted(client, {"component": "EZZ", "position_mm": 500})
+    assert said["predicted_um"] == pytest.approx([55.0])
+
+
+# --- everything else ------------------------------------------------------------------------
+
+
+async def test_the_short_way_and_the_ordinary_way_answer_alike(app, client):
+    adopt(app, *ALL)
+    state = {"spindle_rpm": 4000}
+    for stated in (state, {}):
+        body = {"temperatures_c": temperatures(25.5), "state": stated}
+        short = await client.post(f"{ROOM}/compensation", json=body)
+        async with client_of(OrdinaryWay(app)) as ordinary:
+            same = await ordinary.post(f"{ROOM}/compensation", json=body)
+        assert short.status_code == same.status_code == 200
+        assert short.content == same.content
+
+
+@pytest.mark.parametrize("path", ["volumetric-accuracy", "compensation/levels", "picture"])
+async def test_what_is_made_of_the_field_contains_effects(app, client, path):
+    body = {"temperatures_c": temperatures(25.5), "missing_components": "zero"}
+    before = await client.post(f"{ROOM}/{path}", json=body)
+    assert before.status_code == 200, before.text
+    adopt(app, ROLL, SLOPE, OUTDATED)
+    after = await client.post(f"{ROOM}/{path}", json=body)
+    assert after.status_code == 200, after.text
+    ignored = {"model_version", "counted_as_zero", "warnings", "complete", "computed_at"}
+    first, second = (
+        {name: value for name, value in answer.json().items() if name not in ignored}
+        for answer in (before, after)
+    )
+    assert first != second
+
+
+async def test_a_state_beside_questions_about_the_field(app, client):
+    adopt(app, SPEED)
+    body = {"points_mm": [[100, 0, 0]], "missing_components": "zero", "direction": "+"}
+    stated = body | {"temperatures_c": temperatures(25.5)}
+    answer = (await client.post(f"{ROOM}/volumetric-error", json=stated)).json()
+    assert answer["complete"] is False
+    assert any("no state spindle_rpm" in warning for warning in answer["warnings"])
+    with_state = stated | {"state": {"spindle_rpm": 2000}}
+    answer = (await client.post(f"{ROOM}/volumetric-error", json=with_state)).json()
+    assert answer["errors_um"][0][0] == pytest.approx(5.5 + 2.0)
+    await stored(client, reading(START, 25.5, state={"spindle_rpm": 8000.0}))
+    for state, expected in (({}, 13.5), ({"spindle_rpm": 1000}, 6.5)):
+        answer = await client.post(f"{ROOM}/volumetric-error", json=body | {"state": state})
+        assert answer.json()["errors_um"][0][0] == pytest.approx(expected)
+    several = stated | {"temperatures_c": [temperatures(25.5), temperatures(22.0)]}
+    several |= {"state": {"spindle_rpm": 2000}}
+    answer = (await client.post(f"{ROOM}/volumetric-error", json=several)).json()
+    assert [rows[0][0] for rows in answer["errors_um"]] == pytest.approx([7.5, 4.0])

@@ -1,0 +1,195 @@
+"""Analyses over HTTP: asked for, followed, adopted, refused."""
+
+import asyncio
+import time
+
+import pytest
+
+from app.api.schemas.analyses import AnalysisAnswer
+from tests.campaign_examples import LATER, ROOM, campaign_database
+from tests.databases import KINDS, reachable
+from tests.service_examples import ROOM as OTHER_ROOM
+from tests.service_examples import Clock, client_of, contents, problem, running
+
+pytestmark = pytest.mark.anyio
+
+PATH = f"{ROOM}/analyses"
+ALL = list(range(1, 9))
+QUICK = {"verifications": ALL, "effects": ["backlash"]}
+
+
+@pytest.fixture(params=KINDS)
+def campaign_app(request, databases):
+    url = reachable(lambda kind: databases.prepared(kind, campaign_database), request.param)
+    with running(url, Clock(LATER)) as service:
+        yield service
+    databases.give_back(url)
+
+
+@pytest.fixture
+async def campaign(campaign_app):
+    async with client_of(campaign_app) as client:
+        yield client
+
+
+async def ended(client, number):
+    """Wait until an analysis neither waits nor runs; give it and the progress that was seen."""
+    deadline = time.monotonic() + 120.0
+    seen = []
+    while True:
+        found = (await client.get(f"{PATH}/{number}")).json()
+        seen.append(found["progress"])
+        if found["status"] not in ("queued", "running"):
+            return found, seen
+        assert found["result"] is None
+        assert time.monotonic() < deadline, found
+        await asyncio.sleep(0.05)
+
+
+async def test_from_the_request_to_the_adopted_effect(campaign):
+    answer = await campaign.post(PATH, json=QUICK)
+    assert answer.status_code == 202, answer.text
+    asked = answer.json()
+    assert (asked["status"], asked["model_version"], asked["effects"]) == (
+        "queued",
+        3,
+        ["backlash"],
+    )
+    assert answer.headers["Location"] == f"{PATH}/{asked['id']}"
+    second = (await campaign.post(PATH, json=QUICK)).json()["id"]
+    done, seen = await ended(campaign, asked["id"])
+    assert (done["status"], done["progress"], done["message"]) == ("done", 1.0, "done")
+    assert seen == sorted(seen)
+    AnalysisAnswer.model_validate(done)  # no field is undocumented
+    (effect,) = done["result"]["effects"]
+    assert (effect["kind"], effect["components"]) == ("backlash", ["EZX"])
+    # Planted: half the reversal value is -2.02 µm.
+    assert effect["explanation"].startswith("EZX")
+    again, _ = await ended(campaign, second)
+    assert again["result"] == done["result"]
+    page = await campaign.get(f"{PATH}/{asked['id']}/report")
+    assert page.headers["content-type"].startswith("text/html")
+    assert effect["explanation"].split()[0] in page.text
+    assert "visit 001" in page.text
+    listed = (await campaign.get(PATH)).json()
+    assert [a["id"] for a in listed] == [asked["id"], second]
+    assert "result" not in listed[0]
+    await adopted_once(campaign, asked["id"], second)
+
+
+async def adopted_once(campaign, first, second):
+    """Adopt the first; not twice, and not the second onto what is active then unasked."""
+    for places in ([1], [-1], [0, 0]):
+        found = problem(await campaign.post(f"{PATH}/{first}/adopt", json={"effects": places}), 422)
+        assert "from 0 to 0" in found["detail"]
+    both = await asyncio.gather(*(campaign.post(f"{PATH}/{first}/adopt") for _ in range(2)))
+    won, lost = sorted(both, key=lambda answer: answer.status_code)
+    assert (won.status_code, won.json()["version"], won.json()["active"]) == (200, 4, True)
+    assert [e["kind"] for e in won.json()["effects"]] == ["backlash"]
+    assert "version 4" in problem(lost, 409)["detail"]
+    assert (await campaign.get(f"{PATH}/{first}")).json()["adopted_version"] == 4
+    assert "onto_active" in problem(await campaign.post(f"{PATH}/{second}/adopt"), 409)["detail"]
+    # The same effect again is one that the active version has.
+    forced = await campaign.post(f"{PATH}/{second}/adopt", json={"onto_active": True})
+    assert "has this effect already" in problem(forced, 409)["detail"]
+    assert len((await campaign.get(f"{ROOM}/models")).json()) == 4
+    await campaign.post(f"{ROOM}/models/3/activate")
+    onto = await campaign.post(f"{PATH}/{second}/adopt", json={"effects": [0]})
+    assert onto.json()["version"] == 5
+    assert (await campaign.delete(f"{PATH}/{first}")).status_code == 204
+    problem(await campaign.get(f"{PATH}/{first}"), 404)
+    assert len((await campaign.get(f"{ROOM}/models")).json()) == 5
+
+
+async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
+    """All observations lie before the machine's first reading."""
+    body = {
+        "label": "too early",
+        "observations": [
+            {"time": "2020-01-01T00:00:00Z", "component": "SXY", "measured_um": float(i)}
+            for i in range(3)
+        ],
+    }
+    made = (await campaign.post(f"{ROOM}/verifications", json=body)).json()["id"]
+    asked = (await campaign.post(PATH, json={"verifications": [made]})).json()["id"]
+    failed, _ = await ended(campaign, asked)
+    assert failed["status"] == "failed"
+    assert "came none" in failed["message"]
+    assert "it is failed" in problem(await campaign.post(f"{PATH}/{asked}/adopt"), 409)["detail"]
+    assert "it is failed" in problem(await campaign.get(f"{PATH}/{asked}/report"), 409)["detail"]
+    assert "it is failed" in problem(await campaign.post(f"{PATH}/{asked}/cancel"), 409)["detail"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "status", "words"),
+    [
+        ({"verifications": []}, 422, "at least 1"),
+        ({"verifications": [1, 1]}, 422, "each once"),
+        ({"verifications": ["1"]}, 422, "a whole number"),
+        ({"verifications": [99]}, 404, "no verification 99"),
+        ({"verifications": [1], "holdout_fraction": 0.0}, 422, "greater than 0"),
+        ({"verifications": [1], "holdout_fraction": 0.9}, 422, "less than 0.9"),
+        ({"verifications": [1], "effects": ["gremlins"]}, 422, "thermal-lag"),
+        ({"verifications": [1], "effects": []}, 422, "at least 1"),
+        ({"verifications": [1], "seed": -1}, 422, "seed"),
+        ({"verifications": [1], "seed": 2**31}, 422, "seed"),
+        ({}, 422, "verifications"),
+    ],
+)
+async def test_what_cannot_be_asked_is_refused(campaign, campaign_app, stated, status, words):
+    before = contents(campaign_app)
+    found = problem(await campaign.post(PATH, json=stated), status)
+    assert words in found["detail"]
+    assert contents(campaign_app) == before
+
+
+async def test_unknown_analyses_and_machines_without_a_model(client):
+    path = f"{OTHER_ROOM}/analyses"
+    for number in (1, 0, 10**12):
+        problem(await client.get(f"{path}/{number}"), 404)
+        problem(await client.post(f"{path}/{number}/cancel"), 404)
+        problem(await client.post(f"{path}/{number}/adopt"), 404)
+        problem(await client.delete(f"{path}/{number}"), 404)
+    problem(await client.get("/v1/machines/nope/analyses"), 404)
+    bare = {"id": "bare", "name": "bare", "configuration": "XYFZ", "sensors": [{"name": "a"}]}
+    bare["axes"] = {axis: {"min_mm": 0, "max_mm": 500} for axis in "xyz"}
+    assert (await client.post("/v1/machines", json=bare)).status_code == 201
+    found = problem(
+        await client.post("/v1/machines/bare/analyses", json={"verifications": [1]}), 409
+    )
+    assert "store error maps first" in found["detail"]
+
+
+async def test_a_plan_says_what_could_be_seen_and_stores_nothing(campaign, campaign_app):
+    """The same visits again a month later, without values: nobody looks at those."""
+    before = contents(campaign_app)
+    stored = [(await campaign.get(f"{ROOM}/verifications/{i}")).json() for i in ALL]
+    planned = [{"observations": [_to_come(o) for o in v["observations"]]} for v in stored]
+    answer = await campaign.post(f"{PATH}/plan", json={"planned": planned})
+    assert answer.status_code == 200, answer.text
+    plan = answer.json()
+    assert (plan["model_version"], plan["visits"]) == (3, 8)
+    assert any("recorded days" in note for note in plan["notes"])
+    backlash = [e for e in plan["effects"] if e["kind"] == "backlash"]
+    assert backlash
+    assert all(0 < e["smallest_rms"] < 100 for e in backlash)
+    assert contents(campaign_app) == before
+
+
+def _to_come(observation):
+    kept = {k: v for k, v in observation.items() if not k.startswith("measured")}
+    return kept | {"time": observation["time"].replace("2026-02", "2026-07")}
+
+
+@pytest.mark.parametrize(
+    ("stated", "status", "words"),
+    [
+        ({}, 422, "came 0"),
+        ({"verifications": [77]}, 404, "no verification 77"),
+        ({"planned": [{"observations": []}]}, 422, "at least 1"),
+        ({"planned": [{"observations": [{"time": "2026-07-01T00:00:00Z"}]}]}, 422, "planned.0.obs"),
+    ],
+)
+async def test_plans_that_are_none(campaign, stated, status, words):
+    found = problem(await campaign.post(f"{PATH}/plan", json=stated), status)
+    assert words in found["detail"]

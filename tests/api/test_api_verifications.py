@@ -1,0 +1,193 @@
+"""Verifications over HTTP: stored once, shown as they came, refused whole."""
+
+from datetime import timedelta
+
+import pytest
+
+from tests.service_examples import ROOM, START, contents, iso, problem
+
+pytestmark = pytest.mark.anyio
+
+PATH = f"{ROOM}/verifications"
+
+
+def observation(component="EXX", minutes=-60, **fields):
+    """One observation, an hour before the clock's time if nothing else is said."""
+    stated = {"component": component, "position_mm": 250.0, "measured_um": 4.31}
+    return {"time": iso(START + timedelta(minutes=minutes))} | stated | fields
+
+
+def verification(*observations, label="night shift", **fields):
+    return {"label": label, "observations": list(observations) or [observation()]} | fields
+
+
+POINT = {
+    "time": iso(START - timedelta(minutes=50)),
+    "point_mm": [250.0, 100.0, 300.0],
+    "tool_offset_mm": [0.0, 0.0, 160.0],
+    "direction": {"x": "+", "z": "-"},
+    "measured_um": [1.2, -0.4, 3.3],
+    "state": {"spindle_rpm": 8000.0},
+}
+
+
+async def test_what_was_stored_is_shown_as_it_came(client):
+    stated = verification(
+        observation(direction="-", state={"spindle_rpm": 0.0, "payload_kg": 12.5}),
+        {"time": iso(START - timedelta(microseconds=1)), "component": "SXY", "measured_um": -8.2},
+        POINT,
+        observation("EBX", measured_urad=7.5, measured_um=None),
+        datum="first",
+        repeatability_um=0.5,
+    )
+    answer = await client.post(PATH, json=stated)
+    assert answer.status_code == 201, answer.text
+    made = answer.json()
+    assert answer.headers["Location"] == f"{PATH}/{made['id']}"
+    assert {k: made[k] for k in ("label", "datum", "repeatability_um", "count", "components")} == {
+        "label": "night shift",
+        "datum": "first",
+        "repeatability_um": 0.5,
+        "count": 4,
+        "components": ["EXX", "EBX", "SXY", "points"],
+    }
+    assert (made["stored_at"], made["last_at"]) == (
+        iso(START),
+        iso(START - timedelta(microseconds=1)),
+    )
+    shown = (await client.get(f"{PATH}/{made['id']}")).json()
+    first, square, point, angle = shown["observations"]
+    assert first == stated["observations"][0]
+    assert square == {
+        "time": iso(START - timedelta(microseconds=1)),
+        "component": "SXY",
+        "measured_um_per_m": -8.2,
+        "state": {},
+    }
+    assert point == POINT
+    assert angle["measured_urad"] == 7.5
+    listed = (await client.get(PATH)).json()
+    assert listed == [made]
+
+
+async def test_iso_names_and_signs_become_ours(client):
+    stated = verification(
+        {"time": iso(START), "component": "C0Y", "measured_um_per_m": 8.2},
+        observation("D_x(x)", measured_um=1.5),
+    )
+    made = (await client.post(PATH, json=stated)).json()
+    square, linear = (await client.get(f"{PATH}/{made['id']}")).json()["observations"]
+    assert (square["component"], square["measured_um_per_m"]) == ("SXY", -8.2)
+    assert (linear["component"], linear["measured_um"]) == ("EXX", 1.5)
+
+
+async def test_the_same_again_is_the_stored_one_and_other_content_a_conflict(client):
+    first = await client.post(PATH, json=verification())
+    again = await client.post(PATH, json=verification())
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert first.json() == again.json()
+    for other in (
+        verification(observation(measured_um=4.32)),
+        verification(datum="free"),
+        verification(observation(), observation(minutes=-59)),
+    ):
+        found = problem(await client.post(PATH, json=other), 409)
+        assert "'night shift'" in found["detail"]
+    assert len((await client.get(PATH)).json()) == 1
+
+
+async def test_a_deleted_verifications_number_is_not_used_again(client):
+    made = (await client.post(PATH, json=verification())).json()
+    assert (await client.delete(f"{PATH}/{made['id']}")).status_code == 204
+    problem(await client.delete(f"{PATH}/{made['id']}"), 404)
+    again = (await client.post(PATH, json=verification())).json()
+    assert again["id"] > made["id"]
+    assert "(night shift)" in problem(await client.get(f"{PATH}/{made['id']}"), 404)["detail"]
+    problem(await client.get(f"{PATH}/{10**12}"), 404)
+    problem(await client.get("/v1/machines/nope/verifications"), 404)
+    await client.delete(ROOM)
+    problem(await client.get(PATH), 404)
+
+
+@pytest.mark.parametrize(
+    ("stated", "field", "words"),
+    [
+        (verification(observation("EXQ")), "observations.0.component", "EXQ"),
+        (verification(observation(position_mm=None)), "observations.0.position_mm", "in mm"),
+        (verification(observation(position_mm=501)), "observations.0.position_mm", "0 to 500 mm"),
+        (verification(POINT | {"point_mm": [0, 0, -1]}), "observations.0.point_mm", "0 to 500 mm"),
+        (verification(observation(minutes=2)), "observations.0.time", "not in the future"),
+        (verification(observation(measured_um=None)), "observations.0.measured_um", "came none"),
+        (
+            verification(observation(), observation(measured_urad=1.0)),
+            "observations.1.measured_urad",
+            "one measured value of EXX",
+        ),
+        (
+            verification(observation(measured_um=None, measured_urad=1.0)),
+            "observations.0.measured_urad",
+            "measured_um",
+        ),
+        (
+            verification(observation(measured_um=[1, 2, 3])),
+            "observations.0.measured_um",
+            "one numb",
+        ),
+        (verification(POINT | {"measured_um": 1.0}), "observations.0.measured_um", "x, y and z"),
+        (verification(POINT | {"measured_um": [1.0]}), "observations.0.measured_um", "at least 3"),
+        (verification(observation(measured_um=2e6)), "observations.0.measured_um", "±1e+06 µm"),
+        (verification(observation(measured_um="4")), "observations.0.measured_um", "a number"),
+        (verification(POINT | {"component": "EXX"}), "observations.0.component", "not both"),
+        (verification(observation(direction="up")), "observations.0.direction", "`+`"),
+        (verification(observation(colour=1)), "observations.0.colour", "unknown field"),
+        (verification(datum="second"), "datum", "'absolute'"),
+        (verification(repeatability_um=0), "repeatability_um", "greater than 0"),
+        ({"label": "none", "observations": []}, "observations", "at least 1"),
+        ({"observations": [observation()]}, "label", "came nothing"),
+    ],
+)
+async def test_what_cannot_be_right_is_refused_and_nothing_stored(
+    client, app, stated, field, words
+):
+    before = contents(app)
+    found = problem(await client.post(PATH, json=stated), 422)
+    assert field in [e["field"] for e in found["errors"]]
+    assert words in found["detail"]
+    assert contents(app) == before
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999"])
+async def test_numbers_that_are_none_are_refused(client, number):
+    body = f'{{"label": "x", "observations": [{{"time": "{iso(START)}", "component": "EXX", '
+    body += f'"position_mm": 1.0, "measured_um": {number}}}]}}'
+    json = {"content-type": "application/json"}
+    found = problem(await client.post(PATH, content=body, headers=json), 422)
+    assert found["errors"][0]["field"] in ("observations.0.measured_um", "body")
+
+
+async def test_a_long_verification_is_read_in_pieces_and_its_mistakes_named(client):
+    many = [observation(position_mm=i % 500, measured_um=i / 7) for i in range(3000)]
+    answer = await client.post(PATH, json=verification(*many))
+    assert (answer.status_code, answer.json()["count"]) == (201, 3000)
+    shown = (await client.get(f"{PATH}/{answer.json()['id']}")).json()["observations"]
+    assert [o["measured_um"] for o in shown] == [o["measured_um"] for o in many]
+    many[2345] = observation(measured_um="much")
+    found = problem(await client.post(PATH, json=verification(*many, label="b")), 422)
+    assert found["errors"][0]["field"] == "observations.2345.measured_um"
+    many[2345] = observation(position_mm=-1)
+    found = problem(await client.post(PATH, json=verification(*many, label="b")), 422)
+    assert found["errors"][0]["field"] == "observations.2345.position_mm"
+    wrong_head = verification(*many, label="")
+    assert problem(await client.post(PATH, json=wrong_head), 422)["errors"][0]["field"] == "label"
+
+
+async def test_more_observations_than_the_limit_are_refused(client):
+    many = [observation()] * 100_001
+    found = problem(await client.post(PATH, json=verification(*many)), 422)
+    assert "at most 100000" in found["detail"]
+
+
+async def test_text_that_nobody_said_is_json_is_refused(client):
+    plain = {"content-type": "text/plain"}
+    found = problem(await client.post(PATH, content=b"{}", headers=plain), 422)
+    assert "Content-Type" in found["detail"]

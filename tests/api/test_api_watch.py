@@ -1,0 +1,135 @@
+"""Every verification is judged on arrival, after those that came before."""
+
+import asyncio
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from tests.service_examples import (
+    ROOM,
+    START,
+    client_of,
+    contents,
+    error_map,
+    iso,
+    problem,
+    reading,
+)
+
+pytestmark = pytest.mark.anyio
+
+PATH = f"{ROOM}/verifications"
+BEGIN = START - timedelta(minutes=60)
+T_C = 21.0
+
+
+@pytest.fixture
+async def room(client):
+    """A client of the example machine with an hour of readings, x-middle near 21 °C."""
+    body = [reading(BEGIN + timedelta(minutes=m), T_C) for m in range(61)]
+    assert (await client.post(f"{ROOM}/readings", json=body)).status_code == 201
+    return client
+
+
+def visit(number, shift_um=0.0, scale=1.0, **fields):
+    """Nine values of EXX, which is x/100 µm at 21 °C, scattering by 0.5 µm."""
+    scatter_um = np.random.default_rng(abs(number)).normal(0.0, 0.5, 9)
+    observations = [
+        {
+            "time": iso(BEGIN + timedelta(minutes=number, seconds=i)),
+            "component": "EXX",
+            "position_mm": 50.0 * i + 50.0,
+            "measured_um": float(scale * (0.5 * i + 0.5 + scatter_um[i] + shift_um)),
+        }
+        for i in range(9)
+    ]
+    fields = {"label": f"visit {number}", "repeatability_um": 0.5} | fields
+    return fields | {"observations": observations}
+
+
+async def judged(client, body):
+    answer = await client.post(PATH, json=body)
+    assert answer.status_code == 201, answer.text
+    return answer.json()["judgement"]
+
+
+async def test_a_machine_as_its_model_says_stays_within_and_a_changed_one_is_noticed(room):
+    before = (await room.get(f"{ROOM}/watch")).json()
+    assert (before["status"], before["evidence"], before["verifications"]) == (
+        "no-verification",
+        1.0,
+        [],
+    )
+    for number in range(4):
+        judgement = await judged(room, visit(number))
+        assert (judgement["status"], judgement["model_version"]) == ("within", 3)
+        assert judgement["evidence"] < judgement["limit"] == 100.0
+    for number in range(4, 8):
+        judgement = await judged(room, visit(number, shift_um=10.0))
+    assert judgement["status"] == "beyond"
+    assert (judgement["beyond"][0]["component"], judgement["beyond"][0]["unit"]) == ("EXX", "µm")
+    watch = (await room.get(f"{ROOM}/watch")).json()
+    assert (watch["status"], watch["model_version"]) == ("beyond", 3)
+    assert iso(BEGIN + timedelta(minutes=4)) <= watch["beyond_since"] <= iso(START)
+    assert [v["label"] for v in watch["verifications"]] == [f"visit {i}" for i in range(8)]
+    assert watch["verifications"][-1]["evidence"] == watch["evidence"] == judgement["evidence"]
+    assert watch["numbers"][0]["component"] == "EXX"
+    assert (await room.get(ROOM)).json()["watch"] == "beyond"
+    assert (await room.patch(ROOM, json={"name": "moved"})).json()["watch"] == "beyond"
+    assert [m["watch"] for m in (await room.get("/v1/machines")).json()] == ["beyond"]
+    stored = (await room.get(PATH)).json()
+    assert stored[-1]["judgement"] == judgement
+
+
+async def test_each_version_has_a_sequence_of_its_own(room):
+    for number in range(3):
+        await judged(room, visit(number, shift_um=10.0))
+    watched = (await room.get(f"{ROOM}/watch")).json()
+    await room.post(f"{ROOM}/error-maps", json=error_map("Run #9", 36.0))
+    fresh = (await room.get(f"{ROOM}/watch")).json()
+    assert (fresh["model_version"], fresh["status"]) == (4, "no-verification")
+    assert (await room.get(ROOM)).json()["watch"] is None
+    await room.post(f"{ROOM}/models/3/activate")
+    assert (await room.get(f"{ROOM}/watch")).json() == watched
+
+
+async def test_millimetres_instead_of_micrometres_are_refused_with_a_hint(room, app):
+    before = contents(app)
+    found = problem(await room.post(PATH, json=visit(0, scale=0.001)), 422)
+    assert "meant in mm" in found["detail"]
+    assert contents(app) == before
+
+
+async def test_what_cannot_be_judged_is_stored_all_the_same(room, client):
+    early = visit(-600)
+    judgement = await judged(room, early)
+    assert judgement["status"] == "not-judged"
+    assert "before the first reading" in judgement["summary"]
+    watch = (await room.get(f"{ROOM}/watch")).json()
+    assert (watch["status"], watch["verifications"][0]["status"]) == (
+        "no-verification",
+        "not-judged",
+    )
+
+
+async def test_a_machine_without_a_model_takes_verifications(client):
+    for map_id in (1, 2, 3):
+        await client.delete(f"{ROOM}/error-maps/{map_id}")
+    judgement = await judged(client, visit(0))
+    assert judgement["status"] == "not-judged"
+
+
+async def test_many_at_once_on_two_services_are_judged_one_after_the_other(
+    room, new_app, furnished_url
+):
+    async with client_of(new_app(furnished_url)) as other:
+        clients = [room, other] * 4
+        answers = await asyncio.gather(
+            *(c.post(PATH, json=visit(i, shift_um=3.0)) for i, c in enumerate(clients))
+        )
+    assert {a.status_code for a in answers} == {201}
+    watch = (await room.get(f"{ROOM}/watch")).json()
+    evidence = [v["evidence"] for v in watch["verifications"]]
+    assert len(set(evidence)) == 8
+    assert watch["evidence"] == evidence[-1]

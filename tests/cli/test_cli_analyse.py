@@ -1,0 +1,234 @@
+"""thermap analyse: from files to the answer, the report and the adopted effect; and refusals."""
+
+import csv
+import json
+import re
+import signal
+import time
+
+import pytest
+
+from app.cli.listening import listening, serving, url_of
+from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
+from tests.cli.conftest import ended
+from tests.service_examples import Clock, running
+
+QUICK = ("--effects", "backlash")
+"""One kind of effect: the whole library takes longer than a test should."""
+
+COLUMNS = [
+    *("time", "component", "position_mm", "direction", "measured_um", "measured_urad"),
+    *(
+        f"{stem}_{axis}{unit}"
+        for stem, unit in (("point", "_mm"), ("tool", "_mm"))
+        for axis in "xyz"
+    ),
+    *(f"measured_{axis}_um" for axis in "xyz"),
+    *(f"direction_{axis}" for axis in "xyz"),
+]
+
+
+@pytest.fixture
+def service_url(databases):
+    """A running service with the campaign's machine, maps, readings and verifications."""
+    database_url = databases.prepared("sqlite", campaign_database)
+    with (
+        running(database_url, Clock(LATER)) as service,
+        listening("127.0.0.1", 0, "serve") as opened,
+        serving(service, opened, "warning"),
+    ):
+        yield url_of(opened)
+    databases.give_back(database_url)
+
+
+def as_csv(body, file):
+    """Write a verification as docs/closing-the-loop.md says."""
+    states = sorted({name for o in body["observations"] for name in o.get("state", {})})
+    with file.open("w", newline="", encoding="utf-8") as opened:
+        opened.write(f"# label: {body['label']}\n# datum: {body['datum']}\n")
+        if body["repeatability_um"] is not None:
+            opened.write(f"# repeatability_um: {body['repeatability_um']}\n")
+        writer = csv.writer(opened)
+        writer.writerow([*COLUMNS, *(f"state {name}" for name in states)])
+        for o in body["observations"]:
+            state = [o.get("state", {}).get(name, "") for name in states]
+            writer.writerow([*_cells(o), *state])
+    return file
+
+
+def _cells(o):
+    if "component" in o:
+        named = [o["time"], o["component"], o.get("position_mm", ""), o.get("direction", "")]
+        return [*named, o["measured_um"], "", *[""] * 12]
+    signs = [o.get("direction", {}).get(axis, "") for axis in "xyz"]
+    places = [*o["point_mm"], *o["tool_offset_mm"], *o["measured_um"]]
+    return [o["time"], *[""] * 5, *places, *signs]
+
+
+def as_json(body, file):
+    file.write_text(json.dumps(body), encoding="utf-8")
+    return file
+
+
+def options(files):
+    return [word for file in files for word in ("--verification", file)]
+
+
+def plain(text):
+    return " ".join(text.replace("│", " ").split())
+
+
+def test_from_files_to_the_report_and_the_adopted_effect(thermap, client, tmp_path):
+    """Of every other visit CSV: it is the same content, so nothing is stored a second time."""
+    bodies = small_campaign().verifications
+    files = [
+        as_csv(b, tmp_path / f"{i}.csv") if i % 2 else as_json(b, tmp_path / f"{i}.json")
+        for i, b in enumerate(bodies)
+    ]
+    report = tmp_path / "report.html"
+    found = thermap("analyse", MACHINE_ID, *options(files), *QUICK, "--adopt", "-o", report)
+    assert found.exit_code == 0, found.stderr
+    assert len(client.verifications(MACHINE_ID)) == len(bodies)
+    told = plain(found.stdout)
+    assert told.startswith(("Effects found", "Something unexplained"))
+    assert "1. EZX has a reversal value of" in told
+    assert "confirmed on held-out visits" in told
+    assert re.search(r"EZX \d+\.\d+ \d+\.\d+ (\d+\.\d+|–) µm", told)
+    assert "model version 4 is active" in plain(found.stderr)
+    assert client.models(MACHINE_ID)[-1].active
+    page = report.read_text(encoding="utf-8")
+    assert "EZX has a reversal value of" in page
+    assert "as model version 4" in page
+    assert bodies[0]["label"] in page
+    assert "<script src" not in page
+    again = thermap("analyse", MACHINE_ID, *QUICK, "--json")
+    assert again.exit_code == 0, again.stderr
+    answer = json.loads(again.stdout)
+    assert (answer["status"], answer["model_version"]) == ("done", 4)
+    assert answer["verifications"] == [v.id for v in client.verifications(MACHINE_ID)]
+    assert answer["result"]["effects"] == []
+
+
+def test_nothing_is_sent_where_a_file_is_wrong(thermap, client, tmp_path):
+    good = as_json(small_campaign().verifications[0] | {"label": "new"}, tmp_path / "good.json")
+    bad = tmp_path / "bad.csv"
+    bad.write_text(
+        "time,component,position_mm,direction,measured_um\n"
+        "2026-02-03T06:00:00Z,EXX,100,+,1.2\n"
+        "2026-02-03T06:01:00,EXY,,up,much\n",
+        encoding="utf-8",
+    )
+    before = client.verifications(MACHINE_ID)
+    found = thermap("analyse", MACHINE_ID, *options([good, bad]), *QUICK)
+    assert found.exit_code == 1
+    told = plain(found.stderr)
+    assert "nothing was sent" in told
+    assert "line 3, column 1 (time): expected a time with its zone" in told
+    assert "column 4 (direction): expected + or -, came 'up'" in told
+    assert "column 5 (measured_um): expected a number in µm, came 'much'" in told
+    assert client.verifications(MACHINE_ID) == before
+
+
+def test_what_the_service_would_refuse_is_told_with_its_line(thermap, tmp_path):
+    file = tmp_path / "huge.csv"
+    file.write_text(
+        "time,component,position_mm,measured [m]\n2026-02-03T06:00:00Z,EXX,100,12\n",
+        encoding="utf-8",
+    )
+    found = thermap("analyse", MACHINE_ID, "-v", file)
+    assert found.exit_code == 1
+    assert "line 2, measured_um: expected an error within" in plain(found.stderr)
+
+
+def test_another_verification_of_the_same_label_is_refused(thermap, tmp_path):
+    first, second = small_campaign().verifications[:2]
+    file = as_json(first | {"observations": second["observations"]}, tmp_path / "again.json")
+    found = thermap("analyse", MACHINE_ID, "-v", file)
+    assert found.exit_code == 1
+    assert "again.json" in found.stderr
+    assert "choose another label" in plain(found.stderr)
+
+
+def test_a_failed_analysis_says_why(thermap, tmp_path):
+    """Everything lies before the machine's first reading."""
+    file = tmp_path / "early.csv"
+    lines = [f"2020-01-01T00:0{i}:00Z,SXY,{i}" for i in range(3)]
+    file.write_text("\n".join(["time,component,measured_um", *lines]), encoding="utf-8")
+    report = tmp_path / "report.html"
+    found = thermap("analyse", MACHINE_ID, "-v", file, "-o", report)
+    assert found.exit_code == 1
+    assert "failed: " in plain(found.stderr)
+    assert "before the first reading" in plain(found.stderr)
+    assert not report.exists()
+
+
+def test_an_unknown_machine_and_a_service_that_is_away(thermap, run, no_service_url, tmp_path):
+    file = as_json(small_campaign().verifications[0], tmp_path / "v.json")
+    found = thermap("analyse", "nope", "-v", file)
+    assert found.exit_code == 1
+    assert MACHINE_ID in found.stderr
+    away = run("analyse", MACHINE_ID, "-v", file, THERMAP_URL=no_service_url)
+    assert away.exit_code == 1
+    assert "thermap serve" in away.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("-o", "report.pdf"), 2, "ends in .html"),
+        (("--holdout", "0.95"), 2, "0.85"),
+        (("-v", "no/such/file.csv"), 1, "No such file"),
+        (("--effects", "gremlins"), 1, "thermal-lag"),
+        (("-o", "no/such/folder/r.html"), 2, "cannot write"),
+        (("--plan", "--adopt"), 2, "leave --adopt"),
+    ],
+)
+def test_wrong_usage_is_told(thermap, arguments, code, said):
+    found = thermap("analyse", MACHINE_ID, *arguments)
+    assert found.exit_code == code
+    assert said in plain(found.stderr)
+
+
+def test_a_machine_without_verifications(thermap, client):
+    for one in client.verifications(MACHINE_ID):
+        client.delete_verification(MACHINE_ID, one.id)
+    found = thermap("analyse", MACHINE_ID)
+    assert found.exit_code == 2
+    assert "no verification yet" in plain(found.stderr)
+
+
+def test_ctrl_c_cancels_it(client, start, service_url):
+    process = start("analyse", MACHINE_ID, "--url", service_url)
+    deadline = time.monotonic() + 60.0
+    while not (jobs := [job for job in client.analyses(MACHINE_ID) if job.status == "running"]):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    code, _, err = ended(process, signal.SIGINT)
+    assert code == 130, err
+    assert "cancelled" in err
+    assert client.analysis(MACHINE_ID, jobs[0].id).status == "cancelled"
+
+
+def test_a_plan_says_what_would_be_seen_and_stores_nothing(thermap, client, tmp_path):
+    """From CSV without a value, and from JSON whose values are not looked at."""
+    bodies = small_campaign().verifications
+    rows = [o for o in bodies[0]["observations"] if "component" in o]
+    file = tmp_path / "planned.csv"
+    lines = [
+        f"{o['time']},{o['component']},{o.get('position_mm', '')},{o.get('direction', '')}"
+        for o in rows
+    ]
+    file.write_text("\n".join(["time,component,position_mm,direction", *lines]), encoding="utf-8")
+    other = as_json(bodies[1], tmp_path / "planned.json")
+    before = client.verifications(MACHINE_ID)
+    found = thermap("analyse", MACHINE_ID, "--plan", *options([file, other]), columns=120)
+    assert found.exit_code == 0, found.stderr
+    told = plain(found.stdout)
+    assert told.startswith("2 visits with ")
+    assert re.search(r"backlash \d+\.\d\d to \d+\.\d\d", told)
+    assert re.search(r"cannot be tested: [a-z, ]*drift", told)
+    assert client.verifications(MACHINE_ID) == before
+    assert client.analyses(MACHINE_ID) == []
+    whole = json.loads(thermap("analyse", MACHINE_ID, "--plan", "--json").stdout)
+    assert whole["visits"] == len(bodies)

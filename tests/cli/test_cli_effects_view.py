@@ -1,0 +1,67 @@
+"""Tables with adopted effects as JSON, in the client's answer, and as a person reads them."""
+
+import json
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from app.api.schemas.compensation import CompensationAnswer
+from app.api.table_json import table_json
+from app.cli.table_view import table_view
+from app.geometry.components import COMPONENTS
+from app.identification.effects.registry import explain
+from tests.identification.test_effects_all_kinds import EACH, example, fitted, moment_of
+from tests.identification.test_effects_given_out import table_of
+
+
+def seen(answer, width=100):
+    terminal = StringIO()
+    Console(width=width, file=terminal, highlight=False).print(table_view(answer, width))
+    return terminal.getvalue()
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_the_json_is_the_table_and_what_the_answer_documents(each):
+    table = table_of(example().model, [fitted(each)], moment_of(100))
+    written = table_json(table)
+    answer = CompensationAnswer.model_validate_json(written)
+    assert [entry.component for entry in answer.components] == [
+        entry.component.code for entry in table.components
+    ]
+    for shown, entry in zip(answer.components, table.components, strict=True):
+        component = COMPONENTS[shown.component]
+        assert shown.effects == list(entry.effects)
+        np.testing.assert_array_equal(getattr(shown, component.error_field), _as_shown(entry))
+        np.testing.assert_array_equal(shown.compensation, 0.0 - np.array(_as_shown(entry)))
+        if entry.backward_errors is not None:
+            backward = getattr(shown, f"backward_{component.error_field}")
+            np.testing.assert_array_equal(backward, entry.backward_errors)
+        assert shown.standard_errors is None
+        assert (shown.sensor is None) == (shown.status == "effects-only")
+    raw = json.loads(written)
+    # Beside the numbers, components with effects and without have the same fields.
+    without = {name for c in raw["components"] if not c["effects"] for name in c}
+    origin = {"sensor", "temperature_c", "lower_map", "upper_map", "weight", "status"}
+    assert all(origin <= set(c) for c in raw["components"])
+    assert origin <= without
+
+
+def _as_shown(entry):
+    return entry.errors if entry.component.is_table else float(entry.errors[0])
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_a_person_reads_what_the_effect_is(each):
+    effect = fitted(each)
+    table = table_of(example().model, [effect], moment_of(100))
+    text = " ".join(seen(CompensationAnswer.model_validate_json(table_json(table))).split())
+    assert f"+ {effect.kind}: {explain(effect)}" in text
+    assert effect.components[0] in text
+
+
+def test_a_component_of_effects_alone_is_shown_as_such():
+    table = table_of(example().model, [fitted("angular|constant")], moment_of(100))
+    text = seen(CompensationAnswer.model_validate_json(table_json(table)))
+    assert "adopted effects alone, no two maps have it" in text
