@@ -19,7 +19,7 @@ FLOORS = [
     {"units", "errors", "arrays"},
     {"geometry"},
     {"thermal"},
-    {"compensation", "measurement", "demo"},
+    {"compensation", "measurement", "pictures", "demo"},
     {"identification"},
     {"storage", "live", "controllers", "settings"},
     {"services"},
@@ -33,10 +33,13 @@ FLOORS = [
 MAY_ALSO = {("cli", "main")}
 """The command line starts the service."""
 
-PURE = {"units", "errors", "arrays", "geometry", "thermal", "compensation", "demo"}
+PURE = {
+    *("units", "errors", "arrays", "geometry", "thermal"),
+    *("compensation", "measurement", "pictures", "demo", "identification"),
+}
 """No clock, no database, no HTTP: time and temperatures come in as arguments."""
 
-PURE_LIBRARIES = {"numpy", "scipy", "app"} | (
+PURE_LIBRARIES = {"numpy", "scipy", "plotly", "app"} | (
     set(sys.stdlib_module_names)
     - {"time", "os", "pathlib", "random", "sqlite3", "socket", "threading", "asyncio", "http"}
 )

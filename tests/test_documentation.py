@@ -9,7 +9,13 @@ import pytest
 from scripts.write_http_reference import PAGE, openapi_document, write_page
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+METHODS = sorted((ROOT / "docs" / "methods").glob("*.md"))
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *METHODS,
+]
 
 
 def test_http_reference_is_what_the_service_says():
@@ -55,14 +61,28 @@ def test_named_files_exist(path):
 
 
 def named_tests():
-    text = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
-    for name in sorted(set(re.findall(r"`(tests/[\w/]+\.py::\w+)`", text))):
-        yield pytest.param(*name.split("::"), id=name)
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for name in sorted(set(re.findall(r"`(tests/[\w/]+\.py::\w+)`", text))):
+            yield pytest.param(*name.split("::"), id=f"{page.name}:{name}")
 
 
 @pytest.mark.parametrize(("file", "test"), list(named_tests()))
 def test_named_tests_exist(file, test):
     assert f"def {test}(" in (ROOT / file).read_text(encoding="utf-8")
+
+
+def named_without_a_file():
+    for page in METHODS:
+        text = page.read_text(encoding="utf-8")
+        files = sorted(set(re.findall(r"`(tests/[\w/]+\.py)", text)))
+        for name in sorted(set(re.findall(r"`(test_\w+)`", text))):
+            yield pytest.param(files, name, id=f"{page.name}:{name}")
+
+
+@pytest.mark.parametrize(("files", "test"), list(named_without_a_file()))
+def test_tests_named_on_a_methods_page_are_in_a_file_that_it_names(files, test):
+    assert any(f"def {test}(" in (ROOT / file).read_text(encoding="utf-8") for file in files)
 
 
 def test_every_dependency_has_its_reason():

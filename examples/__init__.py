@@ -1,0 +1,1 @@
+"""Whole chains, to be read and run."""

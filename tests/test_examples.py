@@ -1,0 +1,32 @@
+"""The examples run, and say what they are meant to show."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from examples import step_diagonal_to_table as chain
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    return asyncio.run(chain.compare(tmp_path_factory.mktemp("example")))
+
+
+def test_from_diagonals_in_three_states_to_the_error_between_them(compared):
+    """What is left between the states is what the readings' own noise amounts to."""
+    assert [row.run for row in compared] == [2, 4, 5]
+    for row in compared:
+        assert row.before_um > 10.0
+        assert row.after_um < 0.15 * row.before_um
+        assert 0.3 * row.uncertainty_um < row.after_um < 1.7 * row.uncertainty_um
+
+
+def test_a_comparison_takes_out_the_machine_as_a_whole_and_no_more():
+    """One displacement and one turn."""
+    points = np.random.default_rng(1).uniform(0, 500, (50, 3))
+    x, y, z = points.T
+    turned = np.stack([3.0 + 0.02 * z, -1.0 - 0.01 * z, 2.0 - 0.02 * x + 0.01 * y], axis=1)
+    assert chain.rms_length(chain.without_rigid_motion(points, turned)) < 1e-9
+    stretched = points * [0.01, 0.0, 0.0]
+    assert chain.rms_length(chain.without_rigid_motion(points, stretched)) > 0.5
