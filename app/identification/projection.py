@@ -131,7 +131,8 @@ class Projection:
             Channels in which nothing shows are left out; rows in which a condition is
             missing count as not moved.
         """
-        columns = np.nan_to_num(self.columns(amplitudes), nan=0.0)
+        columns = self.columns(amplitudes)
+        columns[np.isnan(columns)] = 0.0
         codes = {term.component for terms in amplitudes for term in terms}
         touched = {number for code in codes for number in self.view(code).channels}
         parts = (

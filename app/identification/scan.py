@@ -20,6 +20,9 @@ from app.identification.state import State
 ROUNDS: Final = 3
 """Alternations between a fingerprint's amplitudes and the channels' variances."""
 
+ROUNDS_OF_NOISE: Final = 1
+"""Noise hardly moves the variances: more rounds change a threshold by less than 0.1 %."""
+
 BELIEVABLE: Final = 12.0
 """Log likelihood below the best by which visit variances are not tried on draws of noise."""
 
@@ -91,6 +94,7 @@ def scan(
     draws: Draws | None = None,
     generic: bool = False,
     base: BaseGrams | None = None,
+    before: tuple[Mapping[int, State], Scan] | None = None,
 ) -> Scan:
     """Scan all entries, either those with a physical meaning or the generic ones.
 
@@ -106,6 +110,9 @@ def scan(
         Whether the generic entries are scanned, or all the others.
     base
         Base grams of the same cells, kept from scan to scan; computed without it.
+    before
+        States and findings of an earlier scan: entries whose channels have the same states
+        are not computed again. Without draws only.
 
     Returns
     -------
@@ -119,13 +126,16 @@ def scan(
     values = {c: _target(state) for c, state in states.items()}
     drawn = {c: _drawn_target(state, draws) for c, state in states.items()} if draws else {}
     for number, batch in enumerate(library.batches):
-        if batch.generic == generic and all(c in values for c in batch.channels):
+        if before is not None and all(states.get(c) is before[0].get(c) for c in batch.channels):
+            ratio[batch.entries] = before[1].ratio[batch.entries]
+            rank[batch.entries] = before[1].rank[batch.entries]
+        elif batch.generic == generic and all(c in values for c in batch.channels):
             own = [_products(library, base, number, values[c]) for c in batch.channels]
             found, ranks = _ratios(own)
             ratio[batch.entries], rank[batch.entries] = found[:, 0], ranks
             if draws:
                 own = [_products(library, base, number, drawn[c]) for c in batch.channels]
-                noise[batch.entries] = _ratios(own)[0]
+                noise[batch.entries] = _ratios(own, ROUNDS_OF_NOISE)[0]
     return Scan(np.maximum(ratio, 0.0), np.maximum(noise, 0.0), rank)
 
 
@@ -227,8 +237,8 @@ def _taken(target: Target, reduced: FloatArray, with_nuisance: FloatArray, k: in
     return np.stack(found)
 
 
-def _ratios(products: list[_Products]) -> tuple[FloatArray, FloatArray]:
-    return _alone(products[0]) if len(products) == 1 else _together(products)
+def _ratios(products: list[_Products], rounds: int = ROUNDS) -> tuple[FloatArray, FloatArray]:
+    return _alone(products[0]) if len(products) == 1 else _together(products, rounds)
 
 
 def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
@@ -243,7 +253,7 @@ def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
     return 2.0 * (best - target.null.max(axis=0)), rank
 
 
-def _together(products: list[_Products]) -> tuple[FloatArray, FloatArray]:
+def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, FloatArray]:
     """Fit one set of amplitudes to several channels, alternating with their variances."""
     nulls = [p.target.null for p in products]
     g = products[0].gram.shape[1]
@@ -254,7 +264,7 @@ def _together(products: list[_Products]) -> tuple[FloatArray, FloatArray]:
     ]
     total = np.zeros(0)
     rank = np.zeros(g)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         amplitudes, rank = _amplitudes(products, level, scatter)
         found = [_best(p, amplitudes) for p in products]
         level, scatter = [f[1] for f in found], [f[2] for f in found]

@@ -81,6 +81,7 @@ class Selector:
 
     def __post_init__(self) -> None:
         self._last: tuple[tuple[tuple[int, ...], bool, bool], list[Term], Scan] | None = None
+        self._bare: tuple[dict[int, State], Scan] | None = None
         self.states = self.library.problem.states(self.cells)
         self.base = BaseGrams(self.library, self.states)
         self.groups = np.array([e.candidate for e in self.library.entries], dtype=np.intp)
@@ -136,10 +137,15 @@ class Selector:
         -------
         Scan
         """
+        if self._bare is not None and not terms and not generic and draws is None:
+            return self._bare[1]
         key = (tuple(id(t) for t in terms), draws is not None, generic)
         if self._last is None or self._last[0] != key:
-            found = scan(self.library, self.given(terms), draws, generic, self.base)
+            before = None if generic or draws else self._bare
+            found = scan(self.library, self.given(terms), draws, generic, self.base, before)
             self._last = (key, list(terms), found)
+            if not terms and not generic:
+                self._bare = (self.states, found)
         return self._last[2]
 
     def given(self, terms: Sequence[Term]) -> dict[int, State]:
