@@ -1,5 +1,6 @@
 """The report of an analysis: complete, honest, with no text that acts, and figures that draw."""
 
+import ast
 import copy
 import json
 import re
@@ -7,12 +8,15 @@ import subprocess
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 from plotly.graph_objects import Figure
 
+import app.identification
 from app.errors import InvalidContent
 from app.pictures.analysis_report import analysis_report
+from app.pictures.analysis_report.names import TESTS
 from tests.pictures.example_analyses import ALL, FOUND, HEAD, LAG_CURVE, NOTHING, UNEXPLAINED
 
 ADDRESS = "/docs-assets/plotly.min.js"
@@ -299,3 +303,17 @@ def test_plotly_is_imported_only_for_its_javascript():
         "analysis_report(HEAD, FOUND, plotly_js='/p.js'); sys.exit('plotly' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def names_of_tests():
+    """Read off the source which tests the search says something of."""
+    for path in Path(app.identification.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Unexplained":
+                yield ast.literal_eval(node.args[0])
+
+
+def test_every_test_of_the_search_has_words():
+    names = set(names_of_tests())
+    assert len(names) >= 6
+    assert names == set(TESTS)

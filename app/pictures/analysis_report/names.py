@@ -33,6 +33,7 @@ TESTS: Final = {
     "visit-variance": "visits differ by more than the declared set-up scatter",
     "held-out": "held-out residuals are well above the floor",
     "many-of-one-family": "several terms of one kind on one component: an imitation",
+    "many-at-one-place": "several effects at one place: whatever fits a bit",
 }
 """Which test says that structure is left."""
 
