@@ -10,7 +10,7 @@ from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, parse_component
 from app.identification.campaign import Campaign
 from app.identification.observations import Observation, Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, OutOfRange, Sensor, Travel, sensors_by_name

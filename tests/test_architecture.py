@@ -87,6 +87,15 @@ def test_imports_go_down_only(path):
         assert allowed, f"{room} may not import {module}"
 
 
+def test_the_search_knows_only_its_rows():
+    own = ("app.identification.search", "app.arrays", "app.errors")
+    for path in (PACKAGE / "identification" / "search").rglob("*.py"):
+        for module in imports_of(path):
+            assert not module.startswith("app") or module.startswith(own), (
+                f"{path} imports {module}"
+            )
+
+
 @pytest.mark.parametrize(
     "path", [p for p in MODULES if room_of(p) in PURE], ids=lambda p: str(p.relative_to(PACKAGE))
 )

@@ -26,7 +26,7 @@ from app.cli.delimited_text import DelimitedText, Row, parse_delimited, read_tex
 from app.cli.delimited_text import Problems as FileProblems
 from app.errors import UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, parse_component
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.units import Unit
 
 Body = dict[str, Any]

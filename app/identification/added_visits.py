@@ -12,7 +12,7 @@ from app.arrays import FloatArray
 from app.identification.campaign import Campaign
 from app.identification.conditions import SECONDS_PER_H, Conditions, recorded_conditions
 from app.identification.observations import BoolArray, Verification, observation_rows
-from app.identification.rows import IntArray
+from app.identification.search.rows import IntArray
 from app.thermal.sensor_health import believed
 
 MOST_VISITS: Final = 6

@@ -33,13 +33,13 @@ from app.identification.doubted_sensors import comparisons, doubts
 from app.identification.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.identification.effects.sensor_fault import SPIKES
 from app.identification.effects.site import Site
-from app.identification.findings import Findings, Untested, Verdict
 from app.identification.found_effects import Found, faults_of_readings, found_effects
 from app.identification.leads import leads, words_of
 from app.identification.map_uncertainty import map_uncertainty
 from app.identification.reading_faults import ReadingFaults, reading_faults
 from app.identification.residuals import Residuals, channel_unit, zero_columns
-from app.identification.search import Cancelled, Progress, search
+from app.identification.search.findings import Findings, Untested, Verdict
+from app.identification.search.search import Cancelled, Progress, search
 
 VERDICTS: Final = {
     Verdict.FOUND: "effects-found",

@@ -8,11 +8,11 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.identification.analysis import ComponentFigures, Figures
-from app.identification.figures import figure
-from app.identification.findings import Findings
 from app.identification.observations import BoolArray
 from app.identification.residuals import Residuals, channel_unit
-from app.identification.rows import Datum, IntArray, Rows
+from app.identification.search.figures import figure
+from app.identification.search.findings import Findings
+from app.identification.search.rows import Datum, IntArray, Rows
 from app.units import Unit
 
 

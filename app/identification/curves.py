@@ -23,7 +23,7 @@ from app.identification.effects.effect import Effect
 from app.identification.found_effects import Found
 from app.identification.observations import POINT_CHANNELS
 from app.identification.residuals import channel_unit
-from app.identification.rows import IntArray
+from app.identification.search.rows import IntArray
 
 MOST_POINTS: Final = 400
 DIGITS: Final = 5

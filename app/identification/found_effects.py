@@ -15,12 +15,12 @@ from app.identification.before_after import lengths, unknown_zeros, without_zero
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Estimate, Hypothesis
 from app.identification.effects.registry import explain, separating_measurement
-from app.identification.findings import Findings, FoundTerm, Rival, Status
 from app.identification.observations import BoolArray
 from app.identification.projection import sum_of_terms
 from app.identification.reading_faults import ReadingFaults
 from app.identification.residuals import Residuals, channel_unit
-from app.identification.rows import IntArray, Rows
+from app.identification.search.findings import Findings, FoundTerm, Rival, Status
+from app.identification.search.rows import IntArray, Rows
 from app.units import Unit
 
 HIGH_LEVERAGE: Final = 0.6

@@ -15,7 +15,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.identification.conditions import Conditions
 from app.identification.observations import BoolArray, ObservationRows
-from app.identification.rows import IntArray
+from app.identification.search.rows import IntArray
 
 FROZEN: Final = "the instrument repeated one value"
 """Why such a row takes no part."""

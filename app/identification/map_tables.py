@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.rows import IntArray
+from app.identification.search.rows import IntArray
 from app.thermal.compiled_model import CompiledModel, Group, Member
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import OutOfRange

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from app.arrays import FloatArray
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
-from app.identification.rows import Datum, IntArray
+from app.identification.search.rows import Datum, IntArray
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 Triple: TypeAlias = tuple[float, float, float]

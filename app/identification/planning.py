@@ -19,21 +19,21 @@ from app.identification.added_visits import AddedVisit, choose_added_visits
 from app.identification.analysis import LeftOutCount, NotTested
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.conditions import SECONDS_PER_DAY
-from app.identification.detectability import smallest_effects
 from app.identification.effects.hypothesis import Hypothesis
 from app.identification.effects.registry import Repertoire, repertoire, separating_measurement
 from app.identification.effects.site import Site
-from app.identification.findings import Detectable
-from app.identification.library import Library, read_library
 from app.identification.map_uncertainty import map_uncertainty
-from app.identification.moments import BoolArray
 from app.identification.observations import Verification
 from app.identification.plan import Helped, Plan, PlannedEffect, PlannedRival, Suggestion
-from app.identification.problem import Problem, make_problem
 from app.identification.residuals import Residuals, channel_unit, zero_columns
-from app.identification.rows import DeclaredNoise, Rows
-from app.identification.search import FEWEST_VISITS
-from app.identification.state import State
+from app.identification.search.detectability import smallest_effects
+from app.identification.search.findings import Detectable
+from app.identification.search.library import Library, read_library
+from app.identification.search.moments import BoolArray
+from app.identification.search.problem import Problem, make_problem
+from app.identification.search.rows import DeclaredNoise, Rows
+from app.identification.search.search import FEWEST_VISITS
+from app.identification.search.state import State
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
 """Where nobody states one; in the other units the same number."""

@@ -18,12 +18,12 @@ from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.geometry.measuring_line import MeasuringLines
 from app.geometry.volumetric_error import volumetric_error
-from app.identification.candidate import Part
 from app.identification.conditions import Conditions
 from app.identification.effects.shape import Places
 from app.identification.effects.term import Term
 from app.identification.observations import POINT_CHANNELS, ObservationRows
-from app.identification.rows import IntArray
+from app.identification.search.candidate import Part
+from app.identification.search.rows import IntArray
 from app.thermal.compiled_model import CompiledModel
 
 

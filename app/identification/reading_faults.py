@@ -22,7 +22,7 @@ from app.identification.effects.effect import Effect
 from app.identification.effects.sensor_fault import SPIKES, STUCK, SensorFault
 from app.identification.effects.shape import Sensitivity
 from app.identification.effects.term import Term
-from app.identification.noise import NORMAL
+from app.identification.search.noise import NORMAL
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.sensor_health import CLEARLY, Health, judge_record
 from app.thermal.temperature_history import TemperatureHistory

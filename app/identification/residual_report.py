@@ -9,11 +9,11 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.identification.before_after import lengths, pooled, unknown_zeros, without_zeros
-from app.identification.noise import repeatability
 from app.identification.observations import BoolArray
 from app.identification.residual_summary import Summary, summarise
 from app.identification.residuals import LeftOut, Residuals, channel_unit
-from app.identification.rows import Rows
+from app.identification.search.noise import repeatability
+from app.identification.search.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)

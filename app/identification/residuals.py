@@ -24,7 +24,7 @@ from app.identification.observations import (
     repeated_rows,
 )
 from app.identification.projection import Projection, places_of
-from app.identification.rows import DeclaredNoise, IntArray, Nuisance, Rows
+from app.identification.search.rows import DeclaredNoise, IntArray, Nuisance, Rows
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel, Group
 from app.thermal.machine import Machine

@@ -22,7 +22,7 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.e_process import EProcess
 from app.identification.map_uncertainty import map_uncertainty
 from app.identification.residuals import Residuals, channel_unit
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 
 FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""

@@ -8,7 +8,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
 

@@ -14,7 +14,7 @@ from app.arrays import FloatArray
 from app.errors import UnknownThing, list_names
 from app.geometry.components import ORDER
 from app.identification.observations import Observation, Triple, Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.storage.records import StoredVerification
 from app.storage.tables import LARGEST_INTEGER, VerificationRow
 

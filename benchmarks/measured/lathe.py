@@ -19,7 +19,7 @@ from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign
 from app.identification.observations import Observation, Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.thermal.compile_model import compile_model
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ComponentTable, ErrorMap

@@ -14,7 +14,7 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.effects.effect import Effect
 from app.identification.effects.registry import KINDS
 from app.identification.observations import ObservationRows, Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 
 MOST_ROUNDS = 6
 

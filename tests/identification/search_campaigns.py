@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.identification.candidate import Candidate, Part
-from app.identification.rows import Datum, DeclaredNoise, Nuisance, Rows
+from app.identification.search.candidate import Candidate, Part
+from app.identification.search.rows import Datum, DeclaredNoise, Nuisance, Rows
 
 REPEATABILITY, SHIFT, TILT, MAP = 1.0, 0.8, 0.4, 0.4
 CHANNELS = 2

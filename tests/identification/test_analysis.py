@@ -11,8 +11,8 @@ from app.errors import InvalidContent
 from app.identification.analyse import analyse
 from app.identification.campaign import residuals_of
 from app.identification.effects.effect import effect_from_json
-from app.identification.findings import SearchCancelled
-from app.identification.rows import Datum
+from app.identification.search.findings import SearchCancelled
+from app.identification.search.rows import Datum
 from app.thermal.temperature_history import TemperatureHistory
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.undeclared import make_campaign

@@ -12,7 +12,7 @@ from app.identification.effects.registry import KINDS, kind_of, repertoire
 from app.identification.effects.site import Site
 from app.identification.effects.term import term_from_json
 from app.identification.observations import Observation, Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from tests.identification.example_site import START_S, observations, site
 
 

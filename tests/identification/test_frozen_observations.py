@@ -5,7 +5,7 @@ import numpy as np
 from app.identification.conditions import Conditions
 from app.identification.frozen_observations import frozen_rows
 from app.identification.observations import Observation, Verification, observation_rows
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 
 STEP_S = 60.0
 

@@ -10,7 +10,7 @@ from app.identification.observations import (
     observation_rows,
     repeated_rows,
 )
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 
 
 def line(begin_s, code="EXX", positions=(0.0, 100.0), direction=1, step_s=60.0, values=None):

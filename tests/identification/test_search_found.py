@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from app.identification.findings import Status, Verdict
-from app.identification.rows import Datum
-from app.identification.search import search
+from app.identification.search.findings import Status, Verdict
+from app.identification.search.rows import Datum
+from app.identification.search.search import search
 from tests.identification.search_campaigns import (
     fingerprint,
     make_campaign,

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from app.identification.channel import prepare
-from app.identification.draws import Draws
-from app.identification.joint_fit import fit_terms
-from app.identification.library import read_library
-from app.identification.moments import fixed_of
-from app.identification.problem import make_problem
-from app.identification.rows import Datum
-from app.identification.scan import scan
-from app.identification.state import Given, State
+from app.identification.search.channel import prepare
+from app.identification.search.draws import Draws
+from app.identification.search.joint_fit import fit_terms
+from app.identification.search.library import read_library
+from app.identification.search.moments import fixed_of
+from app.identification.search.problem import make_problem
+from app.identification.search.rows import Datum
+from app.identification.search.scan import scan
+from app.identification.search.state import Given, State
 from tests.identification.search_campaigns import make_campaign, make_library
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from app.identification.draws import Draws
-from app.identification.findings import Verdict
-from app.identification.library import read_library
-from app.identification.problem import make_problem
-from app.identification.search import search
-from app.identification.selection import Selector
+from app.identification.search.draws import Draws
+from app.identification.search.findings import Verdict
+from app.identification.search.library import read_library
+from app.identification.search.problem import make_problem
+from app.identification.search.search import search
+from app.identification.search.selection import Selector
 from tests.identification.search_campaigns import (
     REPEATABILITY,
     make_campaign,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidContent
-from app.identification.candidate import Candidate, Part
-from app.identification.detectability import detectable
-from app.identification.findings import SearchCancelled, Status, Verdict
-from app.identification.rows import Datum, DeclaredNoise, Nuisance, Rows
-from app.identification.search import search
+from app.identification.search.candidate import Candidate, Part
+from app.identification.search.detectability import detectable
+from app.identification.search.findings import SearchCancelled, Status, Verdict
+from app.identification.search.rows import Datum, DeclaredNoise, Nuisance, Rows
+from app.identification.search.search import search
 from tests.identification.search_campaigns import make_campaign, make_library, single, smooth
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from app.errors import InvalidContent
 from app.identification.e_process import EProcess, likelihood_ratio
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.identification.watching import WatchState, watch, watch_state_from_json
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.undeclared import make_campaign

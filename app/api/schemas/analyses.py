@@ -11,7 +11,7 @@ from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime
 from app.api.schemas.verifications import PlannedObservation
 from app.errors import InvalidContent
 from app.identification.observations import Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.storage.records import AnalysisStatus, StoredAnalysis
 from app.storage.tables import LARGEST_INTEGER
 

@@ -13,7 +13,7 @@ from app.api.schemas.watch import JudgementAnswer
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, Component
 from app.identification.observations import Observation, Verification
-from app.identification.rows import Datum
+from app.identification.search.rows import Datum
 from app.services.predict_errors import Observation as Asked
 from app.storage.records import StoredVerification
 from app.thermal.error_map import VALUE_LIMIT

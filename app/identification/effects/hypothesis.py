@@ -9,10 +9,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.candidate import Candidate
 from app.identification.effects.effect import Effect
 from app.identification.effects.term import Term
 from app.identification.projection import Projection
+from app.identification.search.candidate import Candidate
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""

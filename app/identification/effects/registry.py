@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Final
 
 from app.errors import InvalidContent, list_names
-from app.identification.candidate import Candidate
 from app.identification.effects.additional_sensor import AdditionalSensor
 from app.identification.effects.angular import Angular
 from app.identification.effects.backlash import Backlash
@@ -25,6 +24,7 @@ from app.identification.effects.state_variable import StateVariable
 from app.identification.effects.step import Step
 from app.identification.effects.temperature_curvature import TemperatureCurvature
 from app.identification.effects.thermal_lag import ThermalLag
+from app.identification.search.candidate import Candidate
 
 KINDS: Final[dict[str, EffectKind]] = {
     kind.kind: kind

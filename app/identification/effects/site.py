@@ -16,9 +16,9 @@ from app.identification.effects.driver import Always, BeyondMaps
 from app.identification.effects.shape import Everywhere, Rising, Shape
 from app.identification.effects.term import Term
 from app.identification.map_tables import positions_of, temperatures_of_maps
-from app.identification.noise import deviations
 from app.identification.observations import BoolArray, ObservationRows
 from app.identification.projection import Projection
+from app.identification.search.noise import deviations
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine, Travel

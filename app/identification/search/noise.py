@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
-from app.identification.moments import BoolArray
-from app.identification.rows import DeclaredNoise, Rows
+from app.identification.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
+from app.identification.search.moments import BoolArray
+from app.identification.search.rows import DeclaredNoise, Rows
 
 ENOUGH_REPLICATES: Final = 5
 """Degrees of freedom below which replicates say too little about the scatter."""

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.library import Batch, Library
-from app.identification.moments import BoolArray
-from app.identification.state import State
+from app.identification.search.library import Batch, Library
+from app.identification.search.moments import BoolArray
+from app.identification.search.state import State
 
 NOTHING_LEFT: Final = 1e-5
 """A direction is not tested if maps and given terms take up all but this share of it."""

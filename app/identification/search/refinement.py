@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from app.identification.candidate import Candidate
-from app.identification.joint_fit import fit_terms
-from app.identification.problem import Problem, Term
-from app.identification.state import State
+from app.identification.search.candidate import Candidate
+from app.identification.search.joint_fit import fit_terms
+from app.identification.search.problem import Problem, Term
+from app.identification.search.state import State
 
 TOLERANCE: Final = 2e-3
 """Of the stretch between the grid's neighbours."""

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from app.arrays import FloatArray
-from app.identification.findings import Slope
-from app.identification.joint_fit import Fit, fit_terms
-from app.identification.moments import BoolArray
-from app.identification.problem import Problem, Term
-from app.identification.state import Given, State
-from app.identification.visit_scatter import factors
+from app.identification.search.findings import Slope
+from app.identification.search.joint_fit import Fit, fit_terms
+from app.identification.search.moments import BoolArray
+from app.identification.search.problem import Problem, Term
+from app.identification.search.state import Given, State
+from app.identification.search.visit_scatter import factors
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import FloatArray
-from app.identification.channel import Channel
+from app.identification.search.channel import Channel
 
 BoolArray = NDArray[np.bool_]
 

@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.channel import Channel
-from app.identification.figures import figure
-from app.identification.findings import HeldOut
-from app.identification.joint_fit import Fit
-from app.identification.problem import Problem
-from app.identification.rows import IntArray
-from app.identification.state import State
-from app.identification.validation import Validation
+from app.identification.search.channel import Channel
+from app.identification.search.figures import figure
+from app.identification.search.findings import HeldOut
+from app.identification.search.joint_fit import Fit
+from app.identification.search.problem import Problem
+from app.identification.search.rows import IntArray
+from app.identification.search.state import State
+from app.identification.search.validation import Validation
 
 MOST_SAY: Final = 6.0
 """Log likelihood by which one channel may speak against a common set-up scatter."""

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.foresight import Learned, learn
-from app.identification.problem import Term
-from app.identification.selection import Selector
-from app.identification.visit_scatter import factors
+from app.identification.search.foresight import Learned, learn
+from app.identification.search.problem import Term
+from app.identification.search.selection import Selector
+from app.identification.search.visit_scatter import factors
 
 STRONGEST = 2
 """So many visits are named."""

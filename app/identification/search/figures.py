@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.findings import Figure
-from app.identification.rows import IntArray
+from app.identification.search.findings import Figure
+from app.identification.search.rows import IntArray
 
 RESAMPLED: Final = 1000
 """Campaigns put together from the same visits for an interval."""

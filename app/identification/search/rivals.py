@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from app.identification.findings import Rival
-from app.identification.joint_fit import fit_terms, inverse, share_of
-from app.identification.problem import Term
-from app.identification.selection import Selector, best_entries
+from app.identification.search.findings import Rival
+from app.identification.search.joint_fit import fit_terms, inverse, share_of
+from app.identification.search.problem import Term
+from app.identification.search.selection import Selector, best_entries
 
 HARDLY: Final = 6.0
 """2 ln B below which evidence is hardly more than positive (Kass and Raftery 1995)."""

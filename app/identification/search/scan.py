@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import FloatArray
-from app.identification.base_grams import BaseGrams, blocks
-from app.identification.draws import Draws, Response
-from app.identification.library import Batch, Library
-from app.identification.rows import IntArray
-from app.identification.small_inverse import inverse_roots
-from app.identification.state import State
+from app.identification.search.base_grams import BaseGrams, blocks
+from app.identification.search.draws import Draws, Response
+from app.identification.search.library import Batch, Library
+from app.identification.search.rows import IntArray
+from app.identification.search.small_inverse import inverse_roots
+from app.identification.search.state import State
 
 ROUNDS: Final = 3
 """Alternations between a fingerprint's amplitudes and the channels' variances."""

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from app.arrays import FloatArray
-from app.identification.channel import Channel
-from app.identification.findings import Excluded
-from app.identification.moments import BoolArray, fixed_of
-from app.identification.noise import NORMAL
-from app.identification.problem import make_problem
-from app.identification.rows import IntArray, Nuisance, Rows
-from app.identification.state import State
+from app.identification.search.channel import Channel
+from app.identification.search.findings import Excluded
+from app.identification.search.moments import BoolArray, fixed_of
+from app.identification.search.noise import NORMAL
+from app.identification.search.problem import make_problem
+from app.identification.search.rows import IntArray, Nuisance, Rows
+from app.identification.search.state import State
 
 FAR: Final = 5.0
 """Robust standard deviations from which a row or a visit is an outlier."""

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.problem import Term
-from app.identification.rows import IntArray
-from app.identification.state import State
+from app.identification.search.problem import Term
+from app.identification.search.rows import IntArray
+from app.identification.search.state import State
 
 ROUNDS: Final = 25
 REST: Final = 1e-7

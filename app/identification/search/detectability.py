@@ -12,18 +12,18 @@ from scipy.special import chdtri
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
-from app.identification.base_grams import NOTHING_SEEN, blocks
-from app.identification.candidate import Candidate
-from app.identification.findings import Detectable
-from app.identification.joint_fit import inverse
-from app.identification.library import Batch, Library, read_library
-from app.identification.moments import moments_of
-from app.identification.problem import make_problem
-from app.identification.rivals import HARDLY
-from app.identification.rows import DeclaredNoise, Nuisance, Rows
-from app.identification.selection import penalties
-from app.identification.small_inverse import inverse_roots
-from app.identification.state import State
+from app.identification.search.base_grams import NOTHING_SEEN, blocks
+from app.identification.search.candidate import Candidate
+from app.identification.search.findings import Detectable
+from app.identification.search.joint_fit import inverse
+from app.identification.search.library import Batch, Library, read_library
+from app.identification.search.moments import moments_of
+from app.identification.search.problem import make_problem
+from app.identification.search.rivals import HARDLY
+from app.identification.search.rows import DeclaredNoise, Nuisance, Rows
+from app.identification.search.selection import penalties
+from app.identification.search.small_inverse import inverse_roots
+from app.identification.search.state import State
 
 POWER: Final = 1.2816
 """Standard normal quantile of nine times in ten."""

@@ -9,15 +9,15 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtrc
 
-from app.identification.draws import Draws
-from app.identification.findings import HeldOut, Unexplained
-from app.identification.joint_fit import Fit
-from app.identification.moments import BoolArray
-from app.identification.noise import pure_error, repeatability
-from app.identification.problem import Problem, Term
-from app.identification.scan import Scan
-from app.identification.selection import Selector
-from app.identification.threshold import threshold, upper_tail
+from app.identification.search.draws import Draws
+from app.identification.search.findings import HeldOut, Unexplained
+from app.identification.search.joint_fit import Fit
+from app.identification.search.moments import BoolArray
+from app.identification.search.noise import pure_error, repeatability
+from app.identification.search.problem import Problem, Term
+from app.identification.search.scan import Scan
+from app.identification.search.selection import Selector
+from app.identification.search.threshold import threshold, upper_tail
 
 OVER_FLOOR: Final = 1.3
 """Held-out RMS over the noise floor from which something is missing."""

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from app.arrays import FloatArray
-from app.identification.moments import BoolArray, Fixed, moments_of
-from app.identification.visit_scatter import factors
+from app.identification.search.moments import BoolArray, Fixed, moments_of
+from app.identification.search.visit_scatter import factors
 
 JITTER = 1e-10
 """Keeps two equal given columns from breaking the factorisation."""

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.identification.moments import BoolArray
-from app.identification.rows import IntArray
+from app.identification.search.moments import BoolArray
+from app.identification.search.rows import IntArray
 
 LATE: Final = 0.3
 """Share of the visits, the last ones, that a trend must foresee."""

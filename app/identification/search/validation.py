@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.findings import Rival, Slope, Status
-from app.identification.foresight import Learned, calibration_slope, learn
-from app.identification.library import Library
-from app.identification.moments import BoolArray
-from app.identification.problem import Term
-from app.identification.selection import Selection, Selector
-from app.identification.splits import Splits
+from app.identification.search.findings import Rival, Slope, Status
+from app.identification.search.foresight import Learned, calibration_slope, learn
+from app.identification.search.library import Library
+from app.identification.search.moments import BoolArray
+from app.identification.search.problem import Term
+from app.identification.search.selection import Selection, Selector
+from app.identification.search.splits import Splits
 
 SURE: Final = 2.33
 """Standard errors that a slope must lie above 0: one per cent, one-sided."""

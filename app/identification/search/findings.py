@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from app.arrays import FloatArray
 from app.errors import ThermapError
-from app.identification.rows import IntArray
+from app.identification.search.rows import IntArray
 
 
 class SearchCancelled(ThermapError):

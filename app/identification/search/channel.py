@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import FloatArray
-from app.identification.rows import Datum, DeclaredNoise, IntArray, Nuisance, Rows
-from app.identification.visit_scatter import UNLIMITED, log_prior, multipliers
+from app.identification.search.rows import Datum, DeclaredNoise, IntArray, Nuisance, Rows
+from app.identification.search.visit_scatter import UNLIMITED, log_prior, multipliers
 
 DECLARED_WEIGHT: Final = 20.0
 """A declared repeatability counts as much as so many repeated observations."""

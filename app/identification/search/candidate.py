@@ -10,7 +10,7 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
-from app.identification.rows import IntArray
+from app.identification.search.rows import IntArray
 
 
 class Part(NamedTuple):

@@ -10,11 +10,11 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
-from app.identification.adequacy import adequacy
-from app.identification.candidate import Candidate
-from app.identification.detectability import smallest_effects
-from app.identification.draws import Draws
-from app.identification.findings import (
+from app.identification.search.adequacy import adequacy
+from app.identification.search.candidate import Candidate
+from app.identification.search.detectability import smallest_effects
+from app.identification.search.draws import Draws
+from app.identification.search.findings import (
     ChannelNoise,
     Detectable,
     Findings,
@@ -23,21 +23,21 @@ from app.identification.findings import (
     Untested,
     Verdict,
 )
-from app.identification.held_out import held_out_figures, typical_level
-from app.identification.joint_fit import Fit
-from app.identification.leverage import leverage
-from app.identification.library import Library, read_library
-from app.identification.moments import BoolArray
-from app.identification.noise import repeatability
-from app.identification.problem import Problem, Term, make_problem
-from app.identification.refinement import refine
-from app.identification.rivals import find_rivals
-from app.identification.rows import IntArray, Nuisance, Rows
-from app.identification.screening import screen
-from app.identification.selection import Selection, Selector
-from app.identification.splits import Splits, split_visits
-from app.identification.validation import Rivals, Validation, status_of, validate
-from app.identification.visit_scatter import multipliers
+from app.identification.search.held_out import held_out_figures, typical_level
+from app.identification.search.joint_fit import Fit
+from app.identification.search.leverage import leverage
+from app.identification.search.library import Library, read_library
+from app.identification.search.moments import BoolArray
+from app.identification.search.noise import repeatability
+from app.identification.search.problem import Problem, Term, make_problem
+from app.identification.search.refinement import refine
+from app.identification.search.rivals import find_rivals
+from app.identification.search.rows import IntArray, Nuisance, Rows
+from app.identification.search.screening import screen
+from app.identification.search.selection import Selection, Selector
+from app.identification.search.splits import Splits, split_visits
+from app.identification.search.validation import Rivals, Validation, status_of, validate
+from app.identification.search.visit_scatter import multipliers
 
 FEWEST_VISITS: Final = 8
 """Below so many visits only what a single visit excites can be tested."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import FloatArray
-from app.identification.channel import Channel
-from app.identification.moments import Fixed, Moments, moments_of
-from app.identification.state import State
+from app.identification.search.channel import Channel
+from app.identification.search.moments import Fixed, Moments, moments_of
+from app.identification.search.state import State
 
 WORD: Final = 2**32
 """Seeds are not negative; numbers of channels may be."""

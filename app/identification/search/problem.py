@@ -9,12 +9,12 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
-from app.identification.candidate import Candidate
-from app.identification.channel import Channel, prepare
-from app.identification.moments import BoolArray, Fixed, Moments, fixed_of, moments_of
-from app.identification.noise import repeatability
-from app.identification.rows import IntArray, Nuisance, Rows
-from app.identification.state import State
+from app.identification.search.candidate import Candidate
+from app.identification.search.channel import Channel, prepare
+from app.identification.search.moments import BoolArray, Fixed, Moments, fixed_of, moments_of
+from app.identification.search.noise import repeatability
+from app.identification.search.rows import IntArray, Nuisance, Rows
+from app.identification.search.state import State
 
 
 @dataclass(eq=False)

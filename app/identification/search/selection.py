@@ -10,16 +10,16 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.base_grams import BaseGrams
-from app.identification.draws import Draws
-from app.identification.joint_fit import Fit, fit_terms
-from app.identification.library import Library
-from app.identification.moments import BoolArray
-from app.identification.problem import Term
-from app.identification.refinement import refine
-from app.identification.scan import Scan, scan
-from app.identification.state import Given, State
-from app.identification.threshold import Threshold, threshold
+from app.identification.search.base_grams import BaseGrams
+from app.identification.search.draws import Draws
+from app.identification.search.joint_fit import Fit, fit_terms
+from app.identification.search.library import Library
+from app.identification.search.moments import BoolArray
+from app.identification.search.problem import Term
+from app.identification.search.refinement import refine
+from app.identification.search.scan import Scan, scan
+from app.identification.search.state import Given, State
+from app.identification.search.threshold import Threshold, threshold
 
 WORTH_A_SWAP: Final = 2.0
 """Twice the log evidence that a rival must be better by to take a term's place."""

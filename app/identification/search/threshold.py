@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import gammaincc, gammaln
 
 from app.arrays import FloatArray
-from app.identification.scan import Scan
+from app.identification.search.scan import Scan
 
 BARTLETT: Final = (0.4, 1.3)
 """A correction beyond this says more about the draws than about the statistic."""

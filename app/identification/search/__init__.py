@@ -1,0 +1,1 @@
+"""The search for what the model lacks: rows and candidates in, findings out."""
