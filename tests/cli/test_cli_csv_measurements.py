@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import os
 import re
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from app.measurement.positioning import evaluate_positioning
 from app.measurement.rotary_axis import measure_rotary_axis
 from app.measurement.six_dof import evaluate_six_dof
 from app.measurement.step_diagonal import step_diagonal
+from benchmarks.measured.data_folder import data_folder
 
 PAGE = Path(__file__).parents[2] / "docs" / "methods" / "files.md"
 
@@ -468,9 +468,7 @@ def test_an_unknown_method():
         read_measurement("x", "")
 
 
-MEASURED = Path(
-    os.environ.get("THERMAP_MEASURED_DATA", Path(__file__).parents[3] / "shared/data/measured")
-) / "ess-target-drive" / "iso230_2_deviations.csv"  # fmt: skip
+MEASURED = data_folder() / "ess-target-drive" / "iso230_2_deviations.csv"
 
 
 @pytest.mark.skipif(not MEASURED.exists(), reason="the measured positioning tests are not here")

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from app.measurement.positioning import evaluate_positioning
-from tests.measured.lathe import FOLDER as LATHE
+from benchmarks.measured.data_folder import data_folder
 
-FOLDER = LATHE.parent / "ess-target-drive"
+FOLDER = data_folder() / "ess-target-drive"
 
 pytestmark = pytest.mark.skipif(
     not FOLDER.is_dir(), reason=f"no measured positioning of a drive at {FOLDER}"

@@ -13,29 +13,54 @@ speed (20200818) worse. What is missing (lag, spindle speed, drift from run to r
 not a matter of interpolation between maps.
 """
 
-from datetime import UTC, datetime, timedelta
+from dataclasses import replace
+from datetime import UTC, datetime
 
 import httpx
 import numpy as np
 import pytest
 
-from tests.measured.lathe import FOLDER, SENSORS, read_run
+from benchmarks.measured.data_folder import data_folder
+from benchmarks.measured.lathe import MAPPED
+from benchmarks.measured.lathe_runs import FAILED, FOLDER, SENSORS, read_runs
 
 pytestmark = [
     pytest.mark.anyio,
-    pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no measured runs of the lathe at {FOLDER}"),
+    pytest.mark.skipif(
+        not (data_folder() / FOLDER).is_dir(),
+        reason=f"no measured runs of the lathe at {data_folder()}",
+    ),
 ]
-MAPPED_RUN = "20200817"
 STATES = 6
+FOLLOWED = [name for name in SENSORS if name != FAILED and not name.endswith("Motor")]
+"""Of resolution 0.1 °C, and sound."""
 
 
-def start_of(run):
-    return datetime.strptime(run.date, "%Y%m%d").replace(tzinfo=UTC)
+def without_frozen(run):
+    """Leave out the rows in which X and Z are frozen, and the sensors that are not followed."""
+    x, z = run.displacement_um["EXX"], run.displacement_um["EZZ"]
+    kept = ~np.concatenate([[False], (np.diff(x) == 0) & (np.diff(z) == 0)])
+    return replace(
+        run,
+        times_s=run.times_s[kept],
+        temperatures_c={name: run.temperatures_c[name][kept] for name in FOLLOWED},
+        displacement_um={code: values[kept] for code, values in run.displacement_um.items()},
+        spindle_rpm=run.spindle_rpm[kept],
+    )
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {run.date: without_frozen(run) for run in read_runs(data_folder())}
+
+
+def times_of(run):
+    return [datetime.fromtimestamp(time_s, UTC).isoformat() for time_s in run.times_s]
 
 
 def states_of(run):
     """Six rows evenly spaced in time."""
-    return np.linspace(0, len(run.time_min) - 1, STATES).astype(int)
+    return np.linspace(0, len(run.times_s) - 1, STATES).astype(int)
 
 
 async def store_maps(client, run):
@@ -43,13 +68,13 @@ async def store_maps(client, run):
         "id": "lathe",
         "name": "GV1-1203",
         "configuration": "FZX",
-        "sensors": [{"name": name, "resolution_c": 0.1, "max_age_s": 3600} for name in SENSORS],
+        "sensors": [{"name": name, "resolution_c": 0.1, "max_age_s": 3600} for name in FOLLOWED],
     }
     assert (await client.post("/v1/machines", json=machine)).status_code == 201
     for row in states_of(run):
         error_map = {
-            "label": f"{run.date} {run.time_min[row]:.0f} min",
-            "measured_at": (start_of(run) + timedelta(minutes=run.time_min[row])).isoformat(),
+            "label": f"{run.date} {run.minutes[row]:.0f} min",
+            "measured_at": times_of(run)[row],
             "temperatures_c": {n: values[row] for n, values in run.temperatures_c.items()},
             "components": [
                 {"component": code, "positions_mm": [0], "errors_um": [values[row]]}
@@ -71,9 +96,7 @@ async def assign_by_correlation(client):
 
 async def residuals(client, run):
     """Post a run's temperatures, predict at its times; return measured and residual [µm]."""
-    times = [
-        (start_of(run) + timedelta(minutes=float(minutes))).isoformat() for minutes in run.time_min
-    ]
+    times = times_of(run)
     readings = [
         {"time": t, "temperatures_c": {n: v[i] for n, v in run.temperatures_c.items()}}
         for i, t in enumerate(times)
@@ -94,20 +117,20 @@ def rms(values):
 
 
 @pytest.fixture
-async def lathe(new_app, sqlite_url):
+async def lathe(new_app, sqlite_url, runs):
     service = new_app(sqlite_url)
     transport = httpx.ASGITransport(app=service)
     async with httpx.AsyncClient(transport=transport, base_url="http://thermap") as client:
-        await store_maps(client, read_run(MAPPED_RUN))
+        await store_maps(client, runs[MAPPED])
         yield client
 
 
-async def test_replayed_runs_of_the_lathe(lathe):
+async def test_replayed_runs_of_the_lathe(lathe, runs):
     assignment = await assign_by_correlation(lathe)
-    mapped = read_run(MAPPED_RUN)
+    mapped = runs[MAPPED]
     rows = states_of(mapped)
     for date in ("20200701", "20200615", "20200813", "20200818"):
-        run = read_run(date)
+        run = runs[date]
         for code, (measured, residual) in (await residuals(lathe, run)).items():
             sensor = assignment[code]
             order = np.argsort(mapped.temperatures_c[sensor][rows])
@@ -121,10 +144,10 @@ async def test_replayed_runs_of_the_lathe(lathe):
             print(f"{date} {code} {sensor}: {rms(measured):.1f} -> {rms(residual):.1f} µm")
 
 
-async def test_one_run_is_followed_and_others_are_made_worse(lathe):
+async def test_one_run_is_followed_and_others_are_made_worse(lathe, runs):
     await assign_by_correlation(lathe)
-    measured, residual = (await residuals(lathe, read_run("20200701")))["EZZ"]
+    measured, residual = (await residuals(lathe, runs["20200701"]))["EZZ"]
     assert rms(residual) < 0.4 * rms(measured)
     for date in ("20200813", "20200818"):
-        measured, residual = (await residuals(lathe, read_run(date)))["EZZ"]
+        measured, residual = (await residuals(lathe, runs[date]))["EZZ"]
         assert rms(residual) > rms(measured)

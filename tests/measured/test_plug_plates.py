@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from app.measurement.drilled_plate import evaluate_drilled_plate
-from tests.measured.lathe import FOLDER as LATHE
+from benchmarks.measured.data_folder import data_folder
 
-FOLDER = LATHE.parent / "sdss-plug-plates"
+FOLDER = data_folder() / "sdss-plug-plates"
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no measured plates at {FOLDER}")
 
