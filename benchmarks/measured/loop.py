@@ -1,4 +1,8 @@
-"""The loop: analyse, adopt what held-out visits bear out, analyse again, until nothing is left."""
+"""The loop: analyse, adopt what lowers held-out residuals, analyse again, until nothing is left.
+
+All effects of a component are adopted whose held-out RMS they lower, confirmed or not.
+`thermap analyse --adopt` is stricter: it adopts confirmed effects only.
+"""
 
 from __future__ import annotations
 
