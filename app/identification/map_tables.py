@@ -78,9 +78,10 @@ class TemperatureTable:
         Parameters
         ----------
         temperatures_c : ndarray, shape (n,) [°C]
-            From where; beyond the maps from where the table stands.
+            From where; beyond the maps the table stands where the machine's policy says.
         by_k : ndarray, shape (n,) [K]
-            By how much; beyond the maps extrapolated, up to the machine's margin.
+            By how much from the temperature itself; beyond the maps extrapolated, up to the
+            machine's margin.
         positions_mm, directions : ndarray, shape (n,)
             As for `at`.
 
@@ -90,7 +91,7 @@ class TemperatureTable:
         """
         start = self._start(temperatures_c)
         low, high = self.temperatures_c[[0, -1]]
-        target = np.clip(start + by_k, low - self.reach_margin_c, high + self.reach_margin_c)
+        target = np.clip(temperatures_c + by_k, low - self.reach_margin_c, high + self.reach_margin_c)
         after = self._read(target, positions_mm, directions)
         return after - self._read(start, positions_mm, directions)
 

@@ -119,7 +119,7 @@ def search(
     course = _Course(progress, cancelled)
     course(0.0, "screening rows")
     use, excluded = screen(rows, nuisance)
-    splits = split_visits(rows.visit[use], holdout_fraction)
+    splits = split_visits(rows.visit[use], rows.channel[use], holdout_fraction)
     problem = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
     draws = Draws(seed, DRAWS)
     library = read_library(
