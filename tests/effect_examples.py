@@ -17,7 +17,8 @@ from app.identification.effects.driver import (
 from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Everywhere, Rising, Sensitivity, Wave
 from app.identification.effects.term import Term
-from app.services.adopt_effects import adopt_effects
+from app.services.adopt_analysis import version_with_effects
+from app.services.change_model import changing_machine
 from tests.service_examples import ROOM, START, iso, reading
 
 HALF = Rising(250.0, 250.0)
@@ -101,8 +102,10 @@ def fault(sensor, codes, bias_k=1.5):
     )
 
 
-def adopt(service, *effects):
-    return adopt_effects(service.state.context, "mcfv5050", effects, "adopted in a test")
+def adopt(service, *effects, machine_id="mcfv5050"):
+    context = service.state.context
+    with changing_machine(context, machine_id) as change:
+        return version_with_effects(context, change, effects, "adopted in a test")
 
 
 def warm_up(minutes=70, start=START):

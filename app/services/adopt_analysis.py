@@ -7,14 +7,18 @@ from typing import Any
 
 import orjson
 
-from app.errors import Conflict, InvalidContent
+from app.errors import Conflict, InvalidContent, list_names
 from app.identification.effects.effect import Effect, effect_from_json
-from app.services.adopt_effects import add_effects
-from app.services.change_model import MachineChange, changing_machine
+from app.identification.effects.registry import explain
+from app.identification.past import sensors_of
+from app.services.change_model import MachineChange, changing_machine, next_version
+from app.services.choose_version import no_model_yet
 from app.services.context import Context
+from app.services.load_machine import adopted_effects
 from app.storage.analyses import find_analysis
 from app.storage.records import AnalysisStatus, ModelVersion
 from app.storage.tables import AnalysisRow
+from app.thermal.machine import Machine
 
 
 def adopt_analysis(
@@ -44,7 +48,7 @@ def adopt_analysis(
         If the result has no effect at a place, or a place is named twice.
     Conflict
         If the analysis is not done, found nothing or was adopted before, or another version
-        than the analysed one is active; also as `add_effects`.
+        than the analysed one is active; also as `version_with_effects`.
     """
     with changing_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
@@ -52,9 +56,66 @@ def adopt_analysis(
         if not onto_active:
             _check_active(change, row)
         what = ", ".join(f"{e.kind} on {' '.join(e.components)}" for e in effects)
-        version = add_effects(context, change, effects, f"analysis {analysis_id} adopted: {what}")
+        reason = f"analysis {analysis_id} adopted: {what}"
+        version = version_with_effects(context, change, effects, reason)
         row.adopted_version = version.version
     return version
+
+
+def version_with_effects(
+    context: Context, change: MachineChange, effects: Sequence[Effect], reason: str
+) -> ModelVersion:
+    """Make the model version that has these effects beside those of the active one.
+
+    From the commit of the change on tables, predictions and everything made of them contain
+    the effects; activating the version before takes them back.
+
+    Parameters
+    ----------
+    context, change
+        The service, and the machine under its lock.
+    effects
+        At least one.
+    reason
+        What the version's reason says.
+
+    Returns
+    -------
+    ModelVersion
+        The new, active one.
+
+    Raises
+    ------
+    InvalidContent
+        If there is no effect, or one names a sensor that the machine lacks.
+    Conflict
+        If the machine has no model yet, or the active version has one of the effects.
+    """
+    if not effects:
+        raise InvalidContent.of_field("effects", "expected at least one effect, came none")
+    before = change.version
+    if before is None:
+        raise no_model_yet(change.row.id)
+    known = adopted_effects(before)
+    for effect in effects:
+        _check_effect(change.machine, effect)
+        if effect in known:
+            raise Conflict(
+                f"model version {before.version} has this effect already: {explain(effect)}"
+            )
+    return next_version(context, change, before.maps, reason, effects=[*known, *effects])
+
+
+def _check_effect(machine: Machine, effect: Effect) -> None:
+    """Refuse an effect that could not be read or told of again, or never be evaluated."""
+    explain(effect_from_json(effect.to_json()))
+    unknown = sorted(sensors_of([effect]) - set(machine.sensors))
+    if unknown:
+        raise InvalidContent.of_field(
+            "effects",
+            f"expected sensors of machine {machine.id!r} ({list_names(machine.sensors)}), came "
+            f"{list_names(unknown)} in {effect.kind}",
+        )
 
 
 def _effects(row: AnalysisRow, places: Sequence[int] | None) -> list[Effect]:

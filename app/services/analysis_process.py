@@ -16,7 +16,8 @@ import orjson
 
 from app.errors import Conflict, ThermapError
 from app.identification.analyse import analyse
-from app.services.load_campaign import chosen_version, load_campaign, read_verifications
+from app.services.choose_version import choose_version
+from app.services.load_campaign import load_campaign, read_verifications
 from app.storage.analyses import read_analysis
 from app.storage.database import Database
 
@@ -86,7 +87,7 @@ def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
             stored = read_analysis(session, analysis_id)
             if stored is None:
                 raise Conflict("it was deleted")
-            machine, version = chosen_version(session, stored.machine_id, stored.task.model_version)
+            machine, version = choose_version(session, stored.machine_id, stored.task.model_version)
             ids = stored.task.verification_ids
             verifications = read_verifications(session, stored.machine_id, ids)
             campaign = load_campaign(session, machine, version, verifications, searching=True)

@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.errors import InvalidContent
+from app.errors import InvalidContent, expect_each_once
 from app.identification.campaign import residuals_of
 from app.identification.observations import BoolArray
 from app.identification.projection import Projection
 from app.identification.residual_report import ResidualReport, residual_report
 from app.identification.residuals import Residuals
+from app.services.choose_version import choose_version
 from app.services.context import Context
-from app.services.load_campaign import chosen_version, load_campaign, read_verifications
+from app.services.load_campaign import load_campaign, read_verifications
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,12 +44,11 @@ def compare_models(
         If a version or a verification is named twice, or nothing is common to all versions.
     """
     for field, numbers in (("verifications", verification_ids), ("versions", versions)):
-        if len(set(numbers)) < len(numbers):
-            raise InvalidContent.of_field(field, f"expected each once, came {list(numbers)}")
+        expect_each_once(field, numbers)
     with context.database.reading() as session:
-        machine, active = chosen_version(session, machine_id)
+        machine, active = choose_version(session, machine_id)
         verifications = read_verifications(session, machine_id, verification_ids)
-        stored = [chosen_version(session, machine_id, number)[1] for number in versions]
+        stored = [choose_version(session, machine_id, number)[1] for number in versions]
         campaigns = [load_campaign(session, machine, v, verifications) for v in stored]
     residuals = [residuals_of(campaign) for campaign in campaigns]
     common = np.logical_and.reduce([r.kept for r in residuals])

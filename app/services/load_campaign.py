@@ -8,13 +8,10 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.errors import Conflict
 from app.identification.campaign import Campaign
 from app.identification.observations import Verification
 from app.identification.past import needed_past
 from app.services.load_machine import adopted_effects, compile_version
-from app.storage.machines import find_machine, stored_machine
-from app.storage.model_versions import active_version, find_version
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion
 from app.storage.verifications import find_verification, read_verification
@@ -25,29 +22,6 @@ from app.thermal.temperature_history import TemperatureHistory
 SEARCHED_BACK: Final = timedelta(days=3)
 """Readings before the first observation that a search takes in: an effect with a time constant
 needs five of them."""
-
-
-def chosen_version(
-    session: Session, machine_id: str, version_number: int | None = None
-) -> tuple[Machine, ModelVersion]:
-    """Find a machine and a version of its model; the active one where none is stated.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine or version.
-    Conflict
-        If the machine has no model yet.
-    """
-    row = find_machine(session, machine_id)
-    version = (
-        active_version(session, row)
-        if version_number is None
-        else find_version(session, machine_id, version_number)
-    )
-    if version is None:
-        raise Conflict(f"machine {machine_id!r} has no model yet: store error maps first")
-    return stored_machine(row).machine, version
 
 
 def read_verifications(

@@ -12,10 +12,10 @@ from app.errors import InvalidContent
 from app.identification.observations import Verification
 from app.identification.plan import Plan
 from app.identification.planning import plan
+from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import (
     SEARCHED_BACK,
-    chosen_version,
     first_and_last,
     load_campaign,
     read_verifications,
@@ -59,7 +59,7 @@ def plan_analysis(
         If the machine has no model yet.
     """
     with context.database.reading() as session:
-        machine, version = chosen_version(session, machine_id)
+        machine, version = choose_version(session, machine_id)
         for i, verification in enumerate(planned):
             try:
                 check_places(machine, verification.observations)

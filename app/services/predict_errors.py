@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from app.arrays import FloatArray
-from app.errors import Conflict, InvalidContent, counted, list_names
+from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.geometry.needed_components import needed_components
 from app.identification.conditions import Conditions, recorded_conditions
@@ -17,10 +17,9 @@ from app.identification.effect_prediction import Places, predict_with_effects
 from app.identification.effects.effect import Effect
 from app.identification.live_effects import Missing
 from app.identification.past import needed_past
+from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
-from app.storage.machines import find_machine, stored_machine
-from app.storage.model_versions import active_version, find_version
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion
 from app.thermal.compiled_model import CompiledModel
@@ -31,7 +30,7 @@ from app.thermal.temperature_history import TemperatureHistory
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
+class AskedError:
     """Where and when an error is asked for: one component, or a point of the work volume.
 
     `directions` are +1 or −1 for each axis' direction of approach, 0 where it is not stated;
@@ -62,7 +61,7 @@ class Predictions:
 def predict_errors(
     context: Context,
     machine_id: str,
-    observations: Sequence[Observation],
+    observations: Sequence[AskedError],
     version_number: int | None = None,
 ) -> Predictions:
     """Predict the error of each observation.
@@ -98,7 +97,7 @@ def predict_errors(
     return answer
 
 
-def _places(code: str | None, asked: Sequence[Observation]) -> Places:
+def _places(code: str | None, asked: Sequence[AskedError]) -> Places:
     """Set observations of one component, or at points, side by side."""
     points_mm = np.zeros((len(asked), 3))
     if code is None:
@@ -112,7 +111,7 @@ def _places(code: str | None, asked: Sequence[Observation]) -> Places:
 
 
 def _conditions(
-    machine: Machine, readings: Sequence[Reading], observations: Sequence[Observation]
+    machine: Machine, readings: Sequence[Reading], observations: Sequence[AskedError]
 ) -> Conditions:
     """Say what held at each observation, and before; what it states of itself goes first."""
     history = TemperatureHistory.of_readings(
@@ -131,7 +130,7 @@ def _conditions(
 def _read(
     context: Context,
     machine_id: str,
-    observations: Sequence[Observation],
+    observations: Sequence[AskedError],
     version_number: int | None,
 ) -> tuple[Machine, ModelVersion, list[Reading]]:
     """Read the machine, the version, and the readings around the observations.
@@ -139,15 +138,7 @@ def _read(
     They go back as far as the version's effects need the past.
     """
     with context.database.reading() as session:
-        row = find_machine(session, machine_id)
-        machine = stored_machine(row).machine
-        version = (
-            active_version(session, row)
-            if version_number is None
-            else find_version(session, machine_id, version_number)
-        )
-        if version is None:
-            raise Conflict(f"machine {machine_id!r} has no model yet: store error maps first")
+        machine, version = choose_version(session, machine_id, version_number)
         around = timedelta(seconds=record_needed_s(machine.sensors.values()))
         before = timedelta(seconds=needed_past(adopted_effects(version)).record_s)
         readings = list_readings(
@@ -159,7 +150,7 @@ def _read(
         return machine, version, list(readings)
 
 
-def _check_positions(machine: Machine, observations: Sequence[Observation]) -> None:
+def _check_positions(machine: Machine, observations: Sequence[AskedError]) -> None:
     for i, o in enumerate(observations):
         if o.point_mm is not None:
             asked = dict(zip("xyz", o.point_mm, strict=True))
@@ -192,7 +183,7 @@ def _beyond_table(model: CompiledModel, code: str, positions_mm: FloatArray) -> 
     ]
 
 
-def _points_beyond_tables(model: CompiledModel, asked: Sequence[Observation]) -> list[str]:
+def _points_beyond_tables(model: CompiledModel, asked: Sequence[AskedError]) -> list[str]:
     """Say the same of points, for each component that has an argument."""
     points = np.array([o.point_mm for o in asked], dtype=float)
     return [
@@ -215,7 +206,7 @@ def _left_out(effects: Sequence[Effect], missing: Sequence[Missing], code: str |
 
 
 def _absent(
-    model: CompiledModel, effects: Sequence[Effect], asked: Sequence[Observation]
+    model: CompiledModel, effects: Sequence[Effect], asked: Sequence[AskedError]
 ) -> list[str]:
     """Name the errors that count as zero at points: those that no map or one map only has."""
     have = {code for group in model.groups for code in group.codes}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.errors import InvalidContent
+from app.errors import expect_each_once
 from app.identification.effects.registry import kind_of
+from app.services.choose_version import choose_version
 from app.services.context import Context
-from app.services.load_campaign import chosen_version
 from app.storage.analyses import insert_analysis
 from app.storage.machines import find_machine
 from app.storage.records import AnalysisTask, StoredAnalysis
@@ -49,13 +49,10 @@ def request_analysis(
     """
     for kind in kinds or ():
         kind_of(kind)
-    if len(set(verification_ids)) < len(verification_ids):
-        raise InvalidContent.of_field(
-            "verifications", f"expected each once, came {list(verification_ids)}"
-        )
+    expect_each_once("verifications", verification_ids)
     with context.database.writing() as session:
         find_machine(session, machine_id, lock=True)
-        _, version = chosen_version(session, machine_id)
+        _, version = choose_version(session, machine_id)
         for verification_id in verification_ids:
             find_verification(session, machine_id, verification_id)
         task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.errors import InvalidContent
+from app.errors import expect_each_once
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.observations import Verification
 from app.identification.residual_report import ResidualReport, residual_report
+from app.services.choose_version import choose_version
 from app.services.context import Context
-from app.services.load_campaign import chosen_version, load_campaign, read_verifications
+from app.services.load_campaign import load_campaign, read_verifications
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,11 +49,8 @@ def show_residuals(
 def _read_campaign(
     context: Context, machine_id: str, verification_ids: Sequence[int], version_number: int | None
 ) -> tuple[int, Campaign]:
-    if len(set(verification_ids)) < len(verification_ids):
-        raise InvalidContent.of_field(
-            "verifications", f"expected each once, came {list(verification_ids)}"
-        )
+    expect_each_once("verifications", verification_ids)
     with context.database.reading() as session:
-        machine, version = chosen_version(session, machine_id, version_number)
+        machine, version = choose_version(session, machine_id, version_number)
         verifications = read_verifications(session, machine_id, verification_ids)
         return version.version, load_campaign(session, machine, version, verifications)

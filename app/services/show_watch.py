@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from app.errors import Conflict
 from app.identification.watching import WatchState, watch_state_from_json
+from app.services.choose_version import no_model_yet
 from app.services.context import Context
 from app.storage.machines import find_machine
 from app.storage.records import StoredVerification
@@ -46,7 +46,7 @@ def show_watch(context: Context, machine_id: str) -> Watch:
     with context.database.reading() as session:
         version = find_machine(session, machine_id).active_version
         if version is None:
-            raise Conflict(f"machine {machine_id!r} has no model yet: store error maps first")
+            raise no_model_yet(machine_id)
         known = find_watch(session, machine_id, version)
         judged = [
             v

@@ -11,7 +11,6 @@ from app.identification.effects.driver import AboveReference
 from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Everywhere
 from app.identification.effects.term import Term
-from app.services.adopt_effects import adopt_effects
 from app.services.follow_database import DatabaseFollower
 from app.services.store_readings import store_readings
 from app.thermal.reading import Reading
@@ -309,9 +308,9 @@ async def test_effects_that_cannot_be_evaluated_are_refused(client, app):
     with pytest.raises(Conflict, match="has this effect already"):
         adopt(app, OUTDATED)
     with pytest.raises(UnknownThing):
-        adopt_effects(app.state.context, "nowhere", [OUTDATED], "no machine")
+        adopt(app, OUTDATED, machine_id="nowhere")
     versions = (await client.get(f"{ROOM}/models")).json()
     assert [len(v["effects"]) for v in versions] == [0, 0, 0, 1]
     await client.post("/v1/machines", json=MACHINE | {"id": "bare"})
     with pytest.raises(Conflict, match="no model yet"):
-        adopt_effects(app.state.context, "bare", [OUTDATED], "no maps")
+        adopt(app, OUTDATED, machine_id="bare")

@@ -19,7 +19,7 @@ from app.api.schemas.base import (
 )
 from app.errors import InvalidContent, UnknownComponent
 from app.geometry.components import parse_component
-from app.services.predict_errors import Observation
+from app.services.predict_errors import AskedError
 
 
 class ObservationSchema(Schema):
@@ -38,7 +38,7 @@ class ObservationSchema(Schema):
     tool_offset_mm: Point = Field([0.0, 0.0, 0.0], description="Tool offset X, Y, Z [mm]")
     state: MachineState
 
-    def to_observation(self) -> Observation:
+    def to_observation(self) -> AskedError:
         """Make the observation; InvalidContent unless it is one component or one point."""
         if (self.component is None) == (self.point_mm is None):
             raise InvalidContent.of_field(
@@ -48,7 +48,7 @@ class ObservationSchema(Schema):
         if self.point_mm is not None:
             x, y, z = self.point_mm
             tx, ty, tz = self.tool_offset_mm
-            return Observation(
+            return AskedError(
                 self.time,
                 point_mm=(x, y, z),
                 tool_offset_mm=(tx, ty, tz),
@@ -63,7 +63,7 @@ class ObservationSchema(Schema):
             raise InvalidContent.of_field(
                 "position_mm", f"expected a position of {component.code} in mm, came none"
             )
-        return Observation(
+        return AskedError(
             self.time,
             component.code,
             self.position_mm,
@@ -91,7 +91,7 @@ class PredictionRequest(Schema):
     )
     model_version: Integer | None = Field(None, description="Version; the active one if not stated")
 
-    def to_observations(self) -> list[Observation]:
+    def to_observations(self) -> list[AskedError]:
         """Make the observations; InvalidContent names the one that is wrong."""
         found = []
         for i, stated in enumerate(self.observations):

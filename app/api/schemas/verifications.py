@@ -14,7 +14,7 @@ from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, Component
 from app.identification.observations import Observation, Verification
 from app.identification.search.rows import Datum
-from app.services.predict_errors import Observation as Asked
+from app.services.predict_errors import AskedError
 from app.storage.records import StoredVerification
 from app.thermal.error_map import VALUE_LIMIT
 
@@ -36,7 +36,9 @@ OneOrThree = Annotated[
 """The error of a component, or x, y and z of the error at a point."""
 
 
-def _observed(asked: Asked, values: Sequence[float], state: Mapping[str, float]) -> Observation:
+def _observed(
+    asked: AskedError, values: Sequence[float], state: Mapping[str, float]
+) -> Observation:
     """Set a measured value, in the sign in which it was stated, beside where and when."""
     has_place = asked.component is not None and COMPONENTS[asked.component].is_table
     return Observation(
