@@ -19,6 +19,7 @@ from app.pictures.analysis_report.names import (
     rival_name,
     status_words,
 )
+from app.pictures.analysis_report.sizes import before_and_after, overall_size
 from app.pictures.analysis_report.words import decimals_for, figure_text
 
 COMPONENTS_SHOWN: Final = 12
@@ -65,11 +66,11 @@ def _components(result: Result) -> Table:
     components = sorted(result["components"], key=_is_unchanged)
     for one in components[:COMPONENTS_SHOWN]:
         decimals = decimals_for(one["noise"])
-        sizes = (*_sizes(one), one["floor"])
+        sizes = (*before_and_after(one), one["floor"])
         cells = [figure_text(size, decimals) for size in sizes]
         name = component_name(one["component"])
         table.add_row(name, *cells, one["unit"], str(one["count"]))
-    before, after = (_overall(result[which]) for which in ("before", "after"))
+    before, after = (overall_size(result[which]) for which in ("before", "after"))
     decimals = decimals_for(result["noise_um"])
     cells = [figure_text(size, decimals) for size in (before, after, result["floor_um"])]
     more = len(components) - COMPONENTS_SHOWN
@@ -79,22 +80,9 @@ def _components(result: Result) -> Table:
     return table
 
 
-def _sizes(component: Mapping[str, Any]) -> tuple[float, float]:
-    held = component["holdout_before_rms"] is not None
-    before, after = (
-        component[f"{'holdout_' if held else ''}{which}_rms"] for which in ("before", "after")
-    )
-    return before, after
-
-
 def _is_unchanged(component: Mapping[str, Any]) -> bool:
-    before, after = _sizes(component)
+    before, after = before_and_after(component)
     return before == after
-
-
-def _overall(figures: Mapping[str, Any]) -> float:
-    held, whole = figures["holdout_rms_um"], figures["rms_um"]
-    return float(whole if held is None else held)
 
 
 def _effects(effects: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:

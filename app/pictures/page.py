@@ -84,15 +84,7 @@ def page(figure: Figure, *, plotly_js: str) -> str:
     """
     texts = {name: html.escape(str(text)) for name, text in (figure.layout.meta or {}).items()}
     title, subtitle = texts.get("title", ""), texts.get("subtitle", "")
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>{STYLE}</style>
-{plotly_script(plotly_js)}
-</head>
+    return f"""{html_head(title, STYLE, plotly_js)}
 <body>
 <header>
 <h1>{title}</h1>
@@ -105,6 +97,39 @@ def page(figure: Figure, *, plotly_js: str) -> str:
 </body>
 </html>
 """
+
+
+def html_head(title: str, style: str, plotly_js: str) -> str:
+    """Write the beginning of a page, up to its body.
+
+    Parameters
+    ----------
+    title
+        HTML, with what users wrote escaped.
+    style
+        CSS.
+    plotly_js
+        As for `page`.
+
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    InvalidContent
+        If the address is none of a file over HTTP.
+    """
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{style}</style>
+{_plotly_script(plotly_js)}
+</head>"""
 
 
 def figure_json(figure: Figure) -> str:
@@ -124,24 +149,8 @@ def figure_json(figure: Figure) -> str:
     return written
 
 
-def plotly_script(plotly_js: str) -> str:
-    """Bring plotly's JavaScript into a page.
-
-    Parameters
-    ----------
-    plotly_js
-        As for `page`.
-
-    Returns
-    -------
-    str
-        A script element.
-
-    Raises
-    ------
-    InvalidContent
-        If the address is none of a file over HTTP.
-    """
+def _plotly_script(plotly_js: str) -> str:
+    """Bring plotly's JavaScript into a page."""
     if plotly_js == INLINE:
         from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 

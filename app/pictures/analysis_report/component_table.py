@@ -10,6 +10,7 @@ from typing import Any, Final
 from app.pictures.analysis_report.drawing import largest
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import chapter_name, component_name
+from app.pictures.analysis_report.sizes import before_and_after, is_held_out
 from app.pictures.analysis_report.style import AFTER, BEFORE
 from app.pictures.analysis_report.tables import NUMBER, PICTURE, Column, body, row, table
 from app.pictures.analysis_report.words import decimals_for, escaped, figure_text
@@ -49,7 +50,7 @@ def component_section(result: Result) -> str:
 
 def _how_to_read(components: Sequence[Mapping[str, Any]], is_changed: bool) -> str:
     told = "Measured minus predicted, RMS on visits that took no part in what predicts them. "
-    if not all(_is_held_out(c) for c in components):
+    if not all(is_held_out(c) for c in components):
         told += "† Nothing could be held out: all visits. "
     marks = "ring: before, filled: after" if is_changed else "ring: residual"
     return (
@@ -97,7 +98,7 @@ def _cells(
     is_changed: bool,
 ) -> list[str]:
     name, code = component["component"], escaped(component_name(component["component"]))
-    mark = "" if _is_held_out(component) else "†"
+    mark = "" if is_held_out(component) else "†"
     *shown, floor = (figure_text(size, decimals) for size in sizes)
     within = figure_text(component["after_p95" if is_changed else "before_p95"], decimals)
     scatter = f"{figure_text(component['noise'], decimals)} ({component['noise_origin']})"
@@ -112,15 +113,10 @@ def _cells(
     ]
 
 
-def _is_held_out(component: Mapping[str, Any]) -> bool:
-    return component["holdout_before_rms"] is not None
-
-
 def _sizes(component: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Give before, after, floor; held out where that is possible."""
-    prefix = "holdout_" if _is_held_out(component) else ""
+    """Give before, after, floor; the scatter of one observation where there is no floor."""
     floor = component["floor"] if component["floor"] is not None else component["noise"]
-    return component[f"{prefix}before_rms"], component[f"{prefix}after_rms"], floor
+    return *before_and_after(component), floor
 
 
 def _picture(sizes: Sequence[float], reach: float, is_changed: bool) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from app.errors import list_names
 from app.pictures.analysis_report.head import ReportHead, Result
 from app.pictures.analysis_report.names import MARKS, VERDICTS, overall_unit
+from app.pictures.analysis_report.sizes import overall_size
 from app.pictures.analysis_report.words import (
     chance_text,
     decimals_for,
@@ -114,10 +115,8 @@ def _facts(head: ReportHead, result: Result) -> Mapping[str, str]:
 
 def _size(figures: Mapping[str, Any], decimals: int, unit: str) -> tuple[str, str]:
     """Write an RMS and what it is of."""
-    held, interval = figures["holdout_rms_um"], figures["holdout_rms_ci95_um"]
-    if held is None:
-        size = f"{figure_text(figures['rms_um'], decimals)} {unit}"
+    size = f"{figure_text(overall_size(figures), decimals)} {unit}"
+    if figures["holdout_rms_um"] is None:
         return size, "RMS of all visits; none held out"
-    low, high = (figure_text(limit, decimals) for limit in interval)
-    size = f"{figure_text(held, decimals)} {unit}"
+    low, high = (figure_text(limit, decimals) for limit in figures["holdout_rms_ci95_um"])
     return size, f"RMS on held-out visits, 95 % interval {low} to {high} {unit}"

@@ -19,7 +19,7 @@ from app.pictures.analysis_report.remains import (
 from app.pictures.analysis_report.style import SCRIPT, STYLE
 from app.pictures.analysis_report.visit_plots import visit_drawings
 from app.pictures.analysis_report.words import escaped
-from app.pictures.page import INLINE, plotly_script
+from app.pictures.page import INLINE, html_head
 
 WORDS: Final = """<footer class="quiet"><p>A residual is what an instrument measured minus what
 the model predicted. RMS is the root mean square. A visit is what was measured with one set-up.
@@ -54,15 +54,7 @@ def analysis_report(head: ReportHead, result: Result, *, plotly_js: str = INLINE
     # Where nothing was found, what would have been found is the answer.
     smallest = detectable_section(result)
     title = escaped(f"{head.machine_name}: analysis of residuals")
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>{STYLE}</style>
-{plotly_script(plotly_js)}
-</head>
+    return f"""{html_head(title, STYLE, plotly_js)}
 <body>
 {header(head, result)}
 <main>
