@@ -8,12 +8,16 @@ module also says which unit a field's name promises.
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Final
 
 UM_PER_MM: Final = 1000.0
 MM_PER_M: Final = 1000.0
 URAD_PER_RAD: Final = 1e6
+SECONDS_PER_MIN: Final = 60.0
+SECONDS_PER_H: Final = 3600.0
+SECONDS_PER_DAY: Final = 86400.0
 KELVIN_AT_0_C: Final = 273.15
 
 SMALLEST_POWER: Final = 5
@@ -104,3 +108,19 @@ def plus_minus(value: float, error: float | None, unit: str) -> str:
         return f"({scaled})·10{str(exponent).translate(_RAISED)} {unit}"
     digits = max(-power + (1 if error / 10.0**power < 1.5 else 0), 0)
     return f"{value:.{digits}f} ± {error:.{digits}f} {unit}"
+
+
+def date_text(time_s: float) -> str:
+    """Write a time as people do.
+
+    Parameters
+    ----------
+    time_s
+        Seconds since 1970-01-01 UTC.
+
+    Examples
+    --------
+    >>> date_text(0.0)
+    '1970-01-01 00:00 UTC'
+    """
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"

@@ -21,8 +21,9 @@ import typer
 from app.cli.delimited_text import DelimitedText, Problems, Row, plain_heading, read_delimited
 from app.cli.options import read_number
 from app.errors import list_names
+from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
-SECONDS_IN: Final = {"time_s": 1.0, "time_min": 60.0, "time_h": 3600.0}
+SECONDS_IN: Final = {"time_s": 1.0, "time_min": SECONDS_PER_MIN, "time_h": SECONDS_PER_H}
 TIME_COLUMNS: Final = ("time", *SECONDS_IN)
 _NO_VALUE: Final = frozenset({"nan", "null", "none", "-"})
 

@@ -18,6 +18,7 @@ from app.cli.csv_recording import Recording
 from app.live.reading_window import kept_spacing_s
 from app.thermal.machine import Sensor
 from app.thermal.sensor_health import CLEARLY
+from app.units import SECONDS_PER_MIN
 
 
 class Stamps(StrEnum):
@@ -122,7 +123,7 @@ def _seems_to_jump(
     Of readings that come closer than `spacing_s` the service keeps only some.
     """
     allowance_c = CLEARLY * sensor.resolution_c
-    rate_c_per_s = sensor.max_rate_c_per_min / 60.0
+    rate_c_per_s = sensor.max_rate_c_per_min / SECONDS_PER_MIN
     known = [
         (time_s / speed, values[sensor.name])
         for time_s, values in zip(recording.times_s, recording.temperatures_c, strict=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.thermal.temperature_history import TemperatureHistory
+from app.units import SECONDS_PER_DAY
 
 BLOCK_S: Final = 3600.0
 """Readings of one hour count once [s]."""
@@ -36,8 +37,6 @@ LEAST_K: Final = 2.0
 
 USUAL: Final = (0.05, 0.95)
 """Quantiles that bound a usual range."""
-
-SECONDS_PER_DAY: Final = 86400.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.conditions import SECONDS_PER_MIN
+from app.units import SECONDS_PER_MIN
 
 FOLDER = "lathe-imbd2025"
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
-from app.pictures.analysis_report.words import date_text, duration_text, true_minus
-from app.units import Unit, plus_minus, unit_of_field
+from app.pictures.analysis_report.words import duration_text, true_minus
+from app.units import Unit, date_text, plus_minus, unit_of_field
 
 VERDICTS: Final = {
     "effects-found": "Effects found",

@@ -5,14 +5,13 @@ from __future__ import annotations
 import html
 import math
 import re
-from datetime import UTC, datetime
 from typing import Final
+
+from app.units import SECONDS_PER_DAY, SECONDS_PER_H
 
 MOST_DECIMALS: Final = 4
 
 _NEGATIVE: Final = re.compile(r"(?<![\w.)])-(?=\d)")
-SECONDS_PER_HOUR: Final = 3600.0
-HOURS_PER_DAY: Final = 24.0
 
 
 def escaped(text: object) -> str:
@@ -125,26 +124,6 @@ def chance_text(probability: float) -> str:
     return f"{percent:.2g} %" if percent < 99.5 else "100 %"
 
 
-def date_text(time_s: float) -> str:
-    """Write a time as people do.
-
-    Parameters
-    ----------
-    time_s
-        Seconds since 1970-01-01 UTC.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> date_text(0.0)
-    '1970-01-01 00:00 UTC'
-    """
-    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
-
-
 def duration_text(seconds: float) -> str:
     """Write a span of time in hours or days.
 
@@ -162,8 +141,8 @@ def duration_text(seconds: float) -> str:
     >>> duration_text(43200.0), duration_text(345600.0)
     ('12 h', '4 days')
     """
-    hours = seconds / SECONDS_PER_HOUR
-    return f"{hours:.2g} h" if hours < 2 * HOURS_PER_DAY else f"{hours / HOURS_PER_DAY:.2g} days"
+    days = seconds / SECONDS_PER_DAY
+    return f"{days:.2g} days" if days >= 2 else f"{seconds / SECONDS_PER_H:.2g} h"
 
 
 def true_minus(number: str) -> str:
