@@ -22,10 +22,10 @@ from app.cli.options import MachineArgument, UrlOption, connect
 from app.client import ThermapClient, ThermapClientError, loop_calls
 from app.client.connection import DEFAULT_URL
 from app.errors import ThermapError, list_names
+from app.identification.search.findings import Status
 from app.storage.records import AnalysisStatus
 
 POLL_S: Final = 0.3
-CONFIRMED: Final = "confirmed"
 _GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
 
 
@@ -234,8 +234,8 @@ def _adopt(
     thermap: ThermapClient, machine: str, analysis_id: int, result: Mapping[str, Any]
 ) -> None:
     """Adopt what held-out visits confirm; say what was left."""
-    confirmed = [i for i, e in enumerate(result["effects"]) if e["status"] == CONFIRMED]
-    left = [e["explanation"] for e in result["effects"] if e["status"] != CONFIRMED]
+    confirmed = [i for i, e in enumerate(result["effects"]) if e["status"] == Status.CONFIRMED]
+    left = [e["explanation"] for e in result["effects"] if e["status"] != Status.CONFIRMED]
     if left:
         typer.echo(f"not adopted, because not confirmed: {list_names(left)}", err=True)
     if not confirmed:

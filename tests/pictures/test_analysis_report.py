@@ -15,8 +15,10 @@ from plotly.graph_objects import Figure
 
 import app.identification
 from app.errors import InvalidContent
+from app.identification.analyse import VERDICTS as GIVEN
+from app.identification.search.findings import Status
 from app.pictures.analysis_report import analysis_report
-from app.pictures.analysis_report.names import TESTS
+from app.pictures.analysis_report.names import MARKS, STATUSES, TESTS, VERDICTS
 from tests.pictures.example_analyses import ALL, FOUND, HEAD, LAG_CURVE, NOTHING, UNEXPLAINED
 
 ADDRESS = "/docs-assets/plotly.min.js"
@@ -317,3 +319,9 @@ def test_every_test_of_the_search_has_words():
     names = set(names_of_tests())
     assert len(names) >= 6
     assert names == set(TESTS)
+
+
+def test_every_verdict_and_every_status_has_words_and_a_mark():
+    assert set(VERDICTS) == set(GIVEN.values())
+    assert set(STATUSES) == set(Status)
+    assert set(MARKS) == set(VERDICTS) | set(STATUSES)
