@@ -1,4 +1,4 @@
-"""Arrays of double precision that nobody changes."""
+"""Kinds of arrays, and arrays of double precision that nobody changes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.intp]
+"""Counts, and numbers of places, rows, visits, channels."""
 
 
 def frozen(values: ArrayLike) -> FloatArray:

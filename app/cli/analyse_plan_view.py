@@ -92,5 +92,5 @@ def _not_testable(plan: Plan) -> Iterator[str]:
     for one in plan["not_testable"]:
         together.setdefault((one["on"], one["reason"]), []).append(kind_name(one["kind"]))
     for (on, reason), kinds in together.items():
-        subject = f" of {on}" if on not in ("", "none") else ""
+        subject = f" of {on}" if on else ""
         yield f"{list_names(kinds)}{subject}: {reason}"

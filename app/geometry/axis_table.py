@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
-
-IndexArray: TypeAlias = NDArray[np.intp]
+from app.arrays import FloatArray, IntArray
 
 MOST_BUCKETS: Final = 8192
 """Nodes so unevenly spaced that they need more are searched by bisection."""
@@ -31,7 +28,7 @@ CLOSEST_MM: Final = 1e-6
 class Located:
     """Where positions lie: how many nodes are not after each, and how far behind the last."""
 
-    count: IndexArray
+    count: IntArray
     beyond_mm: FloatArray
 
 
@@ -81,10 +78,10 @@ class NodeSearch:
         origin_mm = self._origins_mm.take(count, mode="clip")
         return Located(count, np.subtract(positions_mm, origin_mm, out=origin_mm))
 
-    def _bucket(self, positions_mm: FloatArray) -> IndexArray:
+    def _bucket(self, positions_mm: FloatArray) -> IntArray:
         scaled = positions_mm - self.nodes_mm[0]
         scaled *= self._per_mm
-        bucket: IndexArray = scaled.astype(np.intp)
+        bucket: IntArray = scaled.astype(np.intp)
         return bucket
 
 

@@ -12,9 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray, frozen
+from app.arrays import FloatArray, IntArray, frozen
 from app.errors import InvalidContent
-from app.geometry.axis_table import IndexArray
 from app.geometry.error_field import ErrorField
 from app.geometry.volumetric_error import NO_TOOL, as_points
 from app.geometry.work_volume import points_of
@@ -133,9 +132,7 @@ def sample_grid(
     return ErrorGrid(x, y, z, errors_um.reshape(x.size, y.size, z.size, 3))
 
 
-def place_in_cells(
-    nodes_mm: FloatArray, coordinates_mm: FloatArray
-) -> tuple[IndexArray, FloatArray]:
+def place_in_cells(nodes_mm: FloatArray, coordinates_mm: FloatArray) -> tuple[IntArray, FloatArray]:
     """Find the cell of each coordinate and the share of the way through it (8.102–8.104).
 
     Parameters

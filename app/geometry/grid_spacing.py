@@ -22,9 +22,8 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.errors import InvalidContent
-from app.geometry.axis_table import IndexArray
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.geometry.error_field import ErrorField
 from app.geometry.grid import ErrorGrid, sample_grid
@@ -267,7 +266,7 @@ def _left_in_the_middles(field: ErrorField, grid: ErrorGrid, tool: FloatArray) -
 
 def _coarsened(
     found: GridSpacing,
-    possible: Sequence[IndexArray],
+    possible: Sequence[IntArray],
     judge: Callable[[Counts], GridSpacing],
     tolerance_um: float,
 ) -> GridSpacing:

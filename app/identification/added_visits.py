@@ -8,11 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.campaign import Campaign
 from app.identification.conditions import SECONDS_PER_H, Conditions, recorded_conditions
-from app.identification.observations import BoolArray, Verification, observation_rows
-from app.identification.search.rows import IntArray
+from app.identification.observations import Verification, observation_rows
 from app.thermal.sensor_health import believed
 
 MOST_VISITS: Final = 6
@@ -39,15 +38,13 @@ class AddedVisit:
     states: Mapping[str, float]
 
 
-def choose_added_visits(campaign: Campaign, most: int = MOST_VISITS) -> list[AddedVisit]:
+def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
     """Choose moments of the record that differ most from the planned visits, and each other.
 
     Parameters
     ----------
     campaign
         The plan, inside the record.
-    most
-        How many.
 
     Returns
     -------
@@ -66,7 +63,7 @@ def choose_added_visits(campaign: Campaign, most: int = MOST_VISITS) -> list[Add
     there = _conditions(campaign, np.concatenate([begins_s, moments_s]))
     names, features = _features(there, begins_s.size)
     known = np.isfinite(features[begins_s.size :].sum(axis=1))
-    chosen = _furthest(np.nan_to_num(features), begins_s.size, known, most)
+    chosen = _furthest(np.nan_to_num(features), begins_s.size, known)
     return [_added(template, there, names, features, row, i) for i, row in enumerate(chosen)]
 
 
@@ -108,14 +105,14 @@ def _features(there: Conditions, planned: int) -> tuple[list[str], FloatArray]:
     return names, found
 
 
-def _furthest(features: FloatArray, planned: int, known: BoolArray, most: int) -> list[int]:
+def _furthest(features: FloatArray, planned: int, known: BoolArray) -> list[int]:
     """Choose one moment after the other, each furthest from all before it."""
     chosen: list[int] = []
     away = np.full(len(features) - planned, np.inf)
     for row in range(planned):
         away = np.minimum(away, np.linalg.norm(features[planned:] - features[row], axis=1))
     away = np.where(known, away, -1.0)
-    while len(chosen) < most and away.max(initial=-1.0) > 0:
+    while len(chosen) < MOST_VISITS and away.max(initial=-1.0) > 0:
         best = int(away.argmax())
         chosen.append(planned + best)
         away = np.minimum(

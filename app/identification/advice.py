@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.errors import list_names
-from app.identification.analysis import Figures, FoundEffect, NotTested, UnexplainedPart
+from app.identification.analysis import Figures, FoundEffect, UnexplainedPart
+from app.identification.effects.kind import NotTested
 from app.identification.effects.registry import kind_of
 
 

@@ -15,10 +15,9 @@ from app.identification.advice import summary, what_next
 from app.identification.analysis import (
     Analysis,
     FoundEffect,
-    LeftOutCount,
-    NotTested,
     SmallestSeen,
     UnexplainedPart,
+    by_reason,
 )
 from app.identification.before_after import (
     component_figures,
@@ -30,6 +29,7 @@ from app.identification.before_after import (
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.curves import plots
 from app.identification.doubted_sensors import comparisons, doubts
+from app.identification.effects.kind import NotTested
 from app.identification.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.identification.effects.sensor_fault import SPIKES
 from app.identification.effects.site import Site
@@ -37,9 +37,9 @@ from app.identification.found_effects import Found, faults_of_readings, found_ef
 from app.identification.leads import leads, words_of
 from app.identification.map_uncertainty import map_uncertainty
 from app.identification.reading_faults import ReadingFaults, reading_faults
-from app.identification.residuals import Residuals, channel_unit, zero_columns
+from app.identification.residuals import LeftOut, Residuals, channel_unit, zero_columns
 from app.identification.search.findings import Findings, Untested, Verdict
-from app.identification.search.search import Cancelled, Progress, search
+from app.identification.search.search import Progress, search
 
 VERDICTS: Final = {
     Verdict.FOUND: "effects-found",
@@ -52,9 +52,6 @@ OUTLIERS: Final = {"outlier": "outlier", "visit-apart": "a visit far from all ot
 PREPARED: Final = 0.05
 """Share of the work before the search begins."""
 
-MOST_SUBJECTS: Final = 12
-"""So many subjects are named behind one reason."""
-
 
 def analyse(
     campaign: Campaign,
@@ -63,7 +60,6 @@ def analyse(
     kinds: Collection[str] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-    cancelled: Cancelled | None = None,
 ) -> Analysis:
     """Find what a model lacks, or say that nothing can be found.
 
@@ -79,8 +75,6 @@ def analyse(
         Of all draws: the same campaign and seed give the same answer.
     progress
         Told the share done, 0 to 1, never falling, and what is being done.
-    cancelled
-        Asked often; the analysis stops when it says yes.
 
     Returns
     -------
@@ -91,8 +85,6 @@ def analyse(
     InvalidContent
         If there is no such kind, no observation can be compared with the model, or measured
         values are evidently in another unit.
-    SearchCancelled
-        If it was told to stop.
     """
     if progress is not None:
         progress(0.0, "subtracting the model")
@@ -110,7 +102,6 @@ def analyse(
         holdout_fraction=holdout_fraction,
         seed=seed,
         progress=_later(progress),
-        cancelled=cancelled,
     )
     use = used_rows(findings, len(rows.values))
     found = Found(residuals, rows, findings, use, library.hypotheses)
@@ -184,7 +175,7 @@ def _answer(
         effects=tuple(described),
         unexplained=tuple(unexplained),
         excluded=tuple(_excluded(found.residuals, findings)),
-        not_testable=tuple(not_testable),
+        not_testable=not_testable,
         detectable=tuple(_detectable(found)),
         what_next=what_next(described, unexplained, not_testable, found.residuals.rows.visits),
         plots=plots(found, effects),
@@ -227,25 +218,22 @@ def _unexplained(found: Found, left: FloatArray) -> list[UnexplainedPart]:
     return sorted(parts, key=lambda p: -p.rms_um / max(p.noise_um, 1e-12))
 
 
-def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOutCount]:
+def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOut]:
     counts = Counter({one.reason: one.count for one in residuals.left_out})
     for one in findings.excluded:
         counts[OUTLIERS[one.reason]] += len(one.rows)
-    return [LeftOutCount(reason, count) for reason, count in counts.most_common()]
+    return [LeftOut(reason, count) for reason, count in counts.most_common()]
 
 
-def _not_testable(library: Repertoire, findings: Findings) -> list[NotTested]:
-    """List what could not be tested, subjects with the same reason together."""
-    subjects: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for one in library.not_testable:
-        subjects[one.kind, one.reason].append(one.subject)
-    for untested in findings.untested:
-        hypothesis = library.hypotheses[untested.key]
-        subjects[hypothesis.kind, _why(untested)].append(list_names(hypothesis.components, 3))
-    return [
-        NotTested(kind, list_names(filter(None, dict.fromkeys(names)), MOST_SUBJECTS), reason)
-        for (kind, reason), names in subjects.items()
-    ]
+def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, ...]:
+    """List what could not be tested: what the kinds say, and what the search says."""
+    hypotheses = [(library.hypotheses[one.key], _why(one)) for one in findings.untested]
+    return by_reason(
+        [
+            *library.not_testable,
+            *(NotTested(h.kind, list_names(h.components, 3), why) for h, why in hypotheses),
+        ]
+    )
 
 
 def _why(untested: Untested) -> str:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from app.errors import list_names
 from app.identification.effects.effect import Effect
+from app.identification.effects.kind import NotTested
+from app.identification.residuals import LeftOut
+
+MOST_SUBJECTS: Final = 12
+"""So many subjects are named behind one reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,23 +198,6 @@ class UnexplainedPart:
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOutCount:
-    """How many values took no part, and why."""
-
-    reason: str
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
-class NotTested:
-    """What these observations cannot show, and why."""
-
-    kind: str
-    on: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class SmallestSeen:
     """The smallest effect of one kind on one component that would have been seen.
 
@@ -261,7 +251,7 @@ class Analysis:
     components: tuple[ComponentFigures, ...]
     effects: tuple[FoundEffect, ...]
     unexplained: tuple[UnexplainedPart, ...]
-    excluded: tuple[LeftOutCount, ...]
+    excluded: tuple[LeftOut, ...]
     not_testable: tuple[NotTested, ...]
     detectable: tuple[SmallestSeen, ...]
     what_next: tuple[str, ...]
@@ -271,6 +261,28 @@ class Analysis:
         """Write it down: JSON's own types, every number finite."""
         found: dict[str, Any] = plain(self)
         return found
+
+
+def by_reason(not_tested: Iterable[NotTested]) -> tuple[NotTested, ...]:
+    """Name what one kind cannot show for the same reason together.
+
+    Parameters
+    ----------
+    not_tested
+        One by one, repeated or not.
+
+    Examples
+    --------
+    >>> by_reason([NotTested("drift", "EXX", "few"), NotTested("drift", "EXY", "few")])
+    (NotTested(kind='drift', on='EXX, EXY', reason='few'),)
+    """
+    together: dict[tuple[str, str], dict[str, None]] = defaultdict(dict)
+    for one in not_tested:
+        together[one.kind, one.reason] |= {one.on: None} if one.on else {}
+    return tuple(
+        NotTested(kind, list_names(names, MOST_SUBJECTS) if names else "", reason)
+        for (kind, reason), names in together.items()
+    )
 
 
 def plain(value: Any) -> Any:

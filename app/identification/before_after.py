@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.analysis import ComponentFigures, Figures
-from app.identification.observations import BoolArray
 from app.identification.residuals import Residuals, channel_unit
 from app.identification.search.figures import figure
 from app.identification.search.findings import Findings
-from app.identification.search.rows import Datum, IntArray, Rows
+from app.identification.search.rows import Datum, Rows
 from app.units import Unit
 
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.errors import list_names
 from app.identification.low_pass import (
     SETTLED,
@@ -227,7 +226,7 @@ class Conditions:
         """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
         return self.lags.lagged(signal, time_constant_s, self.times_s)
 
-    def take(self, rows: NDArray[np.intp]) -> Conditions:
+    def take(self, rows: IntArray) -> Conditions:
         """Keep some rows; the past is shared."""
         return Conditions(
             self.times_s[rows],

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.before_after import without_zeros
 from app.identification.effects.driver import (
@@ -23,7 +23,6 @@ from app.identification.effects.effect import Effect
 from app.identification.found_effects import Found
 from app.identification.observations import POINT_CHANNELS
 from app.identification.residuals import channel_unit
-from app.identification.search.rows import IntArray
 
 MOST_POINTS: Final = 400
 DIGITS: Final = 5

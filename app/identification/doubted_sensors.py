@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from app.identification.analysis import NotTested
+from app.identification.effects.kind import NotTested
 from app.identification.effects.sensor_fault import SensorFault
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.doubtful_sensors import DoubtfulSensor, doubtful_sensors, without_doubtful

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.conditions import Conditions
 from app.identification.effects.effect import Effect
 from app.identification.effects.sensor_fault import SensorFault
-from app.identification.observations import BoolArray
 from app.thermal.compiled_model import CompiledModel
 
 

@@ -9,18 +9,17 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.analysis import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.before_after import lengths, unknown_zeros, without_zeros
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Estimate, Hypothesis
 from app.identification.effects.registry import explain, separating_measurement
-from app.identification.observations import BoolArray
 from app.identification.projection import sum_of_terms
 from app.identification.reading_faults import ReadingFaults
 from app.identification.residuals import Residuals, channel_unit
 from app.identification.search.findings import Findings, FoundTerm, Rival, Status
-from app.identification.search.rows import IntArray, Rows
+from app.identification.search.rows import Rows
 from app.units import Unit
 
 HIGH_LEVERAGE: Final = 0.6

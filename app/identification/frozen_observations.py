@@ -12,10 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.conditions import Conditions
-from app.identification.observations import BoolArray, ObservationRows
-from app.identification.search.rows import IntArray
+from app.identification.observations import ObservationRows
 
 FROZEN: Final = "the instrument repeated one value"
 """Why such a row takes no part."""

@@ -12,11 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.identification.effects.site import Site
 from app.identification.observations import POINT_CHANNELS
 from app.identification.search.candidate import Candidate, Part
-from app.identification.search.rows import IntArray
 
 WAVES: Final = 3
 """Cosines over the range of a quantity: half a period, one, one and a half."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.geometry.axis_table import CLOSEST_MM
 from app.geometry.components import COMPONENTS, ORDER, Component
 from app.identification.conditions import Conditions
@@ -18,7 +18,6 @@ from app.identification.effects.site import travel_of
 from app.identification.effects.term import Term
 from app.identification.faulty_sensors import set_faulty_aside
 from app.identification.map_tables import positions_of
-from app.identification.observations import BoolArray
 from app.identification.projection import Projection, sum_of_terms
 from app.thermal.compiled_model import CompiledModel, GroupState
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import FloatArray
-from app.identification.search.rows import IntArray
+from app.arrays import FloatArray, IntArray
 from app.thermal.compiled_model import CompiledModel, Group, Member
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import OutOfRange
@@ -91,7 +90,9 @@ class TemperatureTable:
         """
         start = self._start(temperatures_c)
         low, high = self.temperatures_c[[0, -1]]
-        target = np.clip(temperatures_c + by_k, low - self.reach_margin_c, high + self.reach_margin_c)
+        target = np.clip(
+            temperatures_c + by_k, low - self.reach_margin_c, high + self.reach_margin_c
+        )
         after = self._read(target, positions_mm, directions)
         return after - self._read(start, positions_mm, directions)
 

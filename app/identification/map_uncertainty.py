@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.identification.map_tables import hat_weights, maps_of_label
 from app.identification.observations import POINT_CHANNELS
 from app.identification.projection import Projection, View
-from app.identification.search.rows import IntArray, Nuisance
+from app.identification.search.rows import Nuisance
 from app.thermal.compiled_model import CompiledModel, Group, Member
 from app.thermal.error_map import ErrorMap
 from app.units import Unit

@@ -13,14 +13,12 @@ from dataclasses import dataclass, field, replace
 from typing import Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
-from app.identification.search.rows import Datum, IntArray
+from app.identification.search.rows import Datum
 
-BoolArray: TypeAlias = NDArray[np.bool_]
 Triple: TypeAlias = tuple[float, float, float]
 
 POINT_CHANNELS: Final = ("points x", "points y", "points z")
@@ -232,18 +230,16 @@ class ObservationRows:
         )
 
 
-def observation_rows(
-    verifications: Sequence[Verification], visit_gap_s: float = VISIT_GAP_S
-) -> ObservationRows:
+def observation_rows(verifications: Sequence[Verification]) -> ObservationRows:
     """Lay verifications out as rows.
+
+    A pause within a verification begins another visit if it is longer than `VISIT_GAP_S`, or
+    long beside the verification's usual intervals.
 
     Parameters
     ----------
     verifications
         At least one observation in all.
-    visit_gap_s
-        A longer pause within a verification begins another visit [s], and so does one that is
-        long beside the verification's usual intervals.
 
     Returns
     -------
@@ -279,7 +275,7 @@ def observation_rows(
     rows = ObservationRows(
         channels=channels,
         channel=np.array([number[name] for name in names], dtype=np.intp),
-        visit=_visits(times, verification, visit_gap_s),
+        visit=_visits(times, verification),
         replicate=np.full(len(flat), -1, dtype=np.intp),
         verification=verification,
         observation=np.array([j for _, j, *_ in flat], dtype=np.intp),
@@ -337,15 +333,15 @@ def _states(observations: Sequence[Observation]) -> dict[str, FloatArray]:
     }
 
 
-def _visits(times_s: FloatArray, verification: IntArray, gap_s: float) -> IntArray:
+def _visits(times_s: FloatArray, verification: IntArray) -> IntArray:
     """Number the visits in the order in which they began."""
     begun: list[tuple[float, IntArray]] = []
     for which in np.unique(verification):
         own = np.flatnonzero(verification == which)
         own = own[np.argsort(times_s[own], kind="stable")]
         pauses = np.diff(times_s[own])
-        usual_s = float(np.median(pauses[pauses > 0])) if (pauses > 0).any() else gap_s
-        limit_s = min(max(PAUSE * usual_s, SHORTEST_PAUSE_S), gap_s)
+        usual_s = float(np.median(pauses[pauses > 0])) if (pauses > 0).any() else VISIT_GAP_S
+        limit_s = min(max(PAUSE * usual_s, SHORTEST_PAUSE_S), VISIT_GAP_S)
         breaks = np.flatnonzero(pauses > limit_s) + 1
         begun += [(float(times_s[part[0]]), part) for part in np.split(own, breaks)]
     visits = np.empty(len(times_s), dtype=np.intp)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final
 
 from app.identification.conditions import (
     Recording,
@@ -24,8 +24,6 @@ from app.thermal.temperature_history import TemperatureHistory
 
 FORGOTTEN: Final = 30.0
 """Time constants after which a filter's beginning is lost in rounding: exp(−30) is 1e-13."""
-
-Filters: TypeAlias = Mapping[tuple[Signal, float], LagState | None]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from app.identification.analysis import LeftOutCount, NotTested, plain
+from app.identification.analysis import plain
+from app.identification.effects.kind import NotTested
+from app.identification.residuals import LeftOut
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,7 @@ class Plan:
     notes: tuple[str, ...]
     effects: tuple[PlannedEffect, ...]
     not_testable: tuple[NotTested, ...]
-    excluded: tuple[LeftOutCount, ...]
+    excluded: tuple[LeftOut, ...]
     suggestions: tuple[Suggestion, ...]
 
     def to_json(self) -> dict[str, Any]:

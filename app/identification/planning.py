@@ -7,19 +7,20 @@ the record, which stand for them.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from app.arrays import BoolArray
 from app.errors import InvalidContent, list_names
 from app.identification.added_visits import AddedVisit, choose_added_visits
-from app.identification.analysis import LeftOutCount, NotTested
+from app.identification.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.conditions import SECONDS_PER_DAY
 from app.identification.effects.hypothesis import Hypothesis
+from app.identification.effects.kind import NotTested
 from app.identification.effects.registry import Repertoire, repertoire, separating_measurement
 from app.identification.effects.site import Site
 from app.identification.map_uncertainty import map_uncertainty
@@ -29,7 +30,6 @@ from app.identification.residuals import Residuals, channel_unit, zero_columns
 from app.identification.search.detectability import smallest_effects
 from app.identification.search.findings import Detectable
 from app.identification.search.library import Library, read_library
-from app.identification.search.moments import BoolArray
 from app.identification.search.problem import Problem, make_problem
 from app.identification.search.rows import DeclaredNoise, Rows
 from app.identification.search.search import FEWEST_VISITS
@@ -95,8 +95,8 @@ def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
         values=int(own.sum()),
         notes=(*notes, *assumed),
         effects=tuple(sorted(effects, key=_hardness)),
-        not_testable=tuple(_not_testable(library, seen)),
-        excluded=tuple(LeftOutCount(one.reason, one.count) for one in residuals.left_out),
+        not_testable=_not_testable(library, seen),
+        excluded=residuals.left_out,
         suggestions=tuple(suggestions),
     )
 
@@ -305,18 +305,15 @@ def _hardness(effect: PlannedEffect) -> float:
     return -(np.inf if told is None else told)
 
 
-def _not_testable(library: Repertoire, seen: Mapping[str, Detectable]) -> list[NotTested]:
+def _not_testable(library: Repertoire, seen: Mapping[str, Detectable]) -> tuple[NotTested, ...]:
     """List what the plan cannot show: what the kinds say, and what it does not excite."""
-    subjects: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for one in library.not_testable:
-        subjects[one.kind, one.reason].append(one.subject)
-    for key, own in library.hypotheses.items():
-        if key not in seen:
-            subjects[own.kind, NOT_SEEN].append(list_names(own.components, 3))
-    return [
-        NotTested(kind, list_names(filter(None, dict.fromkeys(names)), 12), reason)
-        for (kind, reason), names in subjects.items()
-    ]
+    unseen = [own for key, own in library.hypotheses.items() if key not in seen]
+    return by_reason(
+        [
+            *library.not_testable,
+            *(NotTested(own.kind, list_names(own.components, 3), NOT_SEEN) for own in unseen),
+        ]
+    )
 
 
 def _summary(

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.geometry.measuring_line import MeasuringLines
@@ -23,7 +23,6 @@ from app.identification.effects.shape import Places
 from app.identification.effects.term import Term
 from app.identification.observations import POINT_CHANNELS, ObservationRows
 from app.identification.search.candidate import Part
-from app.identification.search.rows import IntArray
 from app.thermal.compiled_model import CompiledModel
 
 

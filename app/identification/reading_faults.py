@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.campaign import Campaign
 from app.identification.conditions import SECONDS_PER_H
 from app.identification.effects.driver import StepAfter
@@ -101,7 +100,7 @@ def reading_faults(campaign: Campaign) -> ReadingFaults:
     )
 
 
-def spike_rows(campaign: Campaign, sensor: str) -> NDArray[np.bool_]:
+def spike_rows(campaign: Campaign, sensor: str) -> BoolArray:
     """Find readings that lie far from those before and after them.
 
     Parameters
@@ -127,7 +126,7 @@ def spike_rows(campaign: Campaign, sensor: str) -> NDArray[np.bool_]:
     return found
 
 
-def _far(values: FloatArray, resolution_c: float) -> NDArray[np.bool_]:
+def _far(values: FloatArray, resolution_c: float) -> BoolArray:
     found = np.zeros(values.shape, dtype=np.bool_)
     known = np.flatnonzero(~np.isnan(values))
     if known.size < WINDOW:
@@ -144,7 +143,7 @@ def _far(values: FloatArray, resolution_c: float) -> NDArray[np.bool_]:
 
 
 def _spiking(
-    campaign: Campaign, sensor: str, spikes: NDArray[np.bool_], cleaned: TemperatureHistory
+    campaign: Campaign, sensor: str, spikes: BoolArray, cleaned: TemperatureHistory
 ) -> tuple[Effect, str]:
     times_s = campaign.readings.times_s
     known_s, known_c = cleaned.known(sensor)

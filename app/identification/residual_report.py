@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.before_after import lengths, pooled, unknown_zeros, without_zeros
-from app.identification.observations import BoolArray
 from app.identification.residual_summary import Summary, summarise
 from app.identification.residuals import LeftOut, Residuals, channel_unit
 from app.identification.search.noise import repeatability

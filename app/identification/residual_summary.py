@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
-from app.identification.observations import BoolArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.residuals import Residuals, channel_unit
 from app.units import Unit
 

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.conditions import Conditions
@@ -17,14 +17,9 @@ from app.identification.effects.effect import Effect
 from app.identification.faulty_sensors import set_faulty_aside
 from app.identification.frozen_observations import FROZEN, frozen_rows
 from app.identification.live_effects import contributions
-from app.identification.observations import (
-    POINT_CHANNELS,
-    BoolArray,
-    ObservationRows,
-    repeated_rows,
-)
+from app.identification.observations import POINT_CHANNELS, ObservationRows, repeated_rows
 from app.identification.projection import Projection, places_of
-from app.identification.search.rows import DeclaredNoise, IntArray, Nuisance, Rows
+from app.identification.search.rows import DeclaredNoise, Nuisance, Rows
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel, Group
 from app.thermal.machine import Machine

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.identification.analysis import plain
@@ -22,13 +22,16 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.e_process import EProcess
 from app.identification.map_uncertainty import map_uncertainty
 from app.identification.residuals import Residuals, channel_unit
-from app.identification.search.rows import Datum
+from app.identification.search.rows import Datum, Nuisance, Rows
 
 FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""
 
+LIMIT: Final = 1.0 / FALSE_ALARM
+"""Evidence that an unchanged machine reaches with that probability at most."""
+
 ASSUMED_SETUP: Final = 0.5
-"""Set-up scatter of level and slopes where none is known, in repeatabilities."""
+"""Set-up scatter of level and slopes, in repeatabilities."""
 
 STATED_WEIGHT: Final = 20.0
 """A stated repeatability counts as much as so many observations."""
@@ -163,13 +166,7 @@ class Judgement:
         return found
 
 
-def watch(
-    campaign: Campaign,
-    state: WatchState,
-    *,
-    setup_shares: Mapping[str, float] | None = None,
-    false_alarm: float = FALSE_ALARM,
-) -> tuple[Judgement, WatchState]:
+def watch(campaign: Campaign, state: WatchState) -> tuple[Judgement, WatchState]:
     """Judge new verifications against the active model, after those that came before.
 
     Parameters
@@ -178,11 +175,6 @@ def watch(
         The new verifications alone, with the readings around them and the adopted effects.
     state
         What the verifications before have left; a new one for a new model version.
-    setup_shares
-        Component (or `points x` …) to its set-up scatter in repeatabilities, where an analysis
-        has found it; half a repeatability without it.
-    false_alarm
-        Probability that an unchanged machine is ever called changed.
 
     Returns
     -------
@@ -195,36 +187,18 @@ def watch(
     InvalidContent
         If nothing can be compared with the model, or values are in another unit.
     """
-    residuals = residuals_of(campaign)
-    rows = residuals.as_rows()
-    tilt = _along_travels(residuals)
-    nuisance = {n.channel: n for n in map_uncertainty(residuals.projection, campaign.maps)}
-    limit = 1.0 / false_alarm
-    seen: dict[str, float] = {}
+    sheet = _Sheet.of(campaign)
+    rows, times_s = sheet.rows, sheet.residuals.rows.times_s
+    sizes: dict[str, float] = {}
     visits = np.unique(rows.visit).tolist()
     for visit in visits:
-        for channel in np.unique(rows.channel[rows.visit == visit]).tolist():
-            name = residuals.rows.channels[channel]
-            own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-            maps = np.zeros((len(own), 0))
-            if channel in nuisance:
-                at = np.searchsorted(nuisance[channel].rows, own)
-                maps = nuisance[channel].columns[at] * nuisance[channel].prior
-            share = (setup_shares or {}).get(name, ASSUMED_SETUP)
-            fit = _Fit.of(rows.values[own], tilt[own])
-            noise = state.noise.get(name, Noise()).plus(fit)
-            state = replace(state, noise={**state.noise, name: noise})
-            declared = rows.noise.get(channel)
-            variance = noise.variance(declared.repeatability if declared else None)
-            if variance is not None:
-                is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
-                numbers = fit.numbers(variance, share, maps, is_zeroed)
-                state, sizes = _taken(state, name, numbers)
-                seen |= sizes
-        if state.beyond_since_s is None and state.evidence() >= limit:
-            begun_s = float(residuals.rows.times_s[rows.visit == visit].min())
-            state = replace(state, beyond_since_s=begun_s)
-    return _judgement(residuals, state, seen, false_alarm, len(visits)), state
+        here = rows.visit == visit
+        for channel in np.unique(rows.channel[here]).tolist():
+            state, expected = _after_channel(state, sheet, visit, channel)
+            sizes |= expected
+        if state.beyond_since_s is None and state.evidence() >= LIMIT:
+            state = replace(state, beyond_since_s=float(times_s[here].min()))
+    return _judgement(state, sizes, len(visits)), state
 
 
 def watch_state_from_json(stored: Mapping[str, Any]) -> WatchState:
@@ -251,6 +225,51 @@ def watch_state_from_json(stored: Mapping[str, Any]) -> WatchState:
         raise InvalidContent.of_field(
             "watch", f"expected a stored state, came one that lacks or mistakes {error}"
         ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """New verifications as rows, with what each row is judged by."""
+
+    residuals: Residuals
+    rows: Rows
+    tilt: FloatArray
+    nuisance: Mapping[int, Nuisance]
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> _Sheet:
+        residuals = residuals_of(campaign)
+        nuisance = map_uncertainty(residuals.projection, campaign.maps)
+        return cls(
+            residuals,
+            residuals.as_rows(),
+            _along_travels(residuals),
+            {one.channel: one for one in nuisance},
+        )
+
+    def maps(self, channel: int, own: IntArray) -> FloatArray:
+        """Give what the maps' uncertainty may do to some rows of a channel, shape (m, p)."""
+        if channel not in self.nuisance:
+            return np.zeros((len(own), 0))
+        nuisance = self.nuisance[channel]
+        return nuisance.columns[np.searchsorted(nuisance.rows, own)] * nuisance.prior
+
+
+def _after_channel(
+    state: WatchState, sheet: _Sheet, visit: int, channel: int
+) -> tuple[WatchState, dict[str, float]]:
+    """Take one channel of one visit; also give what deviation was to be expected of each number."""
+    rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
+    own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+    fit = _Fit.of(rows.values[own], sheet.tilt[own])
+    noise = state.noise.get(name, Noise()).plus(fit)
+    state = replace(state, noise={**state.noise, name: noise})
+    declared = rows.noise.get(channel)
+    variance = noise.variance(declared.repeatability if declared else None)
+    if variance is None:
+        return state, {}
+    is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
+    return _taken(state, name, fit.numbers(variance, sheet.maps(channel, own), is_zeroed))
 
 
 def _along_travels(residuals: Residuals) -> FloatArray:
@@ -311,11 +330,9 @@ class _Fit:
             len(values) - len(kept),
         )
 
-    def numbers(
-        self, variance: float, share: float, maps: FloatArray, is_zeroed: bool
-    ) -> list[_Number]:
+    def numbers(self, variance: float, maps: FloatArray, is_zeroed: bool) -> list[_Number]:
         """Give each number with its scatter; of an unknown zero not the level."""
-        scatter = variance * (np.sum(self.inverse**2, axis=1) + share**2)
+        scatter = variance * (np.sum(self.inverse**2, axis=1) + ASSUMED_SETUP**2)
         known = np.sum((self.inverse @ maps) ** 2, axis=1)
         return [
             _Number(name, *(float(x) for x in numbers))
@@ -347,24 +364,17 @@ def _taken(
     return replace(state, streams=streams), sizes
 
 
-def _judgement(
-    residuals: Residuals,
-    state: WatchState,
-    sizes: Mapping[str, float],
-    false_alarm: float,
-    visits: int,
-) -> Judgement:
-    evidence, limit = state.evidence(), 1.0 / false_alarm
+def _judgement(state: WatchState, sizes: Mapping[str, float], visits: int) -> Judgement:
     is_beyond = state.beyond_since_s is not None
     order = sorted(sizes, key=lambda key: -state.streams[key].process.evidence)
     beyond = tuple(_beyond(state, key, sizes[key]) for key in order[:MOST_NAMED])
-    told = tuple(b for b in beyond if b.evidence >= limit) or beyond[:1]
+    told = tuple(b for b in beyond if b.evidence >= LIMIT) or beyond[:1]
     return Judgement(
         "beyond" if is_beyond else "within",
-        evidence,
-        limit,
-        false_alarm,
-        _sentence(told if is_beyond else (), false_alarm),
+        state.evidence(),
+        LIMIT,
+        FALSE_ALARM,
+        _sentence(told if is_beyond else ()),
         told if is_beyond else (),
         visits,
     )
@@ -377,7 +387,7 @@ def _beyond(state: WatchState, key: str, size: float) -> Beyond:
     return Beyond(component, what, unit, stream.last, size, stream.process.evidence)
 
 
-def _sentence(beyond: Sequence[Beyond], false_alarm: float) -> str:
+def _sentence(beyond: Sequence[Beyond]) -> str:
     if not beyond:
         return (
             "The machine is as its model says, within the scatter of measurement, set-up and maps."
@@ -386,5 +396,5 @@ def _sentence(beyond: Sequence[Beyond], false_alarm: float) -> str:
     return (
         f"The machine is no longer as its model says: the {one.what} of {one.component} is off by "
         f"{one.deviation:.2g} {one.unit}, where ±{one.expected_sd:.2g} {one.unit} were expected "
-        f"(by chance in at most {false_alarm:.0%} of all unchanged machines, ever)."
+        f"(by chance in at most {FALSE_ALARM:.0%} of all unchanged machines, ever)."
     )

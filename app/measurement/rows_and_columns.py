@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
-
-IndexArray = NDArray[np.intp]
+from app.arrays import FloatArray, IntArray
 
 DECIMALS: Final = 6
 """Of nominal coordinates in mm that are the same row or column."""
@@ -24,7 +21,7 @@ class GridFit(NamedTuple):
 
     coordinates_mm: tuple[FloatArray, FloatArray]
     operators: tuple[FloatArray, FloatArray]
-    holes: IndexArray
+    holes: IntArray
     noise_um: FloatArray
     degrees_of_freedom: int
     residuals_um: FloatArray
@@ -79,7 +76,7 @@ def fit_rows_and_columns(nominal_mm: FloatArray, errors_um: FloatArray) -> GridF
     )
 
 
-def _on_rows_and_columns(rounded: FloatArray) -> IndexArray:
+def _on_rows_and_columns(rounded: FloatArray) -> IntArray:
     """Keep holes that share their column and their row with another kept hole."""
     kept = np.arange(len(rounded))
     while kept.size:
@@ -93,7 +90,7 @@ def _on_rows_and_columns(rounded: FloatArray) -> IndexArray:
     return kept
 
 
-def _centred(operator: FloatArray, holes: IndexArray) -> FloatArray:
+def _centred(operator: FloatArray, holes: IntArray) -> FloatArray:
     """Take the mean over the holes out of a part."""
     mean: FloatArray = holes @ operator / holes.sum()
     return operator - mean

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.arrays import BoolArray
 from app.errors import InvalidContent, expect_each_once
 from app.identification.campaign import residuals_of
-from app.identification.observations import BoolArray
 from app.identification.projection import Projection
 from app.identification.residual_report import ResidualReport, residual_report
 from app.identification.residuals import Residuals

@@ -7,9 +7,8 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.errors import Conflict
 from app.thermal.error_map import ComponentTable
 from app.thermal.uncertainty import variances_of
@@ -189,8 +188,8 @@ def interpolation_matrix(table: ComponentTable, positions_mm: FloatArray) -> Flo
 class _Neighbours(NamedTuple):
     """Of n positions the nodes to their left and right, and the right one's share."""
 
-    left: NDArray[np.intp]
-    right: NDArray[np.intp]
+    left: IntArray
+    right: IntArray
     share: FloatArray
 
 

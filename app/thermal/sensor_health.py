@@ -7,12 +7,12 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.errors import FieldError, InvalidContent, UnknownThing
 from app.thermal.machine import Machine, Sensor
 from app.thermal.temperature_history import TemperatureHistory
+from app.units import SECONDS_PER_MIN
 
 CLEARLY = 10.0
 """A movement of this many resolutions is one that a sensor must show."""
@@ -238,18 +238,18 @@ def _judge_range(sensor: Sensor, value: float, age_s: float | None) -> SensorSta
     return SensorState(sensor.name, Health.OUT_OF_RANGE, value, age_s, detail)
 
 
-def _in_range(sensor: Sensor, values: FloatArray) -> NDArray[np.bool_]:
+def _in_range(sensor: Sensor, values: FloatArray) -> BoolArray:
     return (values >= sensor.min_c) & (values <= sensor.max_c)
 
 
-def _jumped(sensor: Sensor, times: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+def _jumped(sensor: Sensor, times: FloatArray, values: FloatArray) -> BoolArray:
     """Compare each value with the last believed one: heat moves only so fast.
 
     A value that jumped is not believed until it comes back, or until so much time
     has passed that the change could have been a real one.
     """
     allowance = CLEARLY * sensor.resolution_c
-    rate = sensor.max_rate_c_per_min / 60.0
+    rate = sensor.max_rate_c_per_min / SECONDS_PER_MIN
     jumped = np.zeros(values.shape, dtype=bool)
     if (np.abs(np.diff(values)) <= rate * np.diff(times) + allowance).all():
         return jumped
@@ -269,7 +269,7 @@ def _stuck(
     history: TemperatureHistory,
     times: FloatArray,
     values: FloatArray,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Find values that did not change at all though the neighbours moved long enough ago.
 
     The middle one of the neighbours must have moved clearly since this sensor's last

@@ -5,6 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.identification.search.candidate import Candidate, Part
+from app.identification.search.detectability import smallest_effects
+from app.identification.search.library import read_library
+from app.identification.search.problem import make_problem
 from app.identification.search.rows import Datum, DeclaredNoise, Nuisance, Rows
 
 REPEATABILITY, SHIFT, TILT, MAP = 1.0, 0.8, 0.4, 0.4
@@ -119,6 +122,19 @@ def make_library(campaign, pitches=40):
             found.append(single(c, f"step-{n}", "step", n, lambda t: (c.time > t) * 1.0,
                                 grid=steps, trending=True))  # fmt: skip
     return [*found, fingerprint(c)]
+
+
+def detectable(campaign, candidates, false_alarm=0.01):
+    """What the rows could show, whatever their values are: the smallest effects."""
+    cells = dict.fromkeys(np.unique(campaign.rows.visit).tolist(), 0)
+    everything = np.ones(len(campaign.rows.values), dtype=bool)
+    problem = make_problem(campaign.rows, campaign.nuisance, everything, cells, 1)
+    library = read_library(problem, candidates, None)
+    states = problem.states(np.ones(1, dtype=bool))
+    level = {c: s.fixed.channel.declared for c, s in states.items()}
+    allowed = np.array([not candidates[e.candidate].generic for e in library.entries])
+    limit = false_alarm / int(allowed.sum())
+    return smallest_effects(library, states, level, dict.fromkeys(states, 1.0), allowed, limit)
 
 
 def waves(campaign, pitch):

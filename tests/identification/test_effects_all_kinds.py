@@ -204,4 +204,3 @@ def test_keys_are_unique_and_flags_follow_the_kind():
     assert len({h.key for h in proposals}) == len(proposals)
     for h in proposals:
         assert h.is_trending == KINDS[h.kind].trending
-        assert h.is_within_visit <= (KINDS[h.kind].within_visit or h.kind == "state-variable")

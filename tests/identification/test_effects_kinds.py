@@ -18,7 +18,7 @@ from tests.identification.example_site import START_S, observations, site
 
 def refused(kind, where):
     proposals = KINDS[kind].candidates(where)
-    return {n.subject: n.reason for n in proposals.not_testable}
+    return {n.on: n.reason for n in proposals.not_testable}
 
 
 @pytest.mark.parametrize("kind", ["angular", "nonrigid-slope"])

@@ -40,6 +40,7 @@ def test_effect_at_twice_the_noise_is_found_with_its_amplitude(key, effect, seed
     campaign = make_campaign(seed, visits=20)
     planted = scaled(effect(campaign), campaign, 1, 2.0)
     found = found_in(campaign.plus(planted))
+    before = campaign.rows.values + planted
     assert [t.key for t in found.terms] == [key]
     term = found.terms[0]
     shape = effect(campaign)[campaign.on(1)]
@@ -50,10 +51,9 @@ def test_effect_at_twice_the_noise_is_found_with_its_amplitude(key, effect, seed
     assert term.inclusion == 1.0
     assert found.verdict is Verdict.FOUND
     held = found.held_out[1]
-    assert held.after.rms < 0.7 * held.before.rms
+    assert held.after.rms < 0.7 * np.sqrt(np.mean(before[campaign.on(1)] ** 2))
     assert held.after.rms < 1.2 * held.floor
     assert held.after.low < held.after.rms < held.after.high
-    assert found.held_out[0].after.rms == pytest.approx(found.held_out[0].refit.rms)
 
 
 def test_pitch_within_its_error():
@@ -117,13 +117,11 @@ def test_nearly_equal_candidates_are_tied():
     planted = scaled(campaign.speed, campaign, 0, 2.0)
     found = found_in(campaign.plus(planted), candidates)
     (term,) = found.terms
-    everything = {term.key} | {t.key for t in term.ties}
+    tied = {r.key: r for r in term.rivals if r.tied}
+    everything = {term.key, *tied}
     assert {"speed-0", "other-load", "other-speed"} <= everything
     assert "reversal-0" not in everything
-    tied = {t.key: t for t in term.ties}
     assert all(t.alias_share > 0.9 for k, t in tied.items() if k.startswith("other"))
-    held = found.held_out[0]
-    assert held.tie_average.rms == pytest.approx(held.after.rms, rel=0.05)
 
 
 def test_rivals_of_every_family_come_with_evidence():
@@ -145,7 +143,7 @@ def test_without_a_zero_only_what_changes_within_a_visit_is_seen(datum):
     found = found_in(campaign.plus(planted))
     assert [t.key for t in found.terms] == ["reversal-0"]
     assert {u.key: u.reason for u in found.untested}["speed-0"] == "not-excited"
-    assert found.held_out[0].before.rms < 3.0
+    assert found.held_out[0].after.rms < 3.0
 
 
 def test_trend_is_also_judged_forward_in_time():

@@ -62,13 +62,13 @@ def verifications_of(seed, planted=None, amplitude=4.0, **conditions):
     )
 
 
-def watched(campaign, **how):
+def watched(campaign):
     """Judge one verification after the other, the state stored in between."""
     state, judgements = WatchState(), []
     for verification in campaign.verifications:
         stored = json.loads(json.dumps(state.to_json(), allow_nan=False))
         alone = replace(campaign, verifications=[verification])
-        judgement, state = watch(alone, watch_state_from_json(stored), **how)
+        judgement, state = watch(alone, watch_state_from_json(stored))
         judgements.append(judgement)
     return judgements
 

@@ -72,7 +72,7 @@ NOTHING = {
     "unexplained": [],
     "excluded": [],
     "not_testable": [
-        {"kind": "angular", "on": "none", "reason": "the maps have all rotations that show"},
+        {"kind": "angular", "on": "", "reason": "the maps have all rotations that show"},
         {"kind": "drift", "on": "EBX", "reason": "needs 8 visits, came 6"},
         {"kind": "step", "on": "EBX", "reason": "needs 8 visits, came 6"},
     ],

@@ -23,7 +23,6 @@ class Angular(EffectKind):
     kind: ClassVar[str] = "angular"
     text: ClassVar[str] = "roll, pitch or yaw that the map lacks"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
-    within_visit: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure the same points with a short and a long tool, or {component} itself with a level "
         "or an angular interferometer"

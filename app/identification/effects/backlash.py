@@ -27,7 +27,6 @@ class Backlash(EffectKind):
     kind: ClassVar[str] = "backlash"
     text: ClassVar[str] = "reversal: half the value with the sign of the approach"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
-    within_visit: ClassVar[bool] = True
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "approach the same positions of {component} from both sides, five times in turn"

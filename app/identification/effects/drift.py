@@ -84,5 +84,4 @@ def _hypothesis(code: str, shapes: list[Shape], variant: str, since_s: float) ->
         components=(code,),
         unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
         amplitudes=amplitudes_of(shapes, f"drift_{COMPONENTS[code].unit}_per_day"),
-        is_trending=True,
     )

@@ -17,7 +17,6 @@ from app.identification.effects.site import OWN_ZEROS, Site
 class Need(StrEnum):
     """What a kind needs before it can be tested."""
 
-    HISTORY = "history of readings"
     STATE = "the machine's state"
     DIRECTION = "directions of approach"
     POINTS = "observations at points"
@@ -45,11 +44,11 @@ class Named(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class NotTestable:
-    """Something that these observations cannot show, and why."""
+class NotTested:
+    """What these observations cannot show, and why."""
 
     kind: str
-    subject: str
+    on: str
     reason: str
 
 
@@ -58,24 +57,23 @@ class Proposals:
     """What a kind makes of a site."""
 
     hypotheses: list[Hypothesis] = field(default_factory=list)
-    not_testable: list[NotTestable] = field(default_factory=list)
+    not_testable: list[NotTested] = field(default_factory=list)
 
 
 class EffectKind(ABC):
     """One kind of effect: what it is, what it needs, how it is tested, and how it is told.
 
     `kind` names it; `text` says in a line what it is; `needs` what must be known. `trending`
-    kinds must also hold forward in time; `within_visit` kinds show in a single visit; of an
-    `only_once` kind one component can have one only. `shown_by` is the measurement that shows
-    it best; `against` names for a rival kind the one that separates both. In both, {component},
-    {sensor} and {state} stand for the effect's own.
+    kinds must also hold forward in time; of an `only_once` kind one component can have one
+    only. `shown_by` is the measurement that shows it best; `against` names for a rival kind
+    the one that separates both. In both, {component}, {sensor} and {state} stand for the
+    effect's own.
     """
 
     kind: ClassVar[str]
     text: ClassVar[str]
     needs: ClassVar[frozenset[Need]] = frozenset()
     trending: ClassVar[bool] = False
-    within_visit: ClassVar[bool] = False
     only_once: ClassVar[bool] = False
     shown_by: ClassVar[str]
     against: ClassVar[Mapping[str, str]] = {}
@@ -98,10 +96,13 @@ class EffectKind(ABC):
         """
         lacking = [reason for need in sorted(self.needs) if (reason := _lacks(site, need))]
         if lacking:
-            return Proposals(not_testable=[NotTestable(self.kind, "", lacking[0])])
+            return Proposals(not_testable=[NotTested(self.kind, "", lacking[0])])
         found = self.propose(site)
-        once = [replace(h, is_only_once=self.only_once) for h in found.hypotheses]
-        return Proposals(once, found.not_testable)
+        hypotheses = [
+            replace(h, is_only_once=self.only_once, is_trending=self.trending)
+            for h in found.hypotheses
+        ]
+        return Proposals(hypotheses, found.not_testable)
 
     def separating_measurement(self, effect: Named, rival: Named) -> str:
         """Name what to measure to tell an effect from a rival.
@@ -121,9 +122,9 @@ class EffectKind(ABC):
             rival=rival.sensors[-1] if rival.sensors else "the other sensor",
         )
 
-    def refuse(self, subject: str, reason: str) -> NotTestable:
+    def refuse(self, subject: str, reason: str) -> NotTested:
         """Say that something cannot be tested."""
-        return NotTestable(self.kind, subject, reason)
+        return NotTested(self.kind, subject, reason)
 
 
 def amplitudes_of(shapes: Sequence[Shape], name: str) -> tuple[Amplitude, ...]:
@@ -170,7 +171,7 @@ def by_lasting_shapes(
     return found
 
 
-def constant_sensors(kind: EffectKind, site: Site) -> list[NotTestable]:
+def constant_sensors(kind: EffectKind, site: Site) -> list[NotTested]:
     """Name the sensors that cannot drive anything, because they are not known or stood still."""
     return [
         kind.refuse(name, f"{name} did not change, or was not known, in this campaign")

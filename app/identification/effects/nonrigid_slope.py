@@ -23,7 +23,6 @@ class NonrigidSlope(EffectKind):
     kind: ClassVar[str] = "nonrigid-slope"
     text: ClassVar[str] = "a component grows with another axis' position"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
-    within_visit: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure the axis of {component} along three parallel lines: at both ends and in the "
         "middle of the other axis, with the same tool"

@@ -26,7 +26,6 @@ class OutdatedMap(EffectKind):
 
     kind: ClassVar[str] = "outdated-map"
     text: ClassVar[str] = "the tables no longer hold: a shift, a slope or a profile"
-    within_visit: ClassVar[bool] = True
     shown_by: ClassVar[str] = "measure a new map of {component}"
     against: ClassVar[Mapping[str, str]] = {
         "temperature-curvature": "measure {component} at the temperature of one of the maps: an "

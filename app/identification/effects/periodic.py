@@ -50,7 +50,6 @@ class Periodic(EffectKind):
 
     kind: ClassVar[str] = "periodic"
     text: ClassVar[str] = "a sine over position with unknown pitch, and its harmonics"
-    within_visit: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} at 50 or more positions of random distance over some 100 mm"
     )

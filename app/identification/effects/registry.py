@@ -12,7 +12,7 @@ from app.identification.effects.backlash import Backlash
 from app.identification.effects.drift import Drift
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Hypothesis
-from app.identification.effects.kind import EffectKind, Named, NotTestable
+from app.identification.effects.kind import EffectKind, Named, NotTested
 from app.identification.effects.nonrigid_slope import NonrigidSlope
 from app.identification.effects.other_sensor import OtherSensor
 from app.identification.effects.outdated_map import OutdatedMap
@@ -64,7 +64,7 @@ class Repertoire:
 
     hypotheses: dict[str, Hypothesis]
     candidates: list[Candidate]
-    not_testable: list[NotTestable]
+    not_testable: list[NotTested]
 
 
 def repertoire(site: Site, kinds: list[str] | None = None) -> Repertoire:
@@ -87,7 +87,7 @@ def repertoire(site: Site, kinds: list[str] | None = None) -> Repertoire:
         If there is no such kind.
     """
     hypotheses: dict[str, Hypothesis] = {}
-    not_testable: list[NotTestable] = []
+    not_testable: list[NotTested] = []
     for name in KINDS if kinds is None else kinds:
         proposals = kind_of(name).candidates(site)
         hypotheses.update({h.key: h for h in proposals.hypotheses})

@@ -6,7 +6,6 @@ readings themselves (`app.identification.reading_faults`), which are left out be
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, Final
 
@@ -41,8 +40,6 @@ class SensorFault(EffectKind):
     trending: ClassVar[bool] = True
     shown_by: ClassVar[str] = "compare {sensor} with a calibrated thermometer at its place"
 
-    against: ClassVar[Mapping[str, str]] = {}
-
     def propose(self, site: Site) -> Proposals:
         """One fingerprint for each sensor that components follow."""
         found = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
@@ -61,7 +58,6 @@ class SensorFault(EffectKind):
                     unit_terms=partial(_terms, codes),
                     amplitudes=(Amplitude("bias_k", -1.0),),
                     nonlinear=nonlinear,
-                    is_trending=True,
                 )
             )
         return found

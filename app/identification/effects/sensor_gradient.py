@@ -16,7 +16,7 @@ from app.identification.effects.hypothesis import Hypothesis
 from app.identification.effects.kind import (
     EffectKind,
     Need,
-    NotTestable,
+    NotTested,
     Proposals,
     amplitudes_of,
     constant_sensors,
@@ -74,7 +74,7 @@ class SensorGradient(EffectKind):
             f"{how}{where(name)}{new}"
         )
 
-    def _said_pairs(self, site: Site) -> NotTestable:
+    def _said_pairs(self, site: Site) -> NotTested:
         return self.refuse(
             f"{len(site.varying_sensors)} sensors",
             "pairs without a component's own sensor are left out: they are too many",

@@ -9,14 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.geometry.components import COMPONENTS, ORDER, Component, Kind
 from app.identification.conditions import SECONDS_PER_MIN, Conditions, Signal
 from app.identification.effects.driver import Always, BeyondMaps
 from app.identification.effects.shape import Everywhere, Rising, Shape
 from app.identification.effects.term import Term
 from app.identification.map_tables import positions_of, temperatures_of_maps
-from app.identification.observations import BoolArray, ObservationRows
+from app.identification.observations import ObservationRows
 from app.identification.projection import Projection
 from app.identification.search.noise import deviations
 from app.thermal.compiled_model import CompiledModel

@@ -89,7 +89,6 @@ def _hypothesis(code: str, shapes: list[Shape], nonlinear: Nonlinear) -> Hypothe
         unit_terms=partial(_terms, code, shapes),
         amplitudes=amplitudes_of(shapes, f"step_{COMPONENTS[code].unit}"),
         nonlinear=nonlinear,
-        is_trending=True,
     )
 
 

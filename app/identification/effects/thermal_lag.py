@@ -22,7 +22,7 @@ class ThermalLag(EffectKind):
 
     kind: ClassVar[str] = "thermal-lag"
     text: ClassVar[str] = "the structure answers its sensor late: a first-order low-pass"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.HISTORY, Need.VISITS})
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} every 10 min through a quick warm-up and the cooling after it, and "

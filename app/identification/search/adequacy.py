@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from scipy.special import fdtrc
 
+from app.arrays import BoolArray
 from app.identification.search.draws import Draws
 from app.identification.search.findings import HeldOut, Unexplained
 from app.identification.search.joint_fit import Fit
-from app.identification.search.moments import BoolArray
 from app.identification.search.noise import pure_error, repeatability
 from app.identification.search.problem import Problem, Term
 from app.identification.search.scan import Scan
@@ -42,7 +42,7 @@ def adequacy(
     fit: Fit,
     use: BoolArray,
     draws: Draws,
-    held_out: Mapping[int | None, HeldOut],
+    held_out: Mapping[int, HeldOut],
 ) -> list[Unexplained]:
     """Ask all tests whether something is left.
 
@@ -91,8 +91,6 @@ def _generic(
             "generic",
             _channel_of(selector, int(i)),
             candidates[entries[i].candidate].key,
-            float(found.ratio[i]),
-            limit.global_p(float(surprises[i])),
         )
         for i in leads[:LEADS]
     ]
@@ -118,7 +116,7 @@ def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> li
         ratio = (left - pure * freedom) / max(n - freedom, 1) / pure
         p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
         if p * len(problem.fixed) < level / 4:
-            found.append(Unexplained("lack-of-fit", c, None, float(ratio), p))
+            found.append(Unexplained("lack-of-fit", c, None))
     return found
 
 
@@ -135,19 +133,19 @@ def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> 
         ratio = 2.0 * float(null.max() - null[: channel.declared + 1].max())
         p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
         if p * len(declared) < level / 4:
-            found.append(Unexplained("visit-variance", c, None, ratio, p))
+            found.append(Unexplained("visit-variance", c, None))
     return found
 
 
 def _above_floor(
-    problem: Problem, use: BoolArray, held_out: Mapping[int | None, HeldOut]
+    problem: Problem, use: BoolArray, held_out: Mapping[int, HeldOut]
 ) -> list[Unexplained]:
     found = []
     for c, h in held_out.items():
-        if c is not None and h.floor > 0 and h.visits >= ENOUGH_VISITS:
+        if h.floor > 0 and h.visits >= ENOUGH_VISITS:
             floor = h.floor * _allowance(problem, use, c)
             if h.after.low > SURELY * floor and h.after.rms > OVER_FLOOR * floor:
-                found.append(Unexplained("held-out", c, None, h.after.rms / h.floor, None))
+                found.append(Unexplained("held-out", c, None))
     return found
 
 
@@ -167,17 +165,17 @@ def _imitation(terms: Sequence[Term]) -> list[Unexplained]:
     twice = Counter((t.candidate.family, t.channels) for t in terms if t.candidate.only_once)
     return (
         [
-            Unexplained("many-of-one-family", c, family, float(count), None)
+            Unexplained("many-of-one-family", c, family)
             for (family, c), count in families.items()
             if count >= OF_ONE_FAMILY
         ]
         + [
-            Unexplained("many-of-one-family", channels[0], family, float(count), None)
+            Unexplained("many-of-one-family", channels[0], family)
             for (family, channels), count in twice.items()
             if 1 < count < OF_ONE_FAMILY
         ]
         + [
-            Unexplained("many-at-one-place", channels[0], None, float(count), None)
+            Unexplained("many-at-one-place", channels[0], None)
             for channels, count in places.items()
             if count >= OF_ONE_FAMILY
         ]

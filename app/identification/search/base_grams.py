@@ -8,9 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.search.library import Batch, Library
-from app.identification.search.moments import BoolArray
 from app.identification.search.state import State
 
 NOTHING_LEFT: Final = 1e-5

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.errors import InvalidContent
-from app.identification.search.rows import IntArray
 
 
 class Part(NamedTuple):

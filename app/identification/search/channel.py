@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
-from app.identification.search.rows import Datum, DeclaredNoise, IntArray, Nuisance, Rows
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.identification.search.rows import Datum, DeclaredNoise, Nuisance, Rows
 from app.identification.search.visit_scatter import UNLIMITED, log_prior, multipliers
 
 DECLARED_WEIGHT: Final = 20.0
@@ -83,7 +82,7 @@ class Channel:
     prior: FloatArray
     declared: int
     weight: float
-    free: NDArray[np.bool_]
+    free: BoolArray
 
     @property
     def block(self) -> IntArray:
@@ -140,7 +139,7 @@ def prepare(
     number: int,
     scale: float,
     weight: float,
-    use: NDArray[np.bool_],
+    use: BoolArray,
     cell_of: dict[int, int],
 ) -> Channel:
     """Make one channel ready.
@@ -209,7 +208,7 @@ def _blocks(visit: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _variances(
-    noise: DeclaredNoise, scale: float, free: NDArray[np.bool_], scales: FloatArray, tilts: int
+    noise: DeclaredNoise, scale: float, free: BoolArray, scales: FloatArray, tilts: int
 ) -> FloatArray:
     shift = ASSUMED_SHIFT if noise.setup_shift is None else noise.setup_shift / scale
     tilt = ASSUMED_TILT if noise.setup_tilt is None else np.asarray(noise.setup_tilt) / scale
@@ -219,9 +218,7 @@ def _variances(
     return found
 
 
-def _without_free_constants(
-    values: FloatArray, starts: IntArray, free: NDArray[np.bool_]
-) -> FloatArray:
+def _without_free_constants(values: FloatArray, starts: IntArray, free: BoolArray) -> FloatArray:
     """Take off the means that carry nothing: no precision is lost on them later."""
     counts = np.diff(np.append(starts, len(values)))
     means = np.add.reduceat(values, starts) / counts

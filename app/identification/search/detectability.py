@@ -11,16 +11,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from app.arrays import FloatArray
-from app.errors import InvalidContent
 from app.identification.search.base_grams import NOTHING_SEEN, blocks
-from app.identification.search.candidate import Candidate
 from app.identification.search.findings import Detectable
 from app.identification.search.joint_fit import inverse
-from app.identification.search.library import Batch, Library, read_library
+from app.identification.search.library import Batch, Library
 from app.identification.search.moments import moments_of
-from app.identification.search.problem import make_problem
 from app.identification.search.rivals import HARDLY
-from app.identification.search.rows import DeclaredNoise, Nuisance, Rows
 from app.identification.search.selection import penalties
 from app.identification.search.small_inverse import inverse_roots
 from app.identification.search.state import State
@@ -59,52 +55,6 @@ class Information:
     own: FloatArray
     metric: FloatArray
     rows: int
-
-
-def detectable(
-    rows: Rows,
-    nuisance: Sequence[Nuisance],
-    candidates: Sequence[Candidate],
-    false_alarm: float = 0.01,
-) -> list[Detectable]:
-    """Tell, before anything is measured, what a plan of measurements can find.
-
-    Parameters
-    ----------
-    rows
-        The planned rows; their values are not looked at. Repeatabilities must be declared.
-    nuisance
-        The maps' own freedom.
-    candidates
-        What might be there.
-    false_alarm
-        Accepted probability that anything is found in noise.
-
-    Returns
-    -------
-    list of Detectable
-        One for each candidate that is excited at all, generic ones left out.
-
-    Raises
-    ------
-    InvalidContent
-        If a channel's repeatability is not declared.
-    """
-    for channel in np.unique(rows.channel).tolist():
-        if rows.noise.get(channel, DeclaredNoise()).repeatability is None:
-            raise InvalidContent.of_field(
-                f"noise.{channel}.repeatability", "expected a declared one: nothing is measured yet"
-            )
-    everything = np.ones(len(rows.values), dtype=bool)
-    problem = make_problem(
-        rows, nuisance, everything, {int(v): 0 for v in np.unique(rows.visit)}, 1
-    )
-    library = read_library(problem, candidates, None)
-    states = problem.states(np.ones(1, dtype=bool))
-    level = {c: s.fixed.channel.declared for c, s in states.items()}
-    allowed = np.array([not candidates[e.candidate].generic for e in library.entries], dtype=bool)
-    limit = false_alarm / max(int(allowed.sum()), 1)
-    return smallest_effects(library, states, level, dict.fromkeys(states, 1.0), allowed, limit)
 
 
 def smallest_effects(
@@ -185,7 +135,6 @@ def _one(
         entry.theta,
         smallest,
         max(smallest, told),
-        float(np.sqrt(needed * spread)) / entry.norms[0] if entry.size == 1 else None,
         rival,
         None if overlap is None else overlap.share,
     )

@@ -6,9 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.identification.search.findings import Figure
-from app.identification.search.rows import IntArray
 
 RESAMPLED: Final = 1000
 """Campaigns put together from the same visits for an interval."""
@@ -35,8 +34,8 @@ def figure(residuals: FloatArray, visit: IntArray, seed: int) -> Figure:
     Examples
     --------
     >>> f = figure(np.array([3.0, -3.0, 3.0, -3.0]), np.array([0, 0, 1, 1]), 0)
-    >>> f.rms, f.low, f.high, f.p95
-    (3.0, 3.0, 3.0, 3.0)
+    >>> f.rms, f.low, f.high
+    (3.0, 3.0, 3.0)
     """
     _, group = np.unique(visit, return_inverse=True)
     squares = np.bincount(group, weights=residuals**2)
@@ -45,9 +44,4 @@ def figure(residuals: FloatArray, visit: IntArray, seed: int) -> Figure:
     picks = random.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLED)
     drawn = np.sqrt((picks @ squares) / (picks @ counts))
     low, high = np.quantile(drawn, [0.025, 0.975])
-    return Figure(
-        float(np.sqrt(np.mean(residuals**2))),
-        float(low),
-        float(high),
-        float(np.quantile(np.abs(residuals), 0.95)),
-    )
+    return Figure(float(np.sqrt(np.mean(residuals**2))), float(low), float(high))

@@ -7,12 +7,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from app.arrays import FloatArray
-from app.errors import ThermapError
-from app.identification.search.rows import IntArray
-
-
-class SearchCancelled(ThermapError):
-    """The search was told to stop before it had an answer."""
 
 
 class Verdict(StrEnum):
@@ -120,20 +114,14 @@ class FoundTerm:
     strongest_visits: tuple[int, ...]
     leverage: float
 
-    @property
-    def ties(self) -> tuple[Rival, ...]:
-        """The rivals that these rows cannot tell from it."""
-        return tuple(r for r in self.rivals if r.tied)
-
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Root mean square with its 95 % interval over visits, and 95th percentile of |residual|."""
+    """Root mean square with its 95 % interval over visits."""
 
     rms: float
     low: float
     high: float
-    p95: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,27 +132,15 @@ class HeldOut:
     ----------
     rows, visits
         How many.
-    before
-        As given.
-    refit
-        With the maps refitted within their uncertainty, without any term.
     after
         With the terms, and the maps refitted beside them.
-    adopted
-        With the terms alone: what adopting them gives.
-    tie_average
-        With each term averaged over those it is tied with, by evidence.
     floor
         What repeatability and set-up scatter alone would leave (RMS).
     """
 
     rows: int
     visits: int
-    before: Figure
-    refit: Figure
     after: Figure
-    adopted: Figure
-    tie_average: Figure
     floor: float
 
 
@@ -179,10 +155,6 @@ class ChannelNoise:
         `replicates` or from `residuals`.
     fitted
         The same from what the final model leaves.
-    shift_factor, tilt_factor
-        Fitted set-up variances over those declared (or assumed).
-    setup_declared
-        Whether the set-up scatter was declared.
     visits, rows
         How many took part.
     """
@@ -190,9 +162,6 @@ class ChannelNoise:
     repeatability: float
     origin: str
     fitted: float
-    shift_factor: float
-    tilt_factor: float
-    setup_declared: bool
     visits: int
     rows: int
 
@@ -210,15 +179,11 @@ class Unexplained:
         Where; None: everywhere.
     lead
         What it moves with: a generic candidate's key, a family; None: not known.
-    statistic, p
-        The test's value and its probability under noise (None: not a test of that kind).
     """
 
     test: str
     channel: int | None
     lead: str | None
-    statistic: float
-    p: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,8 +219,6 @@ class Detectable:
         nine times in ten.
     distinguishable
         The same to be told from its best rival.
-    smallest_amplitude
-        For a candidate with one amplitude: `smallest` in the candidate's own unit.
     rival, overlap
         The candidate of another family that imitates it best, and how much of it; None
         where rivals were not looked at.
@@ -266,7 +229,6 @@ class Detectable:
     theta: float | None
     smallest: float
     distinguishable: float
-    smallest_amplitude: float | None
     rival: str | None
     overlap: float | None
 
@@ -286,7 +248,7 @@ class Findings:
     noise
         Channel to its scatter.
     held_out
-        Channel to figures before and after; None as key: over all, in repeatabilities.
+        Channel to figures of what is left.
     global_p
         Probability that noise alone surprises as much as the strongest candidate did.
     excluded, untested
@@ -296,19 +258,16 @@ class Findings:
     predicted, adopted : ndarray, shape (n,)
         Predicted part of each row by a model that did not see its visit, with refitted maps
         and by the terms alone; nan: excluded.
-    fold : ndarray, shape (n,)
-        Which fold held the row out; −1: none.
     """
 
     verdict: Verdict
     terms: tuple[FoundTerm, ...]
     unexplained: tuple[Unexplained, ...]
     noise: Mapping[int, ChannelNoise]
-    held_out: Mapping[int | None, HeldOut]
+    held_out: Mapping[int, HeldOut]
     global_p: float
     excluded: tuple[Excluded, ...]
     untested: tuple[Untested, ...]
     detectable: tuple[Detectable, ...]
     predicted: FloatArray
     adopted: FloatArray
-    fold: IntArray

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.search.findings import Slope
 from app.identification.search.joint_fit import Fit, fit_terms
-from app.identification.search.moments import BoolArray
 from app.identification.search.problem import Problem, Term
 from app.identification.search.state import Given, State
 from app.identification.search.visit_scatter import factors

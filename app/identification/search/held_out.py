@@ -1,4 +1,4 @@
-"""Before and after, on visits that the prediction has not seen, beside the noise floor."""
+"""What is left on visits that the prediction has not seen, beside the noise floor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from app.identification.search.figures import figure
 from app.identification.search.findings import HeldOut
 from app.identification.search.joint_fit import Fit
 from app.identification.search.problem import Problem
-from app.identification.search.rows import IntArray
 from app.identification.search.state import State
 from app.identification.search.validation import Validation
 
@@ -23,10 +22,10 @@ MOST_SAY: Final = 6.0
 
 def held_out_figures(
     problem: Problem, fit: Fit, typical: Mapping[int, int], checked: Validation, seed: int
-) -> dict[int | None, HeldOut]:
-    """Sum up every channel in its unit, and all of them in repeatabilities.
+) -> dict[int, HeldOut]:
+    """Sum up what is left of every channel, in its unit.
 
-    Where a visit's zero is unknown, its mean is taken off both before and after.
+    Where a visit's zero is unknown, its mean is taken off.
 
     Parameters
     ----------
@@ -44,35 +43,23 @@ def held_out_figures(
     Returns
     -------
     dict
-        Channel to figures; None: all together. Empty where nothing was held out.
+        Channel to figures; empty where nothing was held out.
     """
-    found: dict[int | None, HeldOut] = {}
-    everything: list[tuple[IntArray, list[FloatArray], FloatArray]] = []
+    found: dict[int, HeldOut] = {}
     for c, fixed in problem.fixed.items():
         channel = fixed.channel
         seen = np.isfinite(checked.after[channel.rows])
         if not seen.any():
             continue
-        left = [
-            _left(channel, p)[seen]
-            for p in (
-                np.zeros(len(channel.rows)),
-                checked.refit[channel.rows],
-                checked.after[channel.rows],
-                checked.adopted[channel.rows],
-                checked.tie_average[channel.rows],
-            )
-        ]
+        left = channel.scale * _left(channel, checked.after[channel.rows])[seen]
         visit = channel.visits[channel.block][seen]
-        floor = _floor(problem, channel, fit, typical[c])[seen]
-        found[c] = _figures(
-            visit, [channel.scale * x for x in left], channel.scale**2 * floor, seed
+        floor = channel.scale**2 * _floor(problem, channel, fit, typical[c])[seen]
+        found[c] = HeldOut(
+            rows=len(visit),
+            visits=len(np.unique(visit)),
+            after=figure(left, visit, seed),
+            floor=float(np.sqrt(np.mean(floor))),
         )
-        everything.append((visit, left, floor))
-    if everything:
-        joined = [np.concatenate([e[1][i] for e in everything]) for i in range(5)]
-        visit = np.concatenate([e[0] for e in everything])
-        found[None] = _figures(visit, joined, np.concatenate([e[2] for e in everything]), seed)
     return found
 
 
@@ -123,18 +110,4 @@ def _floor(problem: Problem, channel: Channel, fit: Fit, typical: int) -> FloatA
     scatter = 1.0 if known or stated else fit.scatter[channel.number]
     return np.asarray(
         scatter * (1.0 + np.sum(channel.shapes**2 * variances[channel.block], axis=1))
-    )
-
-
-def _figures(visit: IntArray, left: list[FloatArray], floor: FloatArray, seed: int) -> HeldOut:
-    before, refit, after, adopted, average = (figure(x, visit, seed) for x in left)
-    return HeldOut(
-        rows=len(visit),
-        visits=len(np.unique(visit)),
-        before=before,
-        refit=refit,
-        after=after,
-        adopted=adopted,
-        tie_average=average,
-        floor=float(np.sqrt(np.mean(floor))),
     )

@@ -8,9 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.identification.search.problem import Term
-from app.identification.search.rows import IntArray
 from app.identification.search.state import State
 
 ROUNDS: Final = 25

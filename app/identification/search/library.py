@@ -8,12 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.search.candidate import Candidate
 from app.identification.search.draws import Draws
-from app.identification.search.moments import BoolArray, Fixed, Moments, moments_of
+from app.identification.search.moments import Fixed, Moments, moments_of
 from app.identification.search.problem import Problem, Term
-from app.identification.search.rows import IntArray
 
 WIDTH: Final = 256
 """Columns of one batch: bounds the memory at any number of candidates."""

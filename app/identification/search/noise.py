@@ -6,9 +6,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
-from app.identification.search.moments import BoolArray
 from app.identification.search.rows import DeclaredNoise, Rows
 
 ENOUGH_REPLICATES: Final = 5

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.identification.search.candidate import Candidate
 from app.identification.search.channel import Channel, prepare
-from app.identification.search.moments import BoolArray, Fixed, Moments, fixed_of, moments_of
+from app.identification.search.moments import Fixed, Moments, fixed_of, moments_of
 from app.identification.search.noise import repeatability
-from app.identification.search.rows import IntArray, Nuisance, Rows
+from app.identification.search.rows import Nuisance, Rows
 from app.identification.search.state import State
 
 

@@ -7,13 +7,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.errors import InvalidContent
-
-IntArray = NDArray[np.intp]
-"""Numbers of rows, visits and channels."""
 
 
 class Datum(StrEnum):

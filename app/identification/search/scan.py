@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.identification.search.base_grams import BaseGrams, blocks
 from app.identification.search.draws import Draws, Response
 from app.identification.search.library import Batch, Library
-from app.identification.search.rows import IntArray
 from app.identification.search.small_inverse import inverse_roots
 from app.identification.search.state import State
 
@@ -273,7 +271,7 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
 
 
 def _amplitudes(
-    products: list[_Products], level: list[NDArray[np.intp]], scatter: list[FloatArray]
+    products: list[_Products], level: list[IntArray], scatter: list[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Solve for every entry and draw; shape (g, m, k)."""
     g, m = level[0].shape
@@ -289,7 +287,7 @@ def _amplitudes(
     return solved.reshape(g, m, k), ranks.reshape(g, m)[:, 0]
 
 
-def _best(p: _Products, amplitudes: FloatArray) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+def _best(p: _Products, amplitudes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Profile one channel's variances at given amplitudes; each of shape (g, m)."""
     squares = []
     for i, (gram, slope) in enumerate(zip(p.gram, p.slope, strict=True)):

@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.search.channel import Channel
 from app.identification.search.findings import Excluded
-from app.identification.search.moments import BoolArray, fixed_of
+from app.identification.search.moments import fixed_of
 from app.identification.search.noise import NORMAL
 from app.identification.search.problem import make_problem
-from app.identification.search.rows import IntArray, Nuisance, Rows
+from app.identification.search.rows import Nuisance, Rows
 from app.identification.search.state import State
 
 FAR: Final = 5.0

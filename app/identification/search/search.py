@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.identification.search.adequacy import adequacy
 from app.identification.search.candidate import Candidate
@@ -19,7 +19,6 @@ from app.identification.search.findings import (
     Detectable,
     Findings,
     FoundTerm,
-    SearchCancelled,
     Untested,
     Verdict,
 )
@@ -27,17 +26,15 @@ from app.identification.search.held_out import held_out_figures, typical_level
 from app.identification.search.joint_fit import Fit
 from app.identification.search.leverage import leverage
 from app.identification.search.library import Library, read_library
-from app.identification.search.moments import BoolArray
 from app.identification.search.noise import repeatability
 from app.identification.search.problem import Problem, Term, make_problem
 from app.identification.search.refinement import refine
 from app.identification.search.rivals import find_rivals
-from app.identification.search.rows import IntArray, Nuisance, Rows
+from app.identification.search.rows import Nuisance, Rows
 from app.identification.search.screening import screen
 from app.identification.search.selection import Selection, Selector
-from app.identification.search.splits import Splits, split_visits
+from app.identification.search.splits import split_visits
 from app.identification.search.validation import Rivals, Validation, status_of, validate
-from app.identification.search.visit_scatter import multipliers
 
 FEWEST_VISITS: Final = 8
 """Below so many visits only what a single visit excites can be tested."""
@@ -46,20 +43,16 @@ DRAWS: Final = 200
 """Draws of noise behind the threshold."""
 
 Progress = Callable[[float, str], None]
-Cancelled = Callable[[], bool]
 
 
 @dataclass(eq=False)
 class _Course:
-    """Tells how far the search is, never backwards, and stops it when asked to."""
+    """Tells how far the search is, never backwards."""
 
     progress: Progress | None
-    cancelled: Cancelled | None
     share: float = 0.0
 
     def __call__(self, share: float, words: str) -> None:
-        if self.cancelled is not None and self.cancelled():
-            raise SearchCancelled("the search was told to stop")
         self.share = max(self.share, min(share, 1.0))
         if self.progress is not None:
             self.progress(self.share, words)
@@ -75,7 +68,6 @@ def search(
     false_alarm: float = 0.01,
     most_terms: int = 4,
     progress: Progress | None = None,
-    cancelled: Cancelled | None = None,
 ) -> Findings:
     """Search residuals for the effects that a model lacks.
 
@@ -101,8 +93,6 @@ def search(
         Most terms.
     progress
         Told the share done, 0 to 1, never falling, and what is being done.
-    cancelled
-        Asked often; the search stops when it says yes.
 
     Returns
     -------
@@ -110,13 +100,11 @@ def search(
 
     Raises
     ------
-    SearchCancelled
-        If it was told to stop.
     InvalidContent
         If two candidates have one key, or a share is not between 0 and 1.
     """
     _refuse(candidates, holdout_fraction, false_alarm)
-    course = _Course(progress, cancelled)
+    course = _Course(progress)
     course(0.0, "screening rows")
     use, excluded = screen(rows, nuisance)
     splits = split_visits(rows.visit[use], rows.channel[use], holdout_fraction)
@@ -162,7 +150,6 @@ def search(
         detectable=tuple(_detectable(selector, fit, main)),
         predicted=_in_own_unit(problem, checked.after),
         adopted=_in_own_unit(problem, checked.adopted),
-        fold=_folds(problem, splits),
     )
     course(1.0, "done")
     return answer
@@ -267,15 +254,10 @@ def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise
     found = {}
     for c, fixed in problem.fixed.items():
         channel, known = fixed.channel, repeatability(problem.rows, c, use)
-        scales = multipliers(channel.shapes.shape[1] - 1, not bool(channel.free.all()))
-        declared = problem.rows.noise.get(c)
         found[c] = ChannelNoise(
             repeatability=channel.scale,
             origin=known.origin,
             fitted=channel.scale * float(np.sqrt(fit.scatter[c])),
-            shift_factor=float(scales[fit.level[c], 0]),
-            tilt_factor=float(scales[fit.level[c], 1]),
-            setup_declared=declared is not None and declared.setup_shift is not None,
             visits=len(channel.starts),
             rows=len(channel.rows),
         )
@@ -293,13 +275,4 @@ def _in_own_unit(problem: Problem, predicted: FloatArray) -> FloatArray:
     for fixed in problem.fixed.values():
         rows = fixed.channel.rows
         found[rows] = predicted[rows] * fixed.channel.scale
-    return found
-
-
-def _folds(problem: Problem, splits: Splits) -> IntArray:
-    found = np.full(len(problem.place), -1, dtype=np.intp)
-    for fixed in problem.fixed.values():
-        channel = fixed.channel
-        if splits.folds:
-            found[channel.rows] = channel.cells[channel.block] // 2
     return found

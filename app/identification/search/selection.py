@@ -9,12 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.search.base_grams import BaseGrams
 from app.identification.search.draws import Draws
 from app.identification.search.joint_fit import Fit, fit_terms
 from app.identification.search.library import Library
-from app.identification.search.moments import BoolArray
 from app.identification.search.problem import Term
 from app.identification.search.refinement import refine
 from app.identification.search.scan import Scan, scan

@@ -8,8 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.identification.search.moments import BoolArray
-from app.identification.search.rows import IntArray
+from app.arrays import BoolArray, IntArray
 
 LATE: Final = 0.3
 """Share of the visits, the last ones, that a trend must foresee."""

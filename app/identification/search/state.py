@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from app.arrays import FloatArray
-from app.identification.search.moments import BoolArray, Fixed, moments_of
+from app.arrays import BoolArray, FloatArray
+from app.identification.search.moments import Fixed, moments_of
 from app.identification.search.visit_scatter import factors
 
 JITTER = 1e-10

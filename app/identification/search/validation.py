@@ -8,11 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.search.findings import Rival, Slope, Status
 from app.identification.search.foresight import Learned, calibration_slope, learn
 from app.identification.search.library import Library
-from app.identification.search.moments import BoolArray
 from app.identification.search.problem import Term
 from app.identification.search.selection import Selection, Selector
 from app.identification.search.splits import Splits
@@ -40,7 +39,7 @@ class Validation:
 
     Parameters
     ----------
-    refit, after, adopted, tie_average : ndarray, shape (n,)
+    after, adopted : ndarray, shape (n,)
         Predicted part of each of the caller's rows, in repeatabilities; nan: not held out.
         `after` has the terms and refitted maps, `adopted` the terms alone.
     slopes
@@ -51,10 +50,8 @@ class Validation:
         For each term, the slope on the last visits; None: not found on the earlier ones.
     """
 
-    refit: FloatArray
     after: FloatArray
     adopted: FloatArray
-    tie_average: FloatArray
     slopes: list[list[Slope]]
     folds: int
     forward: list[Slope | None] = field(default_factory=list)
@@ -108,7 +105,7 @@ def validate(
     rivals
         For each term, its rivals: a fold that finds a tied one has found the same thing.
     step
-        Told how far it is; may raise to stop.
+        Told how far it is.
 
     Returns
     -------
@@ -116,10 +113,8 @@ def validate(
     """
     n = len(library.problem.rows.values)
     found = Validation(
-        refit=np.full(n, np.nan),
         after=np.full(n, np.nan),
         adopted=np.full(n, np.nan),
-        tie_average=np.full(n, np.nan),
         slopes=[[] for _ in main.terms],
         folds=splits.folds,
     )
@@ -128,15 +123,16 @@ def validate(
         step(fold / (splits.folds + 1))
         held = splits.fold(fold)
         learned = _learned(library, ~held, main, allowed)
-        matches = [_match(learned.terms, t, r) for t, r in zip(main.terms, rivals, strict=True)]
-        for number, match in enumerate(matches):
+        for number, (term, others) in enumerate(zip(main.terms, rivals, strict=True)):
+            match = _match(learned.terms, term, others)
             if match is not None:
                 slope = calibration_slope(library.problem, learned, match, held)
                 found.slopes[number].append(slope)
-        _predict(found.refit, learn(learned.states, []), held)
-        _predict(found.after, learned, held)
-        _predict(found.adopted, learned, held, with_maps=False)
-        _predict_averages(found.tie_average, learned, matches, rivals, held)
+        for c, state in learned.states.items():
+            channel = state.fixed.channel
+            mine = held[channel.cells][channel.block]
+            found.after[channel.rows[mine]] = learned.prediction(c)[mine]
+            found.adopted[channel.rows[mine]] = learned.effect(c)[mine]
     found.forward = _forward(library, splits, main, allowed, rivals)
     return found
 
@@ -221,43 +217,6 @@ def _match(terms: Sequence[Term], wanted: Term, rivals: Sequence[tuple[Rival, Te
         ):
             return i
     return None
-
-
-def _predict(
-    into: FloatArray,
-    learned: Learned,
-    held: BoolArray,
-    weight: float = 1.0,
-    with_maps: bool = True,
-) -> None:
-    for c, state in learned.states.items():
-        channel = state.fixed.channel
-        mine = held[channel.cells][channel.block]
-        whole = learned.prediction(c) if with_maps else learned.effect(c)
-        predicted = weight * whole[mine]
-        into[channel.rows[mine]] = np.nan_to_num(into[channel.rows[mine]]) + predicted
-
-
-def _predict_averages(
-    into: FloatArray,
-    learned: Learned,
-    matches: Sequence[int | None],
-    rivals: Rivals,
-    held: BoolArray,
-) -> None:
-    """Average over models in which one term gives way to one that it is tied with."""
-    models = [(1.0, learned)]
-    for match, others in zip(matches, rivals, strict=True):
-        if match is None:
-            continue
-        for rival, term in others:
-            swapped = [term if i == match else t for i, t in enumerate(learned.terms)]
-            if rival.tied and learned.terms[match].candidate is not term.candidate:
-                weight = float(np.exp(-0.5 * max(rival.behind, 0.0)))
-                models.append((weight, learn(learned.states, swapped)))
-    total = sum(w for w, _ in models)
-    for weight, model in models:
-        _predict(into, model, held, weight / total)
 
 
 def _forward(

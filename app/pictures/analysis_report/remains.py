@@ -105,4 +105,4 @@ def _part(part: Mapping[str, Any]) -> list[str]:
 
 
 def _subject(on: str) -> str:
-    return "–" if on in ("", "none") else on
+    return on or "–"
