@@ -187,6 +187,7 @@ def _observation(columns: Columns, states: Mapping[int, str], row: Row, is_plann
 def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
     """Read what was measured: a component where one is named, else a point."""
     if columns.word(row, "component"):
+        _expect_none(columns, row, _POINT + _MEASURED_AT, "a component or a point, and not both")
         return _of_component(columns, row, is_planned)
     if "point_x" not in columns:
         columns.complain(row, "component", "expected a component such as EXX, came none")
@@ -229,14 +230,26 @@ def _measured(columns: Columns, row: Row, unit: Unit) -> Body:
     field = "measured_angle" if unit in _ANGLES else "measured"
     fits = unit is Unit.UM or unit in _ANGLES
     value = columns.number(row, field) if fits else None
+    other = _MEASURED if field == _MEASURED_ANGLE.field else _MEASURED_ANGLE
     if value is not None:
+        _expect_none(columns, row, (other,), f"one measured value, in {unit.symbol}")
         return {f"measured_{unit}": value}
     own = columns.by_field.get("measured")
     if unit is not Unit.UM and own is not None and own.unit == LENGTH.unit:
         value = columns.number(row, "measured")
-    if value is None:
-        _complain(columns, row, field, f"expected a measured value in {unit.symbol}, came none")
+    if value is None and not columns.word(row, field):
+        came = columns.by_field[other.field].symbol if columns.word(row, other.field) else ""
+        told = f"one in {came}" if came else "none"
+        _complain(columns, row, field, f"expected a measured value in {unit.symbol}, came {told}")
     return {"measured_um": value}
+
+
+def _expect_none(columns: Columns, row: Row, others: Sequence[Named], expected: str) -> None:
+    """Refuse what would be left unread: nothing that was measured is dropped."""
+    for one in others:
+        if columns.word(row, one.field):
+            columns.complain(row, one.field, f"expected {expected}, came both")
+            return
 
 
 def _direction(columns: Columns, row: Row, field: str) -> str | None:

@@ -16,6 +16,7 @@ from app.services.choose_version import no_model_yet
 from app.services.context import Context
 from app.services.load_machine import adopted_effects
 from app.storage.analyses import find_analysis
+from app.storage.model_versions import find_version
 from app.storage.records import AnalysisStatus, ModelVersion
 from app.storage.tables import AnalysisRow
 from app.thermal.machine import Machine
@@ -55,6 +56,7 @@ def adopt_analysis(
         effects = _effects(row, places)
         if not onto_active:
             _check_active(change, row)
+        _check_unlike(change, row, effects)
         what = ", ".join(f"{e.kind} on {' '.join(e.components)}" for e in effects)
         reason = f"analysis {analysis_id} adopted: {what}"
         version = version_with_effects(context, change, effects, reason)
@@ -137,6 +139,26 @@ def _effects(row: AnalysisRow, places: Sequence[int] | None) -> list[Effect]:
             f"expected places from 0 to {len(found) - 1}, each once, came {list(chosen)}",
         )
     return [effect_from_json(found[place]["effect"]) for place in chosen]
+
+
+def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Effect]) -> None:
+    """Refuse what the active version has learnt since in other figures: it would count twice."""
+    active = change.version
+    if active is None or active.version == row.model_version:
+        return
+    analysed = adopted_effects(find_version(change.session, change.row.id, row.model_version))
+    since = [one for one in adopted_effects(active) if one not in analysed]
+    for effect in effects:
+        for one in since:
+            if _what(one) == _what(effect) and one != effect:
+                raise Conflict(
+                    f"model version {active.version} has learnt of a like effect since: "
+                    f"{explain(one)}; adding this one would count it twice: {explain(effect)}"
+                )
+
+
+def _what(effect: Effect) -> tuple[object, ...]:
+    return effect.kind, effect.components, effect.sensors, effect.states
 
 
 def _check_active(change: MachineChange, row: AnalysisRow) -> None:

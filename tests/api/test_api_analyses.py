@@ -94,11 +94,26 @@ async def adopted_once(campaign, first, second):
     assert "has this effect already" in problem(forced, 409)["detail"]
     assert len((await campaign.get(f"{ROOM}/models")).json()) == 4
     await campaign.post(f"{ROOM}/models/3/activate")
+    third = await of_fewer_visits(campaign)
     onto = await campaign.post(f"{PATH}/{second}/adopt", json={"effects": [0]})
     assert onto.json()["version"] == 5
+    forced = await campaign.post(f"{PATH}/{third}/adopt", json={"onto_active": True})
+    assert "would count it twice" in problem(forced, 409)["detail"]
+    worded = await campaign.post(f"{PATH}/{third}/adopt", json={"onto_active": "yes"})
+    assert problem(worded, 422)["errors"][0]["field"] == "onto_active"
     assert (await campaign.delete(f"{PATH}/{first}")).status_code == 204
     problem(await campaign.get(f"{PATH}/{first}"), 404)
     assert len((await campaign.get(f"{ROOM}/models")).json()) == 5
+
+
+async def of_fewer_visits(campaign):
+    """The same effect in other figures."""
+    ids = [v["id"] for v in (await campaign.get(f"{ROOM}/verifications")).json()]
+    asked = {"verifications": ids[:-3], "effects": ["backlash"]}
+    number = (await campaign.post(PATH, json=asked)).json()["id"]
+    done, _ = await ended(campaign, number)
+    assert [e["kind"] for e in done["result"]["effects"]] == ["backlash"]
+    return number
 
 
 async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):

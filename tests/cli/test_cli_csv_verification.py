@@ -150,6 +150,20 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
         (HEAD + "2026-03-01T06:00:00Z,EXX,5,up,1,\n", "column 4 (direction): expected + or -"),
         (HEAD + "2026-03-01T06:00:00Z,EXX,5,+,,\n", "expected a measured value in µm, came none"),
         (HEAD + "2026-03-01T06:00:00Z,EXX,5,+,1,fast\n", "column 6 (state rpm): expected a number"),
+        (
+            "time,component,position_mm,measured_um,measured_urad\n"
+            "2026-03-01T06:00:00Z,EXX,5,1,2\n",
+            "column 5 (measured_urad): expected one measured value, in µm, came both",
+        ),
+        (
+            "time,component,position_mm,measured_urad\n2026-03-01T06:00:00Z,EXX,5,2\n",
+            "line 2: expected a measured value in µm, came one in µrad",
+        ),
+        (
+            "time,component,position_mm,measured_um,measured_x_um\n"
+            "2026-03-01T06:00:00Z,EXX,5,1,2\n",
+            "column 5 (measured_x_um): expected a component or a point, and not both, came both",
+        ),
         ("# datum: last\n" + HEAD, "expected datum among absolute, first, free, came 'last'"),
         ("time,component,position_mm\n", "measured_um (or measured_urad), or at points"),
         ("time,component,measured [furlong]\n", "expected the unit of measured"),
@@ -157,7 +171,7 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
         ("time,component,measured_um,state a,State: a\n", "expected each state in one column"),
         (
             "time,component,position_mm,measured_mm\n2026-03-01T06:00:00Z,EBX,5,1\n",
-            "line 2: expected a measured value in µrad, came none",
+            "line 2: expected a measured value in µrad, came one in mm",
         ),
         (
             "time,point_x_mm,point_y_mm,point_z_mm,measured_x_um,measured_y_um,measured_z_um\n"

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field
 
 from app.api.schemas.analysis_result import AnalysisResult
-from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime
+from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime, YesOrNo
 from app.api.schemas.verifications import PlannedObservation
 from app.errors import InvalidContent
 from app.identification.observations import Verification
@@ -153,7 +153,7 @@ class AdoptionRequest(Schema):
         description="Places in the result's list of effects, from 0; all where it is left out",
         examples=[[0, 1]],
     )
-    onto_active: bool = Field(
+    onto_active: YesOrNo = Field(
         False,
         description="Whether to add them to the active version where that is no longer the one "
         "that was analysed: they were found on another model, so look at its residuals after",

@@ -64,6 +64,9 @@ Millimetres = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Integer = Annotated[int, Field(strict=True)]
 """A whole number: no text, no booleans."""
 
+YesOrNo = Annotated[bool, Field(strict=True)]
+"""True or false: no text, no numbers."""
+
 Numbers = Annotated[list[Number], Field(min_length=1, max_length=100_000)]
 """One or more finite numbers."""
 
