@@ -84,8 +84,9 @@ class MachinedPart:
         squareness the edge has.
     comparison
         With the model; None without a prediction.
-    suspicious_measured, suspicious_predicted : tuples of int
-        Indices of values far from the rest; they are kept.
+    suspicious_measured : tuple of int
+        Indices of values far from the rest; they are kept, and so are predicted ones, of which
+        the notes tell.
     result
         The straightness component.
     """
@@ -94,7 +95,6 @@ class MachinedPart:
     slope_um_per_m: float
     comparison: Comparison | None
     suspicious_measured: tuple[int, ...]
-    suspicious_predicted: tuple[int, ...]
     result: MeasurementResult
 
 
@@ -188,12 +188,11 @@ def _part(
     suspicious = far_from_the_rest(edge.positions_mm, edge.measured_um)
     notes += _suspicion("measured_um", edge.positions_mm, edge.measured_um, suspicious)
     comparison: Comparison | None = None
-    suspicious_too: tuple[int, ...] = ()
     if predicted is not None:
         comparison = _compare(edge, predicted, line)
         figures |= _figures_of_comparison(comparison)
-        suspicious_too = far_from_the_rest(edge.positions_mm, predicted)
-        notes += _suspicion("predicted_um", edge.positions_mm, predicted, suspicious_too)
+        far = far_from_the_rest(edge.positions_mm, predicted)
+        notes += _suspicion("predicted_um", edge.positions_mm, predicted, far)
     table = ComponentTable.make(
         component, edge.deviations_um, edge.positions_mm, covariance=edge.covariance
     )
@@ -202,7 +201,6 @@ def _part(
         slope_um_per_m=edge.slope_um_per_m,
         comparison=comparison,
         suspicious_measured=suspicious,
-        suspicious_predicted=suspicious_too,
         result=MeasurementResult((table,), figures, tuple(notes), lines),
     )
 

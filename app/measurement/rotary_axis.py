@@ -77,43 +77,6 @@ class RotaryAxisMeasurement:
     degrees_of_freedom: int
     result: MeasurementResult
 
-    @property
-    def shows_direction(self) -> bool:
-        """Whether the tilts of the axis were measured, or taken as 0."""
-        return len(self.errors) > 2
-
-    def place_mm(self, angle_deg: ArrayLike) -> FloatArray:
-        """Predict where the ball is at any angle ([R] 10, 23).
-
-        Parameters
-        ----------
-        angle_deg : array-like, shape (n,) [°]
-            Angles of the rotary axis.
-
-        Returns
-        -------
-        ndarray, shape (n, 3) [mm]
-        """
-        angles = np.deg2rad(np.atleast_1d(np.asarray(angle_deg, dtype=np.float64)))
-        return self.axis.turn(np.broadcast_to(self.start_mm, (angles.size, 3)), angles)
-
-    def ball_error_um(self, angle_deg: ArrayLike) -> FloatArray:
-        """Predict the ball's error at any angle: actual minus nominal place ([R] 13, 25).
-
-        Parameters
-        ----------
-        angle_deg : array-like, shape (n,) [°]
-            Angles of the rotary axis.
-
-        Returns
-        -------
-        ndarray, shape (n, 3) [µm]
-            0 at the angle 0, where the machine meets the ball.
-        """
-        return path_error(
-            self.errors, self.start_mm, angle_deg, self.letter, pivot_mm=self.pivot_mm
-        )
-
 
 def measure_rotary_axis(
     axis: str,

@@ -168,7 +168,7 @@ def notes_on(found: FittedPoints, errors: Mapping[str, float]) -> tuple[str, ...
     ]
     if len(errors) == 2:
         notes.append(_without_direction(found))
-    return (*notes, *_weak_arc(found), *_about_noise(found), *_about_size(found, errors))
+    return (*notes, *_weak_arc(found), *_about_noise(found), *_about_size(errors))
 
 
 def _without_direction(found: FittedPoints) -> str:
@@ -223,7 +223,7 @@ def _about_noise(found: FittedPoints) -> list[str]:
     return notes
 
 
-def _about_size(found: FittedPoints, errors: Mapping[str, float]) -> list[str]:
+def _about_size(errors: Mapping[str, float]) -> list[str]:
     notes = []
     far = [code for code in list(errors)[:2] if abs(errors[code]) > LARGEST_UM]
     steep = [code for code in list(errors)[2:] if abs(errors[code]) > LARGEST_URAD]

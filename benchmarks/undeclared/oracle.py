@@ -100,7 +100,7 @@ def fit_oracle(
     for chosen, of_chosen in ((columns, effects), (columns[:, :0], effects[:, :0])):
         fit = _fit(of_chosen, others, prior, residual[:, 0])
         left = truth.residual_um - chosen @ fit.amplitudes - nuisance @ fit.nuisances
-        fits.append((fit, _without_zero(left, truth, conditions, held_out)))
+        fits.append((fit, _without_zero(left, truth, conditions)))
     (fit, left), (_, left_without) = fits
     test = sound & held_out
     total = truth.scatter.setup + truth.scatter.noise
@@ -110,7 +110,7 @@ def fit_oracle(
         _rms(left[sound & ~held_out]),
         _rms(left[test]),
         _rms(left_without[test]),
-        _rms(_without_zero(total, truth, conditions, held_out)[test]),
+        _rms(_without_zero(total, truth, conditions)[test]),
     )
 
 
@@ -175,9 +175,7 @@ def _zero_columns(observations: Observations, conditions: Conditions) -> FloatAr
     return columns
 
 
-def _without_zero(
-    values: FloatArray, truth: Truth, conditions: Conditions, held_out: BoolArray
-) -> FloatArray:
+def _without_zero(values: FloatArray, truth: Truth, conditions: Conditions) -> FloatArray:
     """Take the mean off the values that share an unknown zero of their own visit."""
     if not _zero_by_visit(conditions):
         return values

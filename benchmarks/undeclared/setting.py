@@ -78,11 +78,6 @@ class Setting:
     faulty: frozenset[str]
     rng: np.random.Generator
 
-    @property
-    def all_circumstances(self) -> Circumstances:
-        """The circumstances of all observations."""
-        return Circumstances(self.observations, self.history)
-
     def choose_component(self, codes: Sequence[str] | None = None) -> str:
         """Choose a free component: usually a translation, now and then an angle or squareness."""
         if codes is None:

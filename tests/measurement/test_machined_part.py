@@ -35,7 +35,6 @@ def table_ii(model_um=MODEL_UM):
 
 def test_table_iis_suspicious_rows_are_found_by_their_distance_and_kept():
     part = table_ii()
-    assert part.suspicious_predicted == TEN_TIMES_TOO_LARGE
     assert part.suspicious_measured == ()
     (note,) = (n for n in part.result.notes if n.startswith("Suspicious"))
     assert "predicted_um: 1.96 µm at -70 mm, 1.36 µm at -40 mm" in note
@@ -47,7 +46,7 @@ def test_a_tenth_of_the_two_rows_is_not_suspicious():
     """0.000196 and 0.000136 mm lie among their neighbours: the rows look like misprints."""
     model = MODEL_UM.copy()
     model[list(TEN_TIMES_TOO_LARGE)] /= 10.0
-    assert table_ii(model).suspicious_predicted == ()
+    assert not [n for n in table_ii(model).result.notes if n.startswith("Suspicious")]
 
 
 def test_table_iis_straightness_by_polyfit():
