@@ -11,9 +11,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from app.errors import list_names
 from app.pictures.analysis_report.detectable import Seen, size_range, units_of
-from app.pictures.analysis_report.names import kind_name
+from app.pictures.analysis_report.names import kind_name, untested_together
 
 DECIMALS: Final = 2
 
@@ -87,10 +86,6 @@ def _effects(seen: Sequence[Seen]) -> Table:
 
 
 def _not_testable(plan: Plan) -> Iterator[str]:
-    """Say each reason once for all kinds that share it."""
-    together: dict[tuple[str, str], list[str]] = {}
-    for one in plan["not_testable"]:
-        together.setdefault((one["on"], one["reason"]), []).append(kind_name(one["kind"]))
-    for (on, reason), kinds in together.items():
+    for kinds, on, reason in untested_together(plan["not_testable"]):
         subject = f" of {on}" if on else ""
-        yield f"{list_names(kinds)}{subject}: {reason}"
+        yield f"{kinds}{subject}: {reason}"

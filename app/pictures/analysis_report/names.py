@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from app.errors import list_names
@@ -208,6 +208,33 @@ def kind_name(kind: str) -> str:
     'thermal lag'
     """
     return kind.replace("-", " ")
+
+
+def untested_together(
+    not_testable: Iterable[Mapping[str, Any]],
+) -> list[tuple[str, str, str]]:
+    """Say each reason once for all kinds of effects that could not be tested for it.
+
+    Parameters
+    ----------
+    not_testable
+        As the analysis, or a plan, lists them: kind, on and reason of each.
+
+    Returns
+    -------
+    list of tuple of str
+        Names of the kinds, what they act on (empty where no one thing), the reason.
+
+    Examples
+    --------
+    >>> few = {"on": "EBX", "reason": "needs 8 visits, came 6"}
+    >>> untested_together([few | {"kind": "drift"}, few | {"kind": "thermal-lag"}])
+    [('drift, thermal lag', 'EBX', 'needs 8 visits, came 6')]
+    """
+    together: dict[tuple[str, str], list[str]] = {}
+    for one in not_testable:
+        together.setdefault((one["on"], one["reason"]), []).append(kind_name(one["kind"]))
+    return [(list_names(kinds), on, reason) for (on, reason), kinds in together.items()]
 
 
 def explanation_name(explanation: Mapping[str, Any]) -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.errors import list_names
 from app.pictures.analysis_report.head import Result
-from app.pictures.analysis_report.names import TESTS, component_name, kind_name
+from app.pictures.analysis_report.names import TESTS, component_name, untested_together
 from app.pictures.analysis_report.tables import NUMBER, Column, body, row, table
 from app.pictures.analysis_report.words import decimals_for, escaped, figure_text, sentence
 
@@ -80,15 +79,12 @@ def not_testable_section(result: Result) -> str:
     str
         HTML, empty where everything could be tested.
     """
-    together: dict[tuple[str, str], list[str]] = {}
-    for one in result["not_testable"]:
-        together.setdefault((one["on"], one["reason"]), []).append(kind_name(one["kind"]))
-    if not together:
+    if not result["not_testable"]:
         return ""
     columns = (Column("effect"), Column("on"), Column("because"))
     rows = body(
-        row(columns, [escaped(list_names(kinds)), escaped(_subject(on)), sentence(reason)])
-        for (on, reason), kinds in together.items()
+        row(columns, [escaped(kinds), escaped(on or "–"), sentence(reason)])
+        for kinds, on, reason in untested_together(result["not_testable"])
     )
     return f"<section><h2>What could not be tested</h2>{table(columns, rows)}</section>"
 
@@ -102,7 +98,3 @@ def _part(part: Mapping[str, Any]) -> list[str]:
         "; ".join(map(sentence, part["leads"])) or "nothing that was recorded",
         "; ".join(escaped(TESTS.get(test, test)) for test in part["tests"]),
     ]
-
-
-def _subject(on: str) -> str:
-    return on or "–"
