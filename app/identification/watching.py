@@ -43,6 +43,9 @@ MOST_NAMED: Final = 6
 
 LEVEL: Final = "level"
 
+KEY: Final = "|"
+"""Between component and number in the key of a stream."""
+
 
 @dataclass(frozen=True, slots=True)
 class Stream:
@@ -91,6 +94,29 @@ class Noise:
         return self.squares / self.freedom * (1.0 + 2.0 * float(np.sqrt(2.0 / self.freedom)))
 
 
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """One followed number as it stands: whose, which, how far it is off, and its e-value.
+
+    Parameters
+    ----------
+    component, what
+        `EZZ` or `points x`, and `level` or a slope along an axis.
+    unit
+        Symbol of the deviation's unit.
+    deviation
+        Latest deviation from what was expected [unit].
+    evidence
+        Its e-value.
+    """
+
+    component: str
+    what: str
+    unit: str
+    deviation: float
+    evidence: float
+
+
 @dataclass(frozen=True, eq=False)
 class WatchState:
     """Everything that goes from one verification to the next; one for each model version.
@@ -113,6 +139,16 @@ class WatchState:
         """Average the evidence of all streams; 1 without any."""
         values = [s.process.evidence for s in self.streams.values()]
         return float(np.mean(values)) if values else 1.0
+
+    def followed(self, key: str) -> Followed:
+        """Tell of one stream by its key."""
+        component, _, what = key.partition(KEY)
+        stream, unit = self.streams[key], channel_unit(component).symbol
+        return Followed(component, what, unit, stream.last, stream.process.evidence)
+
+    def all_followed(self) -> list[Followed]:
+        """Tell of all streams, the strongest evidence first."""
+        return sorted(map(self.followed, self.streams), key=lambda one: -one.evidence)
 
     def to_json(self) -> dict[str, Any]:
         """Write it down."""
@@ -347,7 +383,7 @@ def _taken(
     """Take the numbers of one visit; also give what deviation was to be expected of each."""
     streams, sizes = dict(state.streams), {}
     for number in numbers:
-        key = f"{name}|{number.what}"
+        key = f"{name}{KEY}{number.what}"
         before = streams.get(key, Stream(0.0, number.maps))
         # The maps' error is constant where temperatures are: half of it may change with them.
         own = number.scatter + 0.5 * number.maps
@@ -381,10 +417,8 @@ def _judgement(state: WatchState, sizes: Mapping[str, float], visits: int) -> Ju
 
 
 def _beyond(state: WatchState, key: str, size: float) -> Beyond:
-    component, _, what = key.partition("|")
-    stream = state.streams[key]
-    unit = channel_unit(component).symbol
-    return Beyond(component, what, unit, stream.last, size, stream.process.evidence)
+    one = state.followed(key)
+    return Beyond(one.component, one.what, one.unit, one.deviation, size, one.evidence)
 
 
 def _sentence(beyond: Sequence[Beyond]) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Literal, Self
 
 from pydantic import Field
 
 from app.api.schemas.analysis_result import IN_ITS_UNIT
 from app.api.schemas.base import Number, Schema, UtcTime
-from app.identification.residuals import channel_unit
-from app.identification.watching import FALSE_ALARM
+from app.identification.watching import FALSE_ALARM, LIMIT
 from app.services.show_watch import Watch
 
 
@@ -89,7 +89,6 @@ class WatchAnswer(Schema):
     @classmethod
     def of(cls, watch: Watch) -> Self:
         """Show a watch."""
-        streams = sorted(watch.state.streams.items(), key=lambda s: -s[1].process.evidence)
         is_beyond = watch.beyond_since is not None
         none_yet = watch.updated_at is None
         return cls(
@@ -97,19 +96,10 @@ class WatchAnswer(Schema):
             status="no-verification" if none_yet else "beyond" if is_beyond else "within",
             beyond_since=watch.beyond_since,
             evidence=watch.state.evidence(),
-            limit=1.0 / FALSE_ALARM,
+            limit=LIMIT,
             false_alarm=FALSE_ALARM,
             updated_at=watch.updated_at,
-            numbers=[
-                FollowedNumber(
-                    component=name.partition("|")[0],
-                    what=name.partition("|")[2],
-                    unit=channel_unit(name.partition("|")[0]).symbol,
-                    deviation=stream.last,
-                    evidence=stream.process.evidence,
-                )
-                for name, stream in streams
-            ],
+            numbers=[FollowedNumber(**asdict(one)) for one in watch.state.all_followed()],
             verifications=[
                 JudgedVerification(
                     verification=v.id,
