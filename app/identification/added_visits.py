@@ -10,9 +10,10 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.campaign import Campaign
-from app.identification.conditions import SECONDS_PER_H, Conditions, recorded_conditions
+from app.identification.conditions import Conditions, recorded_conditions
 from app.identification.observations import Verification, observation_rows
 from app.thermal.sensor_health import believed
+from app.units import SECONDS_PER_H
 
 MOST_VISITS: Final = 6
 """So many visits are tried."""
@@ -83,7 +84,7 @@ def _template(
         for o in source.observations
         if begin_s <= o.time_s <= end_s
     ]
-    return replace(source, observations=kept), end_s - begin_s
+    return replace(source, observations=kept, is_planned=True), end_s - begin_s
 
 
 def _conditions(campaign: Campaign, times_s: FloatArray) -> Conditions:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from app.errors import list_names
 from app.identification.analysis import Figures, FoundEffect, UnexplainedPart
 from app.identification.effects.kind import NotTested
 from app.identification.effects.registry import kind_of
+from app.identification.search.visit_scatter import FEWEST_VISITS
+
+ENOUGH_VISITS: Final = 20
+"""From so many visits on no more are asked for."""
 
 
 def summary(
@@ -77,10 +82,10 @@ def what_next(
             f"Look at {part.component}{moves}. Record what else changes there (coolant, doors, "
             "clamping, other machines), and measure it again with that beside it."
         )
-    if any("visits" in one.reason for one in not_testable) and visits < 20:
+    if any("visits" in one.reason for one in not_testable) and visits < ENOUGH_VISITS:
         found.append(
             f"Add visits at other temperatures: {visits} took part, and effects that change from "
-            "visit to visit need at least 8, better 20."
+            f"visit to visit need at least {FEWEST_VISITS}, better {ENOUGH_VISITS}."
         )
     if not found:
         found.append(

@@ -38,6 +38,7 @@ from app.identification.leads import leads, words_of
 from app.identification.map_uncertainty import map_uncertainty
 from app.identification.reading_faults import ReadingFaults, reading_faults
 from app.identification.residuals import LeftOut, Residuals, channel_unit, zero_columns
+from app.identification.search.figures import rms
 from app.identification.search.findings import Findings, Untested, Verdict
 from app.identification.search.search import Progress, search
 
@@ -208,7 +209,7 @@ def _unexplained(found: Found, left: FloatArray) -> list[UnexplainedPart]:
         parts.append(
             UnexplainedPart(
                 component="all components" if channel is None else names[channel],
-                rms_um=float(np.sqrt(np.mean(left[own] ** 2))),
+                rms_um=rms(left[own]),
                 noise_um=float(np.mean(noise)),
                 unit=channel_unit(names[channel or 0]).symbol,
                 leads=tuple(dict.fromkeys(leads_here)),

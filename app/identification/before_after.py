@@ -9,7 +9,7 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.identification.analysis import ComponentFigures, Figures
 from app.identification.residuals import Residuals, channel_unit
-from app.identification.search.figures import figure
+from app.identification.search.figures import figure, rms
 from app.identification.search.findings import Findings
 from app.identification.search.rows import Datum, Rows
 from app.units import Unit
@@ -118,12 +118,12 @@ def pooled_figures(
     """
     own = without_zeros(zeros, np.where(chosen, values, np.nan))[chosen]
     held = chosen & np.isfinite(predicted)
-    rms, p95 = float(np.sqrt(np.mean(own**2))), float(np.quantile(np.abs(own), 0.95))
+    size, p95 = rms(own), float(np.quantile(np.abs(own), 0.95))
     if not held.any():
-        return Figures(rms, p95, None, None)
+        return Figures(size, p95, None, None)
     left = without_zeros(zeros, np.where(held, rows.values - predicted, np.nan))[held]
     found = figure(left, rows.visit[held], seed)
-    return Figures(rms, p95, found.rms, (found.low, found.high))
+    return Figures(size, p95, found.rms, (found.low, found.high))
 
 
 def component_figures(
@@ -161,12 +161,12 @@ def component_figures(
                 component=name,
                 unit=channel_unit(name).symbol,
                 count=int(own.sum()),
-                before_rms=_rms(before[own]),
-                after_rms=_rms(after[own]),
+                before_rms=rms(before[own]),
+                after_rms=rms(after[own]),
                 before_p95=float(np.quantile(np.abs(before[own]), 0.95)),
                 after_p95=float(np.quantile(np.abs(after[own]), 0.95)),
-                holdout_before_rms=_rms(before[own & ~np.isnan(foretold)]) if held else None,
-                holdout_after_rms=_rms(foretold[own & ~np.isnan(foretold)]) if held else None,
+                holdout_before_rms=rms(before[own & ~np.isnan(foretold)]) if held else None,
+                holdout_after_rms=rms(foretold[own & ~np.isnan(foretold)]) if held else None,
                 noise=noise.fitted,
                 noise_origin=noise.origin,
                 floor=held.floor if held else None,
@@ -185,7 +185,3 @@ def pooled(values: Sequence[float], counts: Sequence[int]) -> float | None:
     if not total:
         return None
     return float(np.sqrt(np.dot(np.square(values), counts) / total))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

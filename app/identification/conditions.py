@@ -23,10 +23,7 @@ from app.identification.low_pass import (
 )
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory
-
-SECONDS_PER_MIN: Final = 60.0
-SECONDS_PER_H: Final = 3600.0
-SECONDS_PER_DAY: Final = 86400.0
+from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
 RATE_OVER_S: Final = 600.0
 """Time over which a rate of temperature is taken [s]."""

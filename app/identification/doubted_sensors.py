@@ -7,7 +7,6 @@ any other to the search, and its failure imitates whatever else began on that da
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 from app.identification.effects.kind import NotTested
 from app.identification.effects.sensor_fault import SensorFault
@@ -15,6 +14,7 @@ from app.thermal.compiled_model import CompiledModel
 from app.thermal.doubtful_sensors import DoubtfulSensor, doubtful_sensors, without_doubtful
 from app.thermal.sensor_health import believed
 from app.thermal.temperature_history import TemperatureHistory
+from app.units import date_text
 
 
 def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> TemperatureHistory:
@@ -74,13 +74,12 @@ def _followed(model: CompiledModel) -> set[str]:
 
 
 def _reason(one: DoubtfulSensor, is_followed: bool) -> str:
-    since = datetime.fromtimestamp(one.since_s, UTC)
     used = (
         "components follow it, and its readings are used as they are"
         if is_followed
         else "no component follows it, and its readings since then drive nothing"
     )
     return (
-        f"left its neighbours by {one.off_by_k:+.1f} K on {since:%Y-%m-%d %H:%M} UTC, where it "
+        f"left its neighbours by {one.off_by_k:+.1f} K on {date_text(one.since_s)}, where it "
         f"used to stay within {one.usual_k:.1f} K; {used}"
     )

@@ -26,7 +26,7 @@ EFFECT_MISSING: Final = "effect-missing"
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class AskedPlaces:
     """Where errors are asked for: of one component, or at points of the work volume.
 
     Parameters
@@ -60,7 +60,7 @@ class PredictedWithEffects:
 
 
 def predict_with_effects(
-    model: CompiledModel, effects: Sequence[Effect], places: Places, conditions: Conditions
+    model: CompiledModel, effects: Sequence[Effect], places: AskedPlaces, conditions: Conditions
 ) -> PredictedWithEffects:
     """Predict errors, adopted effects included.
 
@@ -99,7 +99,7 @@ def predict_with_effects(
 
 
 def _of_maps(
-    model: CompiledModel, effects: Sequence[Effect], places: Places, conditions: Conditions
+    model: CompiledModel, effects: Sequence[Effect], places: AskedPlaces, conditions: Conditions
 ) -> Predicted:
     """Predict what the maps say alone."""
     temperatures_c = conditions.temperatures_c
@@ -115,7 +115,7 @@ def _of_maps(
     return predict_component(model, code, temperatures_c, *where)
 
 
-def _rows(places: Places, times_s: FloatArray, columns: int) -> ObservationRows:
+def _rows(places: AskedPlaces, times_s: FloatArray, columns: int) -> ObservationRows:
     """Lay the places out as rows that nobody has measured: one for each direction at points."""
     n = len(times_s) * columns
     nothing = np.zeros(n, dtype=np.intp)

@@ -18,6 +18,7 @@ from app.identification.effects.registry import explain, separating_measurement
 from app.identification.projection import sum_of_terms
 from app.identification.reading_faults import ReadingFaults
 from app.identification.residuals import Residuals, channel_unit
+from app.identification.search.figures import rms
 from app.identification.search.findings import Findings, FoundTerm, Rival, Status
 from app.identification.search.rows import Rows
 from app.units import Unit
@@ -119,7 +120,7 @@ def faults_of_readings(
         in_um = own & lengths(found.residuals)
         own = in_um if in_um.any() else own
         sizes = [
-            _rms(without_zeros(found.zeros, np.where(own, values, np.nan))[own])
+            rms(without_zeros(found.zeros, np.where(own, values, np.nan))[own])
             for values in (np.where(np.isnan(before), found.rows.values, before), found.rows.values)
         ]
         described.append(
@@ -222,7 +223,7 @@ def _sizes(found: Found, effect: Effect, term: FoundTerm) -> tuple[float, float,
     else:
         explained = sum((found.explained(e) for e in found.effects()), np.zeros(len(chosen)))
     sizes = [
-        _rms(without_zeros(found.zeros, np.where(chosen, found.rows.values - part, np.nan))[chosen])
+        rms(without_zeros(found.zeros, np.where(chosen, found.rows.values - part, np.nan))[chosen])
         for part in (0.0, explained)
     ]
     return sizes[0], sizes[1], channel_unit(names[(in_um or own)[0]]).symbol
@@ -249,7 +250,3 @@ def _leverage_warning(found: Found, term: FoundTerm) -> str | None:
         f"{term.leverage:.0%} of the evidence stands on two visits ({labels}): "
         "repeat such conditions before relying on it"
     )
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -42,10 +42,11 @@ def frozen_rows(rows: ObservationRows, conditions: Conditions) -> BoolArray:
     Returns
     -------
     ndarray, shape (n,)
-        True from the second one of each repeated value on.
+        True from the second one of each repeated value on; never where nothing was measured
+        yet.
     """
     found = np.zeros(len(rows), dtype=np.bool_)
-    for which in np.unique(rows.verification).tolist():
+    for which in np.unique(rows.verification[~rows.is_planned]).tolist():
         own = np.flatnonzero(rows.verification == which)
         times_s, moment = np.unique(rows.times_s[own], return_inverse=True)
         stands = _stands_still(rows, own, moment, len(times_s))

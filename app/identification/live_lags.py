@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.conditions import HOLDS, SECONDS_PER_MIN, Signal
+from app.identification.conditions import HOLDS, Signal
 from app.identification.low_pass import SETTLED, LagState
+from app.units import SECONDS_PER_MIN
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,12 +100,15 @@ class Verification:
         What zero means.
     repeatability_um
         Standard deviation of one observation [µm], where the shop knows it.
+    is_planned
+        Whether it is yet to be measured: its values stand for nothing.
     """
 
     label: str
     observations: Sequence[Observation]
     datum: Datum = Datum.ABSOLUTE
     repeatability_um: float | None = None
+    is_planned: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +208,12 @@ class ObservationRows:
         return found
 
     @property
+    def is_planned(self) -> BoolArray:
+        """Which rows are yet to be measured, shape (n,)."""
+        planned = np.array([v.is_planned for v in self.verifications], dtype=np.bool_)
+        return planned[self.verification]
+
+    @property
     def has_own_zero(self) -> BoolArray:
         """Which rows have a zero that no other visit shares, shape (n,)."""
         own = self.datum()
@@ -301,7 +310,7 @@ def repeated_rows(rows: ObservationRows) -> BoolArray:
     Returns
     -------
     ndarray, shape (n,)
-        True for all but the first of each.
+        True for all but the first of each; never where nothing was measured yet.
     """
     keys = np.column_stack(
         [
@@ -312,7 +321,7 @@ def repeated_rows(rows: ObservationRows) -> BoolArray:
     _, first = np.unique(keys, axis=0, return_index=True)
     repeated = np.ones(len(rows), dtype=np.bool_)
     repeated[first] = False
-    return repeated
+    return repeated & ~rows.is_planned
 
 
 def _point(o: Observation) -> Triple:

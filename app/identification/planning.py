@@ -18,7 +18,6 @@ from app.errors import InvalidContent, list_names
 from app.identification.added_visits import AddedVisit, choose_added_visits
 from app.identification.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
-from app.identification.conditions import SECONDS_PER_DAY
 from app.identification.effects.hypothesis import Hypothesis
 from app.identification.effects.kind import NotTested
 from app.identification.effects.registry import Repertoire, repertoire, separating_measurement
@@ -32,13 +31,13 @@ from app.identification.search.findings import Detectable
 from app.identification.search.library import Library, read_library
 from app.identification.search.problem import Problem, make_problem
 from app.identification.search.rows import DeclaredNoise, Rows
-from app.identification.search.search import FEWEST_VISITS
+from app.identification.search.search import FALSE_ALARM
 from app.identification.search.state import State
+from app.identification.search.visit_scatter import FEWEST_VISITS
+from app.units import SECONDS_PER_DAY
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
 """Where nobody states one; in the other units the same number."""
-
-FALSE_ALARM: Final = 0.01
 
 MOST_HELPED: Final = 4
 """So many effects are named behind a suggested visit."""
@@ -60,8 +59,8 @@ def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
     Parameters
     ----------
     campaign
-        Its verifications are the plan: measured values are not looked at. Times outside the
-        record are planned on recorded days.
+        Its verifications are the plan; those that are yet to be measured say so. Times outside
+        the record are planned on recorded days.
     false_alarm
         Accepted probability that anything is found in noise.
 

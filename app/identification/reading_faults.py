@@ -15,7 +15,6 @@ from scipy.ndimage import median_filter
 
 from app.arrays import BoolArray, FloatArray
 from app.identification.campaign import Campaign
-from app.identification.conditions import SECONDS_PER_H
 from app.identification.effects.driver import StepAfter
 from app.identification.effects.effect import Effect
 from app.identification.effects.sensor_fault import SPIKES, STUCK, SensorFault
@@ -25,6 +24,7 @@ from app.identification.search.noise import NORMAL
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.sensor_health import CLEARLY, Health, judge_record
 from app.thermal.temperature_history import TemperatureHistory
+from app.units import SECONDS_PER_H
 
 WINDOW: Final = 9
 """Readings of which the middle one by size tells what a single one should have been."""

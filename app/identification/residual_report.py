@@ -11,6 +11,7 @@ from app.arrays import BoolArray, FloatArray
 from app.identification.before_after import lengths, pooled, unknown_zeros, without_zeros
 from app.identification.residual_summary import Summary, summarise
 from app.identification.residuals import LeftOut, Residuals, channel_unit
+from app.identification.search.figures import rms
 from app.identification.search.noise import repeatability
 from app.identification.search.rows import Rows
 
@@ -126,7 +127,7 @@ def _size(component: str, unit: str, values: FloatArray, noise: float | None, or
         unit=unit,
         count=int(values.size),
         mean=float(values.mean()),
-        rms=float(np.sqrt(np.mean(values**2))),
+        rms=rms(values),
         p95=float(np.quantile(size, 0.95)),
         noise=noise,
         noise_origin=origin,

@@ -9,6 +9,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.identification.residuals import Residuals, channel_unit
+from app.identification.search.figures import rms
 from app.units import Unit
 
 BINS: Final = 10
@@ -152,7 +153,7 @@ def _bin(
         high=high,
         count=int(values.size),
         mean=float(values.mean()),
-        rms=float(np.sqrt(np.mean(values**2))),
+        rms=rms(values),
         p95=float(np.quantile(size, 0.95)),
         share_above=None if limit is None else float(np.mean(size > limit)),
     )

@@ -19,6 +19,7 @@ from app.identification.frozen_observations import FROZEN, frozen_rows
 from app.identification.live_effects import contributions
 from app.identification.observations import POINT_CHANNELS, ObservationRows, repeated_rows
 from app.identification.projection import Projection, places_of
+from app.identification.search.figures import rms
 from app.identification.search.rows import DeclaredNoise, Nuisance, Rows
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel, Group
@@ -45,6 +46,10 @@ SLACK: Final = 5.0
 
 LEAST_UM: Final = 1.0
 """Predictions below this are too small to tell a wrong unit from a good machine."""
+
+
+class WrongUnit(InvalidContent):
+    """Measured values that are evidently in another unit than stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,7 +327,7 @@ def _refuse_wrong_unit(rows: ObservationRows, predicted: FloatArray) -> None:
         ratio = came / expected
         if ratio < SLACK / UM_PER_MM or ratio > UM_PER_MM / SLACK:
             unit = "mm" if ratio < 1.0 else "nm"
-            raise InvalidContent.of_field(
+            raise WrongUnit.of_field(
                 "measured_um",
                 f"expected values in µm in verification {verification.label!r}, where the model "
                 f"says up to {expected:.3g} µm, came no more than {came:.3g}: were they meant in "
@@ -354,5 +359,5 @@ def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
         stated = [rows.verifications[i].repeatability_um for i in which.tolist()]
         known = [s for s in stated if s is not None]
         if channel_unit(channel) is Unit.UM and known and len(known) == len(stated):
-            found[number] = DeclaredNoise(repeatability=float(np.sqrt(np.mean(np.square(known)))))
+            found[number] = DeclaredNoise(repeatability=rms(np.array(known)))
     return found

@@ -13,7 +13,7 @@ from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.geometry.needed_components import needed_components
 from app.identification.conditions import Conditions, recorded_conditions
-from app.identification.effect_prediction import Places, predict_with_effects
+from app.identification.effect_prediction import AskedPlaces, predict_with_effects
 from app.identification.effects.effect import Effect
 from app.identification.live_effects import Missing
 from app.identification.past import needed_past
@@ -97,7 +97,7 @@ def predict_errors(
     return answer
 
 
-def _places(code: str | None, asked: Sequence[AskedError]) -> Places:
+def _places(code: str | None, asked: Sequence[AskedError]) -> AskedPlaces:
     """Set observations of one component, or at points, side by side."""
     points_mm = np.zeros((len(asked), 3))
     if code is None:
@@ -107,7 +107,7 @@ def _places(code: str | None, asked: Sequence[AskedError]) -> Places:
         points_mm[:, along] = [o.position_mm or 0.0 for o in asked]
     tool_offsets_mm = np.array([o.tool_offset_mm for o in asked], dtype=float)
     directions = np.array([o.directions for o in asked], dtype=float)
-    return Places(code, points_mm, tool_offsets_mm, directions)
+    return AskedPlaces(code, points_mm, tool_offsets_mm, directions)
 
 
 def _conditions(

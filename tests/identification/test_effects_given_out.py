@@ -11,7 +11,7 @@ from app.compensation.table_field import table_field
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.conditions import recorded_conditions
-from app.identification.effect_prediction import Places, predict_with_effects
+from app.identification.effect_prediction import AskedPlaces, predict_with_effects
 from app.identification.effects.driver import Always, State, StepAfter
 from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Everywhere, Sensitivity
@@ -67,7 +67,7 @@ def in_table(table, rows, row):
 def prediction(model, effects, rows, row, conditions):
     channel = rows.channels[rows.channel[row]]
     at_point = channel in POINT_CHANNELS
-    places = Places(
+    places = AskedPlaces(
         None if at_point else channel,
         rows.points_mm[[row]],
         rows.tool_offsets_mm[[row]],
@@ -214,7 +214,7 @@ def test_predictions_that_lack_an_effect_say_so_one_by_one():
     times = START_S + np.array([4.9, 5.1]) * tau_s
     conditions = recorded_conditions(model.machine.sensors, history, states, times)
     code = lag.components[0]
-    places = Places(code, np.full((2, 3), 300.0), np.zeros((2, 3)), np.zeros((2, 3)))
+    places = AskedPlaces(code, np.full((2, 3), 300.0), np.zeros((2, 3)), np.zeros((2, 3)))
     found = predict_with_effects(model, [lag], places, conditions)
     assert found.status == ["effect-missing", "interpolated"]
     assert np.isfinite(found.values).all()
@@ -229,10 +229,10 @@ def test_a_component_of_effects_alone_is_predicted_and_any_other_refused():
     roll = Effect("angular", ("EAX",), parameters={"angle_urad": 5.0}, variant="constant")
     roll = replace(roll, terms=(Term("EAX", Always(), Everywhere(), 5.0),))
     somewhere = (np.full((2, 3), 300.0), np.zeros((2, 3)), np.zeros((2, 3)))
-    found = predict_with_effects(model, [roll], Places("EAX", *somewhere), conditions)
+    found = predict_with_effects(model, [roll], AskedPlaces("EAX", *somewhere), conditions)
     assert (found.values.tolist(), found.status) == ([5.0, 5.0], ["effects-only"] * 2)
     with pytest.raises(InvalidContent, match="came EBX"):
-        predict_with_effects(model, [roll], Places("EBX", *somewhere), conditions)
+        predict_with_effects(model, [roll], AskedPlaces("EBX", *somewhere), conditions)
 
 
 def test_a_fault_that_the_readings_show_is_told_and_adds_nothing():

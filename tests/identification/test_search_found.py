@@ -17,7 +17,9 @@ from tests.identification.search_campaigns import (
 
 def found_in(campaign, candidates=None, **how):
     how = {"seed": 1} | how
-    return search(campaign.rows, campaign.nuisance, candidates or make_library(campaign), **how)
+    candidates = candidates or make_library(campaign)
+    how = {"holdout_fraction": 0.2} | how
+    return search(campaign.rows, campaign.nuisance, candidates, **how)
 
 
 def scaled(effect, campaign, channel, size):

@@ -22,8 +22,9 @@ def test_noise_with_visit_scatter_is_nothing():
     false = unexplained = 0
     for seed in range(CAMPAIGNS):
         campaign = make_campaign(seed, visits=12, targets=4)
+        candidates = make_library(campaign, pitches=12)
         found = search(
-            campaign.rows, campaign.nuisance, make_library(campaign, pitches=12), seed=seed
+            campaign.rows, campaign.nuisance, candidates, holdout_fraction=0.2, seed=seed
         )
         false += bool(found.terms)
         unexplained += found.verdict is Verdict.UNEXPLAINED
@@ -60,7 +61,7 @@ def test_points_taken_as_independent_alarm_always():
 def test_nothing_found_says_what_would_have_been_seen():
     campaign = make_campaign(5)
     candidates = make_library(campaign)
-    found = search(campaign.rows, campaign.nuisance, candidates)
+    found = search(campaign.rows, campaign.nuisance, candidates, holdout_fraction=0.2)
     assert found.verdict is Verdict.NOTHING
     assert found.global_p > 0.01
     smallest = {d.key: d for d in found.detectable}

@@ -27,7 +27,9 @@ def planted_campaign(seed=41, visits=16):
 
 def search_in(campaign, candidates=None, **how):
     candidates = candidates or make_library(campaign, pitches=10)
-    return search(campaign.rows, campaign.nuisance, candidates, **({"seed": 2} | how))
+    return search(
+        campaign.rows, campaign.nuisance, candidates, **({"holdout_fraction": 0.2, "seed": 2} | how)
+    )
 
 
 def summary(found):
@@ -61,8 +63,10 @@ def test_order_of_rows_does_not_matter():
         rows.replicate[order], rows.noise, rows.datum,
     )  # fmt: skip
     nuisance = [Nuisance(n.channel, place[n.rows], n.columns, n.prior) for n in campaign.nuisance]
-    here = search(rows, campaign.nuisance, candidates, seed=2)
-    there = search(shuffled, nuisance, permuted(candidates, rows, order), seed=2)
+    here = search(rows, campaign.nuisance, candidates, holdout_fraction=0.2, seed=2)
+    there = search(
+        shuffled, nuisance, permuted(candidates, rows, order), holdout_fraction=0.2, seed=2
+    )
     assert summary(there) == summary(here)
     assert there.global_p == pytest.approx(here.global_p)
     np.testing.assert_allclose(there.predicted, here.predicted[order])
@@ -264,9 +268,9 @@ def test_bad_input_is_refused():
     campaign = make_campaign(53, visits=8, targets=3)
     candidates = make_library(campaign, pitches=4)
     with pytest.raises(InvalidContent, match="twice: reversal-0"):
-        search(campaign.rows, campaign.nuisance, [*candidates, candidates[0]])
+        search_in(campaign, [*candidates, candidates[0]])
     with pytest.raises(InvalidContent, match="between 0 and 1"):
-        search(campaign.rows, campaign.nuisance, candidates, false_alarm=1.0)
+        search_in(campaign, candidates, false_alarm=1.0)
     with pytest.raises(InvalidContent, match="finite"):
         replace(campaign.rows, values=campaign.rows.values * np.nan)
     with pytest.raises(InvalidContent, match="visit"):
@@ -280,7 +284,7 @@ def test_bad_input_is_refused():
     wrong = Candidate("wrong", "f", lambda _: [Part(0, np.array([30]), np.ones((1, 1)))])
     rows = replace(campaign.rows, channel=np.where(np.arange(len(campaign.time)) == 30, 1, 0))
     with pytest.raises(InvalidContent, match="rows of channel 0"):
-        search(rows, [], [wrong])
+        search(rows, [], [wrong], holdout_fraction=0.2)
 
 
 def test_zeroed_first_row_is_the_free_constant():

@@ -58,10 +58,15 @@ class AdditionalSensor(EffectKind):
         """Say with which sensor what moves, and how much."""
         name = strongest(effect, "slope")
         how = parameter(effect, name, symbol_of(effect.components[0], "K"))
-        new = ", as it did not when the maps were measured" if effect.variant == SINCE else ""
         return (
-            f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{where(name)}{new}"
+            f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{where(name)}"
+            f"{if_new(effect)}"
         )
+
+
+def if_new(effect: Effect) -> str:
+    """Say of an effect of the variant `SINCE` that it was not there when the maps were measured."""
+    return ", as it did not when the maps were measured" if effect.variant == SINCE else ""
 
 
 def _hypothesis(

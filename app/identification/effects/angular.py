@@ -6,15 +6,11 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from app.geometry.components import COMPONENTS, Kind
-from app.identification.effects.driver import AboveReference, Always, Driver
+from app.identification.effects.constant_or_warm import constant_or_warm
 from app.identification.effects.effect import Effect
-from app.identification.effects.hypothesis import Hypothesis
-from app.identification.effects.kind import EffectKind, Need, Proposals, amplitudes_of
+from app.identification.effects.kind import EffectKind, Need, Proposals
 from app.identification.effects.site import Site
-from app.identification.effects.term import Term
 from app.identification.effects.words import parameter, strongest, symbol_of, where
-
-CONSTANT, WITH_TEMPERATURE = "constant", "with temperature"
 
 
 class Angular(EffectKind):
@@ -45,8 +41,10 @@ class Angular(EffectKind):
         if not lacking:
             found.not_testable.append(self.refuse("", "the maps have all rotations that show"))
         for code in lacking:
-            found.hypotheses.append(_hypothesis(site, code, None))
-            found.hypotheses.extend(_hypothesis(site, code, s) for s in site.varying_sensors)
+            found.hypotheses.extend(
+                constant_or_warm(self.kind, site, code, sensor, "angle")
+                for sensor in (None, *site.varying_sensors)
+            )
         return found
 
     def explain(self, effect: Effect) -> str:
@@ -59,20 +57,3 @@ class Angular(EffectKind):
         name = strongest(effect, "slope")
         how = parameter(effect, name, symbol_of(code, "K"))
         return f"{code}, which the maps lack, turns with {effect.sensors[0]}, {how}{where(name)}"
-
-
-def _hypothesis(site: Site, code: str, sensor: str | None) -> Hypothesis:
-    unit = COMPONENTS[code].unit
-    driver: Driver = Always()
-    if sensor is not None:
-        driver = AboveReference(sensor, site.reference_c(sensor))
-    shapes = site.shapes(code)
-    return Hypothesis(
-        kind=Angular.kind,
-        variant=CONSTANT if sensor is None else WITH_TEMPERATURE,
-        components=(code,),
-        sensors=() if sensor is None else (sensor,),
-        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
-        amplitudes=amplitudes_of(shapes, f"slope_{unit}_per_k" if sensor else f"angle_{unit}"),
-        is_within_visit=sensor is None,
-    )

@@ -9,7 +9,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.conditions import SECONDS_PER_DAY, Conditions, Signal
+from app.identification.conditions import Conditions, Signal
+from app.units import SECONDS_PER_DAY
 
 
 @dataclass(frozen=True)

@@ -174,10 +174,15 @@ def by_lasting_shapes(
 def constant_sensors(kind: EffectKind, site: Site) -> list[NotTested]:
     """Name the sensors that cannot drive anything, because they are not known or stood still."""
     return [
-        kind.refuse(name, f"{name} did not change, or was not known, in this campaign")
+        kind.refuse(name, stood_still(name))
         for name in site.conditions.temperatures_c
         if name not in site.varying_sensors
     ]
+
+
+def stood_still(sensor: str) -> str:
+    """Say why a sensor cannot drive anything."""
+    return f"{sensor} did not change, or was not known, in this campaign"
 
 
 def _lacks(site: Site, need: Need) -> str:

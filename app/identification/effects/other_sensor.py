@@ -10,7 +10,7 @@ import numpy as np
 from app.identification.effects.driver import Always
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Amplitude, Hypothesis
-from app.identification.effects.kind import EffectKind, Need, Proposals
+from app.identification.effects.kind import EffectKind, Need, Proposals, stood_still
 from app.identification.effects.shape import Exchange
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
@@ -73,7 +73,7 @@ def _hypothesis(own: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothe
 def _why_not(site: Site, codes: tuple[str, ...], other: str) -> str:
     """Say why maps cannot be read on a sensor's scale, empty where they can."""
     if other not in site.varying_sensors:
-        return f"{other} did not change, or was not known, in this campaign"
+        return stood_still(other)
     stated = site.map_temperatures(other)
     labels = {label for code in codes if (f := site.model.find(code)) for label in f[0].labels}
     lacking = sorted(labels - set(stated))

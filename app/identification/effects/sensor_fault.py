@@ -17,7 +17,8 @@ from app.identification.effects.shape import Sensitivity
 from app.identification.effects.site import OWN_ZEROS, Site
 from app.identification.effects.step import change_times
 from app.identification.effects.term import Term
-from app.identification.effects.words import components, date_of, parameter
+from app.identification.effects.words import components, parameter
+from app.units import date_text
 
 BIAS, STUCK, SPIKES = "bias", "stuck", "spikes"
 
@@ -67,7 +68,7 @@ class SensorFault(EffectKind):
         if effect.variant in (STUCK, SPIKES):
             return _of_readings(effect)
         bias = parameter(effect, "bias_k", "K")
-        since = date_of(effect.parameters["changed_at_unix_s"])
+        since = date_text(effect.parameters["changed_at_unix_s"])
         return (
             f"{effect.sensors[0]} reads wrong by {bias} since {since}, which shows in "
             f"{components(effect)}"
@@ -77,7 +78,7 @@ class SensorFault(EffectKind):
 def _of_readings(effect: Effect) -> str:
     """Say what the readings themselves show."""
     sensor, parameters = effect.sensors[0], effect.parameters
-    since = date_of(parameters["changed_at_unix_s"])
+    since = date_text(parameters["changed_at_unix_s"])
     if effect.variant == STUCK:
         return f"{sensor} stood still for {parameters['lasted_h']:.0f} h from {since} on"
     return (

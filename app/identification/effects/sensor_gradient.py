@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from app.geometry.components import COMPONENTS
-from app.identification.effects.additional_sensor import BEYOND, SINCE
+from app.identification.effects.additional_sensor import BEYOND, SINCE, if_new
 from app.identification.effects.driver import BeyondMaps, Difference
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Hypothesis
@@ -68,10 +68,9 @@ class SensorGradient(EffectKind):
         name = strongest(effect, "slope")
         how = parameter(effect, name, symbol_of(effect.components[0], "K"))
         warm, cold = effect.sensors
-        new = ", as it did not when the maps were measured" if effect.variant == SINCE else ""
         return (
             f"{effect.components[0]} bends with the difference of {warm} and {cold}, "
-            f"{how}{where(name)}{new}"
+            f"{how}{where(name)}{if_new(effect)}"
         )
 
     def _said_pairs(self, site: Site) -> NotTested:

@@ -72,8 +72,8 @@ class Shape(ABC):
         """
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
-        """Give the positions that a table needs to show this shape [mm]."""
-        return np.array([low_mm, high_mm])
+        """Give the positions that a table needs to show this shape [mm]; none as it is."""
+        return np.empty(0)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say what this shape lacks in a model, empty where nothing."""
@@ -97,10 +97,6 @@ class Everywhere(Shape):
         """Give the driver itself."""
         return driver
 
-    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
-        """Need no position at all."""
-        return np.empty(0)
-
 
 @dataclass(frozen=True)
 class Rising(Shape):
@@ -120,6 +116,10 @@ class Rising(Shape):
     ) -> FloatArray:
         """Give the driver times (position − middle) / half."""
         return driver * (places.positions_mm - self.middle_mm) / self.half_mm
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need both ends."""
+        return np.array([low_mm, high_mm])
 
 
 @dataclass(frozen=True)
@@ -210,10 +210,6 @@ class Sensitivity(Shape):
             return driver * table.slope(now, *places)
         return table.moved(now, driver, *places)
 
-    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
-        """Need none beside the model's own."""
-        return np.empty(0)
-
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say that the model lacks the component."""
         return "" if model.find(component) else f"the model has no {component}"
@@ -256,10 +252,6 @@ class Exchange(Shape):
             return np.full(driver.shape, np.nan)
         by_other = other.at(conditions.temperature(self.sensor), *places)
         return driver * (by_other - own.at(conditions.temperature(found[0].sensor), *places))
-
-    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
-        """Need none beside the model's own."""
-        return np.empty(0)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say which map does not state the other sensor."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.geometry.components import COMPONENTS, ORDER, Component, Kind
-from app.identification.conditions import SECONDS_PER_MIN, Conditions, Signal
+from app.identification.conditions import Conditions, Signal
 from app.identification.effects.driver import Always, BeyondMaps
 from app.identification.effects.shape import Everywhere, Rising, Shape
 from app.identification.effects.term import Term
@@ -22,6 +22,7 @@ from app.identification.search.noise import deviations
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine, Travel
+from app.units import SECONDS_PER_MIN
 
 KNOWN_SHARE: Final = 0.95
 """A driver must be known in so much of a campaign; the rest counts as not moved."""

@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from app.geometry.components import COMPONENTS
-from app.identification.conditions import SECONDS_PER_MIN, Signal
+from app.identification.conditions import Signal
 from app.identification.effects.driver import State
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
@@ -18,6 +18,7 @@ from app.identification.effects.shape import Shape
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
 from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.units import SECONDS_PER_MIN
 
 AT_ONCE, SQUARED = "at once", "squared at once"
 LATE, SQUARED_LATE = "late", "squared, late"

@@ -24,12 +24,12 @@ from app.identification.effects.site import Site
 from app.identification.effects.term import Term
 from app.identification.effects.words import (
     components,
-    date_of,
     parameter,
     strongest,
     symbol_of,
     where,
 )
+from app.units import date_text
 
 MOST_TIMES: Final = 40
 """Of more visits, only so many beginnings are scanned, and the best is refined."""
@@ -61,7 +61,7 @@ class Step(EffectKind):
         """Say what changed when, and by how much."""
         name = strongest(effect, "step")
         how = parameter(effect, name, symbol_of(effect.components[0]))
-        when = date_of(effect.parameters["changed_at_unix_s"])
+        when = date_text(effect.parameters["changed_at_unix_s"])
         return f"{components(effect)} changed by {how}{where(name)} between the visits at {when}"
 
 

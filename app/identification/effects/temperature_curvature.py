@@ -41,8 +41,7 @@ class TemperatureCurvature(EffectKind):
             if sensor not in site.varying_sensors:
                 found.not_testable.append(self.refuse(code, f"{sensor} did not change"))
                 continue
-            group = site.model.find(code)
-            scale = group[0].scales[0].temperatures_c if group else ()
+            scale = _scale(site, code)
             found.hypotheses.append(_hypothesis(site, code, OVERALL, (scale[0], scale[-1])))
             if len(scale) > 2:
                 found.hypotheses.append(_hypothesis(site, code, BETWEEN, scale))
@@ -56,6 +55,11 @@ class TemperatureCurvature(EffectKind):
             f"{effect.components[0]} is curved over the temperature of {effect.sensors[0]} "
             f"{effect.variant}, {how}{where(name)}"
         )
+
+
+def _scale(site: Site, code: str) -> tuple[float, ...]:
+    """Give the maps' temperatures of a component's own sensor [°C]."""
+    return next(g.scales[0].temperatures_c for g in site.model.groups if code in g.codes)
 
 
 def _hypothesis(site: Site, code: str, variant: str, scale: tuple[float, ...]) -> Hypothesis:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
-from app.identification.conditions import SECONDS_PER_MIN, Signal
+from app.identification.conditions import Signal
 from app.identification.effects.driver import Behind
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Amplitude, Amplitudes, Hypothesis, Nonlinear
@@ -15,6 +15,7 @@ from app.identification.effects.shape import Sensitivity
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
 from app.identification.effects.words import components, parameter, verb
+from app.units import SECONDS_PER_MIN
 
 
 class ThermalLag(EffectKind):

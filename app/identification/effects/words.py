@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
@@ -52,15 +51,6 @@ def symbol_of(code: str, per: str = "") -> str:
     """
     symbol = COMPONENTS[code].unit.symbol
     return f"{symbol}/{per}" if per else symbol
-
-
-def date_of(time_s: float) -> str:
-    """Write a time as people do, UTC.
-
-    >>> date_of(0.0)
-    '1970-01-01 00:00 UTC'
-    """
-    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def verb(codes: Sequence[str], singular: str, plural: str) -> str:

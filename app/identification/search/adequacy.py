@@ -13,11 +13,12 @@ from app.arrays import BoolArray
 from app.identification.search.draws import Draws
 from app.identification.search.findings import HeldOut, Unexplained
 from app.identification.search.joint_fit import Fit
-from app.identification.search.noise import pure_error, repeatability
+from app.identification.search.noise import ENOUGH_REPLICATES, pure_error, repeatability
 from app.identification.search.problem import Problem, Term
 from app.identification.search.scan import Scan
 from app.identification.search.selection import Selector
 from app.identification.search.threshold import threshold, upper_tail
+from app.identification.search.visit_scatter import FEWEST_VISITS
 
 OVER_FLOOR: Final = 1.3
 """Held-out RMS over the noise floor from which something is missing."""
@@ -30,10 +31,6 @@ OF_ONE_FAMILY: Final = 3
 
 LEADS: Final = 3
 """So many leads of the generic test are named."""
-
-ENOUGH_REPLICATES: Final = 5
-ENOUGH_VISITS: Final = 8
-"""Of fewer visits nothing is said about what held-out ones leave."""
 
 
 def adequacy(
@@ -142,7 +139,7 @@ def _above_floor(
 ) -> list[Unexplained]:
     found = []
     for c, h in held_out.items():
-        if h.floor > 0 and h.visits >= ENOUGH_VISITS:
+        if h.floor > 0 and h.visits >= FEWEST_VISITS:
             floor = h.floor * _allowance(problem, use, c)
             if h.after.low > SURELY * floor and h.after.rms > OVER_FLOOR * floor:
                 found.append(Unexplained("held-out", c, None))

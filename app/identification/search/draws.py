@@ -19,7 +19,7 @@ WORD: Final = 2**32
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Values in one channel whose likelihood is asked for: measured ones, or draws.
+    """Draws of the values in one channel, whose likelihood is asked for.
 
     Parameters
     ----------

@@ -44,4 +44,19 @@ def figure(residuals: FloatArray, visit: IntArray, seed: int) -> Figure:
     picks = random.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLED)
     drawn = np.sqrt((picks @ squares) / (picks @ counts))
     low, high = np.quantile(drawn, [0.025, 0.975])
-    return Figure(float(np.sqrt(np.mean(residuals**2))), float(low), float(high))
+    return Figure(rms(residuals), float(low), float(high))
+
+
+def rms(values: FloatArray) -> float:
+    """Give the root mean square.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> rms(np.array([1.0, 7.0]))
+    5.0
+    """
+    return float(np.sqrt(np.mean(values**2)))

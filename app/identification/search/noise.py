@@ -8,6 +8,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.identification.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
+from app.identification.search.figures import rms
 from app.identification.search.rows import DeclaredNoise, Rows
 
 ENOUGH_REPLICATES: Final = 5
@@ -127,5 +128,4 @@ def _within_visits(rows: Rows, channel: int, use: BoolArray) -> float:
     _, group = np.unique(rows.visit[mine], return_inverse=True)
     left = deviations(rows.values[mine], group.ravel())
     guess = NORMAL * float(np.median(np.abs(left)))
-    fallback = float(np.sqrt(np.mean(rows.values[mine] ** 2)))
-    return guess or float(np.sqrt(np.mean(left**2))) or fallback or 1.0
+    return guess or rms(left) or rms(rows.values[mine]) or 1.0

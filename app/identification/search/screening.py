@@ -17,6 +17,7 @@ from app.identification.search.noise import NORMAL
 from app.identification.search.problem import make_problem
 from app.identification.search.rows import Nuisance, Rows
 from app.identification.search.state import State
+from app.identification.search.visit_scatter import FEWEST_VISITS
 
 FAR: Final = 5.0
 """Robust standard deviations from which a row or a visit is an outlier."""
@@ -31,7 +32,6 @@ LOOSE: Final = 5
 """The set of visit variances under which rows are judged within their visit."""
 
 ROUNDS: Final = 3
-FEWEST_VISITS: Final = 8
 
 
 def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> tuple[BoolArray, list[Excluded]]:

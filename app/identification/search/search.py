@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,11 @@ from app.identification.search.draws import Draws
 from app.identification.search.findings import (
     ChannelNoise,
     Detectable,
+    Excluded,
     Findings,
     FoundTerm,
+    HeldOut,
+    Unexplained,
     Untested,
     Verdict,
 )
@@ -35,9 +38,10 @@ from app.identification.search.screening import screen
 from app.identification.search.selection import Selection, Selector
 from app.identification.search.splits import split_visits
 from app.identification.search.validation import Rivals, Validation, status_of, validate
+from app.identification.search.visit_scatter import FEWEST_VISITS
 
-FEWEST_VISITS: Final = 8
-"""Below so many visits only what a single visit excites can be tested."""
+FALSE_ALARM: Final = 0.01
+"""Accepted probability that anything is found in noise."""
 
 DRAWS: Final = 200
 """Draws of noise behind the threshold."""
@@ -63,9 +67,9 @@ def search(
     nuisance: Sequence[Nuisance],
     candidates: Sequence[Candidate],
     *,
-    holdout_fraction: float = 0.2,
+    holdout_fraction: float,
     seed: int = 0,
-    false_alarm: float = 0.01,
+    false_alarm: float = FALSE_ALARM,
     most_terms: int = 4,
     progress: Progress | None = None,
 ) -> Findings:
@@ -134,25 +138,48 @@ def search(
     course(0.9, "looking for what is left")
     fit = selector.fit(main.terms)
     typical = typical_level(selector.given(main.terms))
-    held = held_out_figures(problem, fit, typical, checked, seed)
-    left = adequacy(selector, main.terms, fit, use, draws, held)
+    held_out = held_out_figures(problem, fit, typical, checked, seed)
+    left = adequacy(selector, main.terms, fit, use, draws, held_out)
     course(0.95, "summing up")
-    terms = [_found(selector, main, fit, rivals, checked, i) for i in range(len(main.terms))]
-    answer = Findings(
+    answer = _answer(_Outcome(selector, main, fit, rivals, checked), use, excluded, held_out, left)
+    course(1.0, "done")
+    return answer
+
+
+class _Outcome(NamedTuple):
+    """What was chosen on all visits, with its rivals, and what held-out visits say of it."""
+
+    selector: Selector
+    main: Selection
+    fit: Fit
+    rivals: Rivals
+    checked: Validation
+
+
+def _answer(
+    outcome: _Outcome,
+    use: BoolArray,
+    excluded: Sequence[Excluded],
+    held_out: Mapping[int, HeldOut],
+    left: Sequence[Unexplained],
+) -> Findings:
+    """Write everything down, in the channels' own units."""
+    selector, main, fit, _, checked = outcome
+    library = selector.library
+    terms = tuple(_found(outcome, number) for number in range(len(main.terms)))
+    return Findings(
         verdict=Verdict.UNEXPLAINED if left else Verdict.FOUND if terms else Verdict.NOTHING,
-        terms=tuple(terms),
+        terms=terms,
         unexplained=tuple(left),
-        noise=_noise(problem, fit, use),
-        held_out=held,
+        noise=_noise(library.problem, fit, use),
+        held_out=held_out,
         global_p=main.stages[0].global_p,
         excluded=tuple(excluded),
         untested=tuple(_untested(library, main.stages[0].rank)),
         detectable=tuple(_detectable(selector, fit, main)),
-        predicted=_in_own_unit(problem, checked.after),
-        adopted=_in_own_unit(problem, checked.adopted),
+        predicted=_in_own_unit(library.problem, checked.after),
+        adopted=_in_own_unit(library.problem, checked.adopted),
     )
-    course(1.0, "done")
-    return answer
 
 
 def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alarm: float) -> None:
@@ -217,9 +244,8 @@ def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
     ]
 
 
-def _found(
-    selector: Selector, main: Selection, fit: Fit, rivals: Rivals, checked: Validation, number: int
-) -> FoundTerm:
+def _found(outcome: _Outcome, number: int) -> FoundTerm:
+    selector, main, fit, rivals, checked = outcome
     term = main.terms[number]
     others = main.terms[:number] + main.terms[number + 1 :]
     start = sum(t.size for t in main.terms[:number])

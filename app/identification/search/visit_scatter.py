@@ -8,6 +8,9 @@ import numpy as np
 
 from app.arrays import FloatArray
 
+FEWEST_VISITS: Final = 8
+"""Fewer visits say nothing about what differs between visits."""
+
 TIED: Final = (0.0, 0.3, 1.0, 4.0, 16.0, 80.0, 400.0)
 """Multiples of the declared variances of shift and tilt, tried together."""
 
