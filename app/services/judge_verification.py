@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from sqlalchemy.orm import Session
 
 from app.errors import InvalidContent, StorageUnavailable
 from app.identification.observations import Verification
+from app.identification.residuals import WrongUnit
 from app.identification.watching import WatchState, watch, watch_state_from_json
 from app.services.context import Context
 from app.services.load_campaign import load_campaign
@@ -19,9 +20,6 @@ from app.storage.model_versions import active_version
 from app.storage.watches import find_watch, write_watch
 
 log = logging.getLogger("thermap")
-
-WRONG_UNIT: Final = "measured_um"
-"""The field that is to blame where values are evidently in another unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +72,10 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
             campaign = load_campaign(session, machine, version, [verification])
             state = WatchState() if before is None else watch_state_from_json(before)
             judgement, after = watch(campaign, state)
-        except InvalidContent as error:
-            if any(e.field == WRONG_UNIT for e in error.errors):
-                raise
-            return Judged(number, _not_judged(number, error.detail), before)
-        except StorageUnavailable:
+        except (WrongUnit, StorageUnavailable):
             raise
+        except InvalidContent as error:
+            return Judged(number, _not_judged(number, error.detail), before)
         except Exception as error:
             # What was measured must not be lost because it could not be judged.
             log.exception("verification %r could not be judged", verification.label)
