@@ -8,9 +8,10 @@ import pytest
 
 from app.errors import InvalidContent
 from app.identification.campaign import Campaign
+from app.identification.observations import Observation, Verification
 from app.identification.planning import plan
 from app.thermal.temperature_history import TemperatureHistory
-from tests.identification.example_site import observations, readings, site
+from tests.identification.example_site import START_S, observations, readings, site
 
 
 def campaign_of(verifications, **changes):
@@ -76,6 +77,30 @@ def test_days_to_come_are_planned_on_recorded_days():
     assert any("lie outside the record" in note for note in found.notes)
     assert found.visits == 8
     assert not found.excluded
+
+
+def test_what_is_yet_to_be_measured_is_not_screened_by_value():
+    one = observations(with_points=False)[0]
+    weeks = [
+        replace(
+            one,
+            label=f"week {week}",
+            is_planned=True,
+            observations=[replace(o, time_s=o.time_s + week * 604800.0) for o in one.observations],
+        )
+        for week in range(20)
+    ]
+    found = plan(campaign_of(weeks))
+    assert (found.visits, found.values) == (20, 20 * len(one.observations))
+    assert not found.excluded
+
+
+def test_an_hour_at_one_place_is_planned_whole():
+    readings_of_one_place = [
+        Observation(START_S + 86400.0 + 180.0 * i, (0.0,), "EXX", 250.0) for i in range(20)
+    ]
+    asked = [Verification("warming up", readings_of_one_place, is_planned=True)]
+    assert plan(campaign_of(asked)).values == 20
 
 
 def test_without_a_record_there_is_nothing_to_plan_with():
