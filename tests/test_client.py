@@ -35,6 +35,7 @@ from app.client import (
     UnexpectedAnswerError,
     UnknownThingError,
     calls,
+    loop_calls,
 )
 from app.main import create_app
 from app.settings import Settings
@@ -419,6 +420,35 @@ async def test_nobody_listens():
 def test_no_answer(error, kind, words):
     with failing(error) as client, pytest.raises(kind, match=words):
         client.health()
+
+
+async def test_a_plan_is_waited_for_longer_than_the_rest():
+    def slow(request):
+        raise httpx.ReadTimeout("slow", request=request)
+
+    transport = httpx.MockTransport(slow)
+    told = "within 600 s; it may still be at work$"
+    with ThermapClient("http://thermap", timeout_s=2.0, transport=transport) as client:
+        with pytest.raises(ServiceUnavailableError, match=told):
+            client.plan_analysis("mcfv5050", {})
+        with pytest.raises(ServiceUnavailableError, match="within 2 s"):
+            client.analyses("mcfv5050")
+    async with AsyncThermapClient("http://thermap", transport=transport) as awaiting:
+        with pytest.raises(ServiceUnavailableError, match=told):
+            await awaiting.plan_analysis("mcfv5050", {})
+
+
+def test_the_limit_reaches_the_connection():
+    seen = []
+
+    def answer(request):
+        seen.append(request.extensions["timeout"]["read"])
+        return httpx.Response(200, json=[])
+
+    with ThermapClient("http://thermap", transport=httpx.MockTransport(answer)) as client:
+        client.content(loop_calls.plan_analysis("mcfv5050", {}))
+        client.content(loop_calls.analyses("mcfv5050"))
+    assert seen == [600.0, 30.0]
 
 
 @pytest.mark.parametrize(

@@ -307,8 +307,8 @@ class AsyncThermapClient:
         await self.aclose()
 
     async def _exchange(self, call: Call[Any]) -> httpx.Response:
-        with explaining(self._url, self._timeout_s):
-            return await self._http.request(**call.request())
+        with explaining(self._url, call.waits_s(self._timeout_s)):
+            return await self._http.request(**call.request(self._timeout_s))
 
 
 for _name, _method in vars(AsyncThermapClient).items():

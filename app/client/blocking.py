@@ -48,7 +48,7 @@ class ThermapClient:
         Where the service is; THERMAP_URL in the environment or http://127.0.0.1:8000
         where nothing is stated.
     timeout_s
-        Longest wait for an answer [s].
+        Longest wait for an answer [s]; a plan is waited for ten minutes.
     transport
         How requests travel; for tests.
 
@@ -384,5 +384,5 @@ class ThermapClient:
         self.close()
 
     def _exchange(self, call: Call[Any]) -> httpx.Response:
-        with explaining(self._url, self._timeout_s):
-            return self._http.request(**call.request())
+        with explaining(self._url, call.waits_s(self._timeout_s)):
+            return self._http.request(**call.request(self._timeout_s))

@@ -25,7 +25,8 @@ Content: TypeAlias = BaseModel | Mapping[str, Any]
 class Call(Generic[Answer]):
     """One request and how its answer is read.
 
-    `answered_by` lists the statuses beyond success that carry an answer and no problem.
+    `answered_by` lists the statuses beyond success that carry an answer and no problem;
+    `patience_s` is for an answer that takes longer than others to be made [s].
     """
 
     method: str
@@ -35,16 +36,22 @@ class Call(Generic[Answer]):
     query: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     answered_by: frozenset[int] = frozenset()
+    patience_s: float = 0.0
 
-    def request(self) -> dict[str, Any]:
-        """Write the arguments of httpx' `request`."""
+    def request(self, timeout_s: float) -> dict[str, Any]:
+        """Write the arguments of httpx' `request`; `timeout_s` is the client's limit."""
         sent: dict[str, Any] = {"method": self.method, "url": self.path, "headers": self.headers}
+        sent["timeout"] = self.waits_s(timeout_s)
         if self.query:
             sent["params"] = {k: _text(v) for k, v in self.query.items() if v is not None}
         if self.body is not None:
             sent["content"] = json.dumps(_plain(self.body), default=_plain).encode()
             sent["headers"] = {**self.headers, "Content-Type": "application/json"}
         return sent
+
+    def waits_s(self, timeout_s: float) -> float:
+        """Give how long to wait for the answer [s]; `timeout_s` is the client's limit."""
+        return max(timeout_s, self.patience_s)
 
     def checked(self, response: httpx.Response) -> httpx.Response:
         """Return the response, or raise the error that it carries."""

@@ -63,7 +63,11 @@ def explaining(url: httpx.URL, timeout_s: float) -> Iterator[None]:
     try:
         yield
     except httpx.TimeoutException as error:
-        raise ServiceUnavailableError(f"no answer from {where} within {timeout_s:g} s") from error
+        # What was sent whole goes on being worked at.
+        rest = "; it may still be at work" if isinstance(error, httpx.ReadTimeout) else ""
+        raise ServiceUnavailableError(
+            f"no answer from {where} within {timeout_s:g} s{rest}"
+        ) from error
     except httpx.ConnectError as error:
         raise NotListeningError(f"no thermap at {where}{_reason(error)}") from error
     except httpx.TransportError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
 
 from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.models import ModelAnswer
@@ -13,6 +13,9 @@ from app.api.schemas.verifications import VerificationAnswer, WholeVerificationA
 from app.api.schemas.watch import WatchAnswer
 from app.client.call import Call, Content, nothing, reader_of
 from app.client.calls import of_machine
+
+PLANNING_S: Final = 600.0
+"""A plan of many visits is computed while its request waits [s]."""
 
 
 def store_verification(machine_id: str, verification: Content) -> Call[VerificationAnswer]:
@@ -75,7 +78,8 @@ def analyse(machine_id: str, question: Content) -> Call[AnalysisHead]:
 
 def plan_analysis(machine_id: str, plan: Content) -> Call[PlanAnswer]:
     """POST …/analyses/plan."""
-    return Call("POST", of_machine(machine_id, "analyses", "plan"), reader_of(PlanAnswer), plan)
+    path = of_machine(machine_id, "analyses", "plan")
+    return Call("POST", path, reader_of(PlanAnswer), plan, patience_s=PLANNING_S)
 
 
 def analyses(machine_id: str) -> Call[list[AnalysisHead]]:
