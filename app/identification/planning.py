@@ -26,6 +26,7 @@ from app.identification.map_uncertainty import map_uncertainty
 from app.identification.observations import Verification
 from app.identification.plan import Helped, Plan, PlannedEffect, PlannedRival, Suggestion
 from app.identification.residuals import Residuals, channel_unit, zero_columns
+from app.identification.search.candidate import Candidate
 from app.identification.search.detectability import smallest_effects
 from app.identification.search.findings import Detectable
 from app.identification.search.library import Library, read_library
@@ -81,7 +82,7 @@ def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
     library = repertoire(site)
     rows, assumed = _with_declared_noise(residuals)
     problem = _problem(residuals, rows, every, len(planned.verifications))
-    entries = read_library(problem, library.candidates, None)
+    entries = _read_middles(problem, library.candidates)
     sight = _Sight(entries, library.hypotheses, residuals, false_alarm)
     seen = sight.smallest(0, rivals=True)
     effects = _best_forms([sight.described(one) for one in seen.values()])
@@ -168,6 +169,20 @@ def _problem(residuals: Residuals, rows: Rows, campaign: Campaign, planned: int)
     return make_problem(rows, nuisance, use, cell_of, 1 + int(cell.max()))
 
 
+def _read_middles(problem: Problem, candidates: Sequence[Candidate]) -> Library:
+    """Read each candidate at the middle of its grid, the one that is looked at.
+
+    Its other values keep their places in the library, for they count as chances to find.
+    """
+    middles = [replace(c, grid=c.grid[len(c.grid) // 2 :][:1]) for c in candidates]
+    read = read_library(problem, middles, None)
+    sizes = [len(c.thetas) for c in candidates]
+    entries = [e for e, size in zip(read.entries, sizes, strict=True) for _ in range(size)]
+    at = np.cumsum([0, *sizes[:-1]]) + np.array(sizes) // 2
+    batches = [replace(b, entries=at[b.entries].tolist()) for b in read.batches]
+    return Library(problem, middles, entries, batches)
+
+
 @dataclass(frozen=True, eq=False)
 class _Sight:
     """What visits see, whichever of them take part."""
@@ -216,13 +231,14 @@ class _Sight:
         """Few visits show only what a single visit excites."""
         visits = {c: int(s.blocks.sum()) for c, s in states.items()}
         candidates = self.library.candidates
-        allowed = np.zeros(len(self.library.entries), dtype=np.bool_)
+        allowed = np.zeros(len(candidates), dtype=np.bool_)
         for batch in self.library.batches:
             enough = max((visits.get(c, 0) for c in batch.channels), default=0) >= FEWEST_VISITS
             for i in batch.entries:
-                within = candidates[self.library.entries[i].candidate].within_visit
-                allowed[i] = (enough or within) and all(c in states for c in batch.channels)
-        return allowed
+                number = self.library.entries[i].candidate
+                within = candidates[number].within_visit
+                allowed[number] = (enough or within) and all(c in states for c in batch.channels)
+        return allowed[[e.candidate for e in self.library.entries]]
 
     def _size(self, hypothesis: Hypothesis) -> tuple[float, str]:
         """Give the repeatability of the component's own channel, or of points, and its unit."""
