@@ -21,10 +21,12 @@ from app.identification.analysis import (
 )
 from app.identification.before_after import (
     component_figures,
+    figures_unit,
     lengths,
     pooled,
     pooled_figures,
     used_rows,
+    without_zeros,
 )
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.curves import plots
@@ -36,6 +38,7 @@ from app.identification.effects.site import Site
 from app.identification.found_effects import Found, faults_of_readings, found_effects
 from app.identification.leads import leads, words_of
 from app.identification.map_uncertainty import map_uncertainty
+from app.identification.observations import POINT_CHANNELS
 from app.identification.reading_faults import ReadingFaults, reading_faults
 from app.identification.residuals import LeftOut, Residuals, channel_unit, zero_columns
 from app.identification.search.figures import rms
@@ -94,7 +97,8 @@ def analyse(
     residuals = residuals_of(campaign)
     projection = residuals.projection
     site = Site(campaign.model, campaign.maps, residuals.rows, projection.conditions)
-    library = repertoire(site, None if kinds is None else _known(kinds))
+    known = None if kinds is None else tuple(_known(kinds))
+    library = repertoire(site, known)
     rows = residuals.as_rows()
     findings = search(
         rows,
@@ -107,7 +111,7 @@ def analyse(
     use = used_rows(findings, len(rows.values))
     found = Found(residuals, rows, findings, use, library.hypotheses)
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
-    answer = _answer(found, library, faulty, seed)
+    answer = _answer(found, library, faulty, seed, known)
     doubted = doubts(campaign.model, campaign.readings)
     return replace(
         answer,
@@ -141,7 +145,11 @@ def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -
 
 
 def _answer(
-    found: Found, library: Repertoire, faulty: Sequence[FoundEffect], seed: int
+    found: Found,
+    library: Repertoire,
+    faulty: Sequence[FoundEffect],
+    seed: int,
+    kinds: tuple[str, ...] | None,
 ) -> Analysis:
     findings = found.findings
     effects = found.effects()
@@ -159,9 +167,12 @@ def _answer(
     if faulty and findings.verdict is Verdict.NOTHING:
         verdict = VERDICTS[Verdict.FOUND]
     noise_um, floor_um = _noise(found)
+    unit = figures_unit(found.residuals)
     return Analysis(
         verdict=verdict,
-        summary=summary(verdict, described, unexplained, before, after, noise_um),
+        summary=summary(verdict, described, unexplained, before, after, noise_um, unit, kinds),
+        kinds=kinds,
+        unit=unit,
         noise_um=noise_um,
         floor_um=floor_um,
         before=before,
@@ -178,7 +189,9 @@ def _answer(
         excluded=tuple(_excluded(found.residuals, findings)),
         not_testable=not_testable,
         detectable=tuple(_detectable(found)),
-        what_next=what_next(described, unexplained, not_testable, found.residuals.rows.visits),
+        what_next=what_next(
+            described, unexplained, not_testable, found.residuals.rows.visits, _apart(found)
+        ),
         plots=plots(found, effects),
     )
 
@@ -209,7 +222,7 @@ def _unexplained(found: Found, left: FloatArray) -> list[UnexplainedPart]:
         parts.append(
             UnexplainedPart(
                 component="all components" if channel is None else names[channel],
-                rms_um=rms(left[own]),
+                rms_um=rms(without_zeros(found.zeros, np.where(own, left, np.nan))[own]),
                 noise_um=float(np.mean(noise)),
                 unit=channel_unit(names[channel or 0]).symbol,
                 leads=tuple(dict.fromkeys(leads_here)),
@@ -224,6 +237,17 @@ def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOut]:
     for one in findings.excluded:
         counts[OUTLIERS[one.reason]] += len(one.rows)
     return [LeftOut(reason, count) for reason, count in counts.most_common()]
+
+
+def _apart(found: Found) -> list[str]:
+    """Name the visits that were left out as slips, with their components."""
+    rows = found.residuals.rows
+    return [
+        f"{rows.channels[one.channel]} in {rows.verifications[int(rows.verification[at])].label!r}"
+        for one in found.findings.excluded
+        if one.visit is not None
+        for at in one.rows[:1]
+    ]
 
 
 def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, ...]:
@@ -248,12 +272,13 @@ def _detectable(found: Found) -> list[SmallestSeen]:
     best: dict[tuple[str, str], SmallestSeen] = {}
     noise = found.findings.noise
     numbers = {name: i for i, name in enumerate(found.residuals.rows.channels)}
+    points = [numbers[name] for name in POINT_CHANNELS if name in numbers]
     for least in found.findings.detectable:
         hypothesis = found.hypotheses[least.key]
         component = list_names(hypothesis.components, 3)
         channel = numbers.get(hypothesis.components[0])
-        own = [noise[channel]] if channel is not None and channel in noise else noise.values()
-        size = float(np.median([one.fitted for one in own]))
+        own = [c for c in noise if c == channel] or [c for c in noise if c in points]
+        size = float(np.median([noise[c].repeatability for c in own or noise]))
         seen = SmallestSeen(
             hypothesis.kind,
             component,

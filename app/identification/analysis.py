@@ -21,7 +21,7 @@ MOST_SUBJECTS: Final = 12
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Size of residuals over all values in µm.
+    """Size of residuals over all lengths [µm], or over all values where none is a length.
 
     Parameters
     ----------
@@ -115,6 +115,7 @@ class Alternative:
     """
 
     kind: str
+    variant: str
     components: tuple[str, ...]
     sensors: tuple[str, ...]
     states: tuple[str, ...]
@@ -220,8 +221,12 @@ class Analysis:
         `effects-found`, `nothing-found` or `unexplained`.
     summary
         Two plain sentences.
+    kinds
+        The kinds of effects that were looked for; None: all.
+    unit
+        Of the figures over all values: µm, or that of the angles where no length was measured.
     noise_um, floor_um
-        Repeatability, and what repeatability and set-up scatter alone would leave [µm].
+        Repeatability, and what repeatability and set-up scatter alone would leave.
     before, after
         Residuals without and with the effects as they would be adopted.
     after_with_maps_refitted
@@ -240,6 +245,8 @@ class Analysis:
 
     verdict: str
     summary: str
+    kinds: tuple[str, ...] | None
+    unit: str
     noise_um: float | None
     floor_um: float | None
     before: Figures

@@ -71,6 +71,20 @@ def lengths(residuals: Residuals) -> BoolArray:
     return found if found.any() else np.ones(len(found), dtype=np.bool_)
 
 
+def figures_unit(residuals: Residuals) -> str:
+    """Give the symbol of the unit of figures over all `lengths`: µm, or that of the angles.
+
+    Parameters
+    ----------
+    residuals
+        The rows.
+    """
+    units = {channel_unit(name) for name in residuals.rows.channels}
+    if Unit.UM in units:
+        return Unit.UM.symbol
+    return (units.pop() if len(units) == 1 else Unit.URAD).symbol
+
+
 def used_rows(findings: Findings, count: int) -> BoolArray:
     """Say which rows took part in the search.
 

@@ -199,6 +199,7 @@ def _alternatives(found: Found, term: FoundTerm) -> tuple[Alternative, ...]:
 def _alternative(own: Hypothesis, other: Hypothesis, term: FoundTerm, rival: Rival) -> Alternative:
     return Alternative(
         kind=other.kind,
+        variant=other.variant,
         components=other.components,
         sensors=other.sensors,
         states=other.states,

@@ -193,3 +193,52 @@ def test_heating_that_begins_is_no_spike():
     changed = {**campaign.readings.temperatures_c, "spindle": np.round(heating, 2)}
     campaign = replace(campaign, readings=TemperatureHistory(times, changed))
     assert answer_of(campaign, kinds=["backlash"])["effects"] == []
+
+
+# What the figures are in.
+
+
+def only(campaign, components, **changes):
+    """Keep some components' observations, and change each verification."""
+    verifications = [
+        replace(v, observations=[o for o in v.observations if o.component in components], **changes)
+        for v in campaign.verifications
+    ]
+    kept = [v for v in verifications if v.observations]
+    return replace(campaign, verifications=kept)
+
+
+def test_angles_alone_are_told_in_their_unit():
+    _, campaign = campaign_with("backlash:constant", seed=7)
+    found = answer_of(only(campaign, ("EAX", "EBX", "ECX")), kinds=["backlash"])
+    assert found["unit"] == "µrad"
+    assert "µrad (root mean square)" in found["summary"] or "µrad on visits" in found["summary"]
+    assert "µm" not in found["summary"]
+    assert "among the kinds looked for (backlash)" in found["summary"] or found["effects"]
+
+
+def test_what_would_have_been_seen_does_not_hang_on_what_was_declared():
+    """The same data, called twice as scattered or half: the fitted scatter decides."""
+    _, campaign = campaign_with(seed=8)
+    told = {}
+    for declared in (0.5, 1.0, 2.0):
+        stated = [replace(v, repeatability_um=declared) for v in campaign.verifications]
+        found = answer_of(replace(campaign, verifications=stated), kinds=["backlash"])
+        told[declared] = np.mean([one["smallest_rms"] for one in found["detectable"]])
+    assert told[0.5] == pytest.approx(told[1.0], rel=0.25)
+    assert told[2.0] == pytest.approx(told[1.0], rel=0.25)
+
+
+def test_an_unknown_zero_is_no_part_of_what_is_left():
+    """Hysteresis is in no family; the instrument's zeros lie 100 µm apart."""
+    _, campaign = campaign_with("chirped-pitch", amplitude=6.0, seed=9)
+    moved = []
+    for i, v in enumerate(campaign.verifications):
+        far = [
+            replace(o, measured=tuple(m + 100.0 * (-1) ** i for m in o.measured))
+            for o in v.observations
+        ]
+        moved.append(replace(v, observations=far, datum=Datum.FREE))
+    found = answer_of(replace(campaign, verifications=moved), kinds=["backlash"])
+    assert found["verdict"] == "unexplained"
+    assert all(one["rms_um"] < 20.0 for one in found["unexplained"])

@@ -79,6 +79,7 @@ class AlternativeAnswer(Schema):
     """Another explanation of the same residuals."""
 
     kind: str = Field(description="Kind of effect", examples=["additional-sensor"])
+    variant: str = Field(description="Which form of the kind; empty where it has one only")
     components: list[str] = Field(description="On which components")
     sensors: list[str] = Field(description="Driven by which sensors")
     states: list[str] = Field(description="Driven by which states")
@@ -178,9 +179,19 @@ class AnalysisResult(Schema):
         description="`unexplained` where structure remains that no effect fits"
     )
     summary: str = Field(description="Two plain sentences")
-    noise_um: Number | None = Field(description="Standard deviation of one observation [µm]")
+    kinds: list[str] | None = Field(
+        description="Kinds of effects that were looked for; null: all of them"
+    )
+    unit: str = Field(
+        description="Of the figures over all values: µm, or that of the angles where no length "
+        "was measured",
+        examples=["µm"],
+    )
+    noise_um: Number | None = Field(
+        description="Standard deviation of one observation [µm]; see `unit`"
+    )
     floor_um: Number | None = Field(
-        description="What repeatability and set-up scatter alone would leave [µm]"
+        description="What repeatability and set-up scatter alone would leave [µm]; see `unit`"
     )
     before: FiguresAnswer = Field(description="Residuals of the model as it was")
     after: FiguresAnswer = Field(description="Residuals with the effects as they would be adopted")

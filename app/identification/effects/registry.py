@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -67,7 +68,7 @@ class Repertoire:
     not_testable: list[NotTested]
 
 
-def repertoire(site: Site, kinds: list[str] | None = None) -> Repertoire:
+def repertoire(site: Site, kinds: Sequence[str] | None = None) -> Repertoire:
     """Ask every kind what can be tested.
 
     Parameters

@@ -18,7 +18,7 @@ from app.identification.search.problem import Problem, Term
 from app.identification.search.scan import Scan
 from app.identification.search.selection import Selector
 from app.identification.search.threshold import threshold, upper_tail
-from app.identification.search.visit_scatter import FEWEST_VISITS
+from app.identification.search.visit_scatter import FEWEST_VISITS, multipliers
 
 OVER_FLOOR: Final = 1.3
 """Held-out RMS over the noise floor from which something is missing."""
@@ -28,6 +28,9 @@ SURELY: Final = 1.15
 
 OF_ONE_FAMILY: Final = 3
 """So many terms of one family on one channel imitate something unknown."""
+
+ORDINARY: Final = 16.0
+"""Multiple of the assumed variance up to which undeclared set-ups scatter: two repeatabilities."""
 
 LEADS: Final = 3
 """So many leads of the generic test are named."""
@@ -65,6 +68,7 @@ def adequacy(
         *_generic(selector, terms, draws, level),
         *_lack_of_fit(problem, fit, use, level),
         *_visit_variance(selector, terms, level),
+        *_far_off(selector, terms, level),
         *_above_floor(problem, use, held_out),
         *_imitation(terms),
     ]
@@ -131,6 +135,24 @@ def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> 
         p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
         if p * len(declared) < level / 4:
             found.append(Unexplained("visit-variance", c, None))
+    return found
+
+
+def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Unexplained]:
+    """Few visits, further from the model than set-ups are: too few to say why."""
+    few = {
+        c: s
+        for c, s in selector.given(terms).items()
+        if len(s.fixed.channel.starts) < FEWEST_VISITS
+    }
+    found = []
+    for c, state in few.items():
+        channel, null = state.fixed.channel, state.null - state.fixed.channel.prior
+        tilts = channel.shapes.shape[1] - 1
+        usual = (multipliers(tilts, not bool(channel.free.all())) <= ORDINARY).all(axis=1)
+        ratio = 2.0 * float(null.max() - null[usual].max())
+        if 0.5 * upper_tail(ratio, 2.0) * len(few) < level / 4:
+            found.append(Unexplained("far-off", c, None))
     return found
 
 

@@ -90,7 +90,7 @@ def smallest_effects(
     known = informations(library, states, level, scatter)
     chosen = [i for i in _middles(library, allowed) if i in known]
     overlaps: dict[int, Overlap] = {}
-    if rivals:
+    if rivals and chosen:
         overlaps = _overlaps(library, states, level, scatter, known, chosen)
     cost = penalties(library, sum(s.count for s in states.values()))
     found = []

@@ -174,7 +174,7 @@ class Unexplained:
     ----------
     test
         `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family` or
-        `many-at-one-place`.
+        `many-at-one-place`, `far-off`.
     channel
         Where; None: everywhere.
     lead

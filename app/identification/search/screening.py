@@ -26,7 +26,10 @@ OFTEN: Final = 0.05
 """If more than this share is far, it is structure, not outliers."""
 
 APART: Final = 3.0
-"""A visit must be so many times further than the next to be a slip: effects come in series."""
+"""A visit must be so many times further than the next to be a slip: effects come in series.
+
+The last visit is none: what has just changed looks the same.
+"""
 
 LOOSE: Final = 5
 """The set of visit variances under which rows are judged within their visit."""
@@ -118,6 +121,8 @@ def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> l
         first, second = away[order[-1]], away[order[-2]]
         if first > FAR * max(size, 0.3) and first > APART * second:
             visit = int(channel.visits[known[order[-1]]])
+            if visit == channel.visits.max():
+                continue
             gone = channel.rows[(channel.visits == visit)[channel.block]]
             found.append(
                 Excluded(tuple(sorted(gone.tolist())), "visit-apart", channel.number, visit)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -123,8 +123,7 @@ def validate(
         step(fold / (splits.folds + 1))
         held = splits.fold(fold)
         learned = _learned(library, ~held, main, allowed)
-        for number, (term, others) in enumerate(zip(main.terms, rivals, strict=True)):
-            match = _match(learned.terms, term, others)
+        for number, match in enumerate(_matches(learned.terms, main.terms, rivals)):
             if match is not None:
                 slope = calibration_slope(library.problem, learned, match, held)
                 found.slopes[number].append(slope)
@@ -204,19 +203,30 @@ def _learned(library: Library, train: BoolArray, main: Selection, allowed: BoolA
     return learn(selector.states, terms)
 
 
-def _match(terms: Sequence[Term], wanted: Term, rivals: Sequence[tuple[Rival, Term]]) -> int | None:
-    """Find the term that a fold found in a term's place."""
-    tied = {r.key for r, _ in rivals if r.tied}
-    for i, term in enumerate(terms):
-        if term.candidate.key == wanted.candidate.key:
-            return i
-    for i, term in enumerate(terms):
-        near = set(term.columns) & set(wanted.columns)
-        if term.candidate.key in tied or (
-            near and term.candidate.family == wanted.candidate.family
-        ):
-            return i
-    return None
+def _matches(terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals) -> list[int | None]:
+    """Find the terms that a fold found in the place of each term; none serves for two."""
+    tied = [{rival.key for rival, _ in own if rival.tied} for own in rivals]
+    pairs = sorted(
+        (unlikeness, i, number)
+        for number, term in enumerate(wanted)
+        for i, other in enumerate(terms)
+        if (unlikeness := _unlikeness(other, term, tied[number])) is not None
+    )
+    found: list[int | None] = [None] * len(wanted)
+    for _, i, number in pairs:
+        if found[number] is None and i not in found:
+            found[number] = i
+    return found
+
+
+def _unlikeness(other: Term, term: Term, tied: Collection[str]) -> tuple[int, float] | None:
+    """Order what may stand for a term: itself, by its nonlinear parameter, then ties, then kin."""
+    if other.candidate.key == term.candidate.key:
+        return 0, abs((other.theta or 0.0) - (term.theta or 0.0))
+    if other.candidate.key in tied:
+        return 1, 0.0
+    near = set(other.columns) & set(term.columns)
+    return (2, 0.0) if near and other.candidate.family == term.candidate.family else None
 
 
 def _forward(
@@ -226,10 +236,10 @@ def _forward(
         return [None] * len(main.terms)
     late = splits.late()
     learned = _learned(library, ~late, main, allowed)
-    found: list[Slope | None] = []
-    for term, others in zip(main.terms, rivals, strict=True):
-        match = _match(learned.terms, term, others) if term.candidate.trending else None
-        found.append(
-            None if match is None else calibration_slope(library.problem, learned, match, late)
-        )
-    return found
+    matches = _matches(learned.terms, main.terms, rivals)
+    return [
+        calibration_slope(library.problem, learned, match, late)
+        if match is not None and term.candidate.trending
+        else None
+        for term, match in zip(main.terms, matches, strict=True)
+    ]

@@ -33,9 +33,16 @@ TESTS: Final = {
     "visit-variance": "visits differ by more than the declared set-up scatter",
     "held-out": "held-out residuals are well above the floor",
     "many-of-one-family": "several terms of one kind on one component: an imitation",
+    "far-off": "further from the model than set-ups are, in too few visits to say why",
     "many-at-one-place": "several effects at one place: whatever fits a bit",
 }
 """Which test says that structure is left."""
+
+SHARES: Final = {
+    "thermal-lag": "of what the tables say: 1 follows late as a whole, 0 at once",
+    "other-sensor": "of what the tables say: 1 follows the other sensor alone, 0 the assigned one",
+}
+"""What a parameter `share` of a kind is a share of."""
 
 _UNIX_TIME: Final = "_unix_s"
 _PARAMETER: Final = re.compile(
