@@ -20,13 +20,14 @@ from app.identification.effects.driver import BeyondMaps, Curvature, Driver
 from app.identification.effects.effect import Effect
 from app.identification.effects.nonrigid_slope import NonrigidSlope
 from app.identification.effects.outdated_map import OutdatedMap
+from app.identification.effects.sensor_fault import BIAS, SensorFault
 from app.identification.effects.sensor_gradient import SensorGradient
 from app.identification.effects.shape import Exchange
 from app.identification.effects.site import beyond_maps
 from app.identification.effects.step import Step
 from app.identification.effects.temperature_curvature import TemperatureCurvature
 from app.identification.effects.term import Term
-from app.identification.map_tables import temperatures_of_maps
+from app.identification.map_tables import maps_of_label, temperatures_of_maps
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 
@@ -81,16 +82,25 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
     kept, notes = [], []
     for effect in effects:
         terms: list[Term] = []
+        mixed: list[str] = []
         for code in effect.components:
             own = [_updated(term, change) for term in effect.terms if term.component == code]
             still = [term for term in own if term is not None]
             why = _why_over(effect, code, change)
             if not why and len(still) < len(own):
                 why = "a map does not state the temperatures that it needs"
+            why = why or next(filter(None, (_why_unread(term, change) for term in still)), "")
             if why:
                 notes.append(f"{effect.kind} of {code} left out: {why}")
             else:
                 terms += still
+                mixed += [code] if _is_mixed(effect, code, change) else []
+        if mixed:
+            notes.append(
+                f"{effect.kind} of {list_names(mixed)} kept, though only some of their maps were "
+                f"measured after it and state what {effect.sensors[0]} wrongly read: measure the "
+                "others again too"
+            )
         if not effect.terms:  # what the readings show: it is known, and adds nothing
             kept.append(effect)
         elif terms:
@@ -104,6 +114,8 @@ def _why_over(effect: Effect, code: str, change: Change) -> str:
     before, after = change.before.find(code), change.after.find(code)
     if before and after and effect.sensors and before[0].sensor != after[0].sensor:
         return f"{code} follows {after[0].sensor} now"
+    if all(_from_after_fault(effect, code, change)):
+        return f"all maps were measured after it, and state what {effect.sensors[0]} read"
     if effect.kind in LACKED_BY_MAPS and after and not before:
         return f"the maps have {code} now"
     contains = _CONTAINS.get(effect.kind, _never)
@@ -112,6 +124,29 @@ def _why_over(effect: Effect, code: str, change: Change) -> str:
         labels = list_names(repr(m.label) for m in change.measured_again(code))
         return f"it was measured again in map {labels}"
     return ""
+
+
+def _from_after_fault(effect: Effect, code: str, change: Change) -> list[bool]:
+    """Say of each map of a component whether a sensor's bias was there; one no without a bias."""
+    after = change.after.find(code)
+    if effect.kind != SensorFault.kind or effect.variant != BIAS or after is None:
+        return [False]
+    maps = (m for label in after[0].labels for m in maps_of_label(change.maps, label))
+    return [_after_the_step(m, effect) for m in maps]
+
+
+def _is_mixed(effect: Effect, code: str, change: Change) -> bool:
+    """Whether a new map states a biased temperature beside older ones that do not."""
+    return any(_from_after_fault(effect, code, change)) and any(
+        _after_the_step(m, effect) for m in change.measured_again(code)
+    )
+
+
+def _why_unread(term: Term, change: Change) -> str:
+    """Say why the maps cannot be read by another sensor, empty where they can."""
+    if not isinstance(term.shape, Exchange) or change.after.find(term.component) is None:
+        return ""
+    return term.shape.why_missing(change.after, term.component)
 
 
 def _is_inside(effect: Effect, code: str, change: Change) -> bool:

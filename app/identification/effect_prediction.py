@@ -10,16 +10,13 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.identification.conditions import Conditions
-from app.identification.effects.effect import Effect
+from app.identification.effects.effect import Effect, acting_on
 from app.identification.faulty_sensors import set_faulty_aside
-from app.identification.live_effects import Missing, contributions
+from app.identification.live_effects import EFFECTS_ONLY, Missing, contributions
 from app.identification.observations import POINT_CHANNELS, ObservationRows
 from app.identification.projection import Projection, places_of
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.prediction import Predicted, predict_component, predict_points
-
-EFFECTS_ONLY: Final = "effects-only"
-"""Status where no two maps have the component, and effects alone give it an error."""
 
 EFFECT_MISSING: Final = "effect-missing"
 """Status where an adopted effect lacks its condition and is not in the value."""
@@ -108,8 +105,7 @@ def _of_maps(
             model, temperatures_c, places.points_mm, places.tool_offsets_mm, places.directions
         )
     code = places.component
-    acting = {term.component for effect in effects for term in effect.terms}
-    if code in acting and model.find(code) is None:
+    if code in acting_on(effects) and model.find(code) is None:
         return Predicted(np.zeros(len(conditions)), [EFFECTS_ONLY] * len(conditions))
     where = places_of(code, places.points_mm, places.directions)
     return predict_component(model, code, temperatures_c, *where)

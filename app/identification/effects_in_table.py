@@ -17,7 +17,7 @@ from app.errors import list_names
 from app.identification.conditions import Conditions
 from app.identification.effects.effect import Effect
 from app.identification.effects.registry import explain
-from app.identification.effects.sensor_fault import SensorFault
+from app.identification.effects.sensor_fault import BIAS, SensorFault
 from app.identification.faulty_sensors import set_faulty_aside
 from app.identification.live_effects import CorrectedTable, corrected_tables, corrections
 from app.thermal.compiled_model import CompiledModel
@@ -31,6 +31,8 @@ def faulty_marked(
     sensors: Iterable[SensorState],
 ) -> list[SensorState]:
     """Mark the sensors that an adopted effect calls faulty and for which others can stand in.
+
+    What is the matter with a sensor now goes before: one that is missing stays missing.
 
     Parameters
     ----------
@@ -49,7 +51,7 @@ def faulty_marked(
     why = {effects[number].sensors[0]: explain(effects[number]) for number in numbers}
     return [
         state._replace(health=Health.FAULTY, detail=why[state.sensor])
-        if state.sensor in why and state.health is not Health.FAULTY
+        if state.sensor in why and state.health in (Health.OK, Health.STALE)
         else state
         for state in sensors
     ]
@@ -83,6 +85,7 @@ def add_effects(
     aside = set_faulty_aside(model, effects, moment).effects
     found = corrections(model, effects, moment)
     missing = {m.effect: m.reason for m in found.missing}
+    dealt_with = {*aside, *missing}
     said = [_in_table(effect, missing.get(i, "")) for i, effect in enumerate(effects)]
     old = [
         f"{said[i].kind} of {list_names(effect.components)} rests on an old temperature of {sensor}"
@@ -98,7 +101,7 @@ def add_effects(
     return replace(
         table,
         complete=table.complete and not missing and not old,
-        warnings=[*table.warnings, *old, *_left_out(said), *_by_bias(effects, moment, aside)],
+        warnings=[*table.warnings, *old, *_left_out(said), *_read_on(effects, moment, dealt_with)],
         corrected=_with_stand_ins(table, effects, aside, corrected),
         effects=said,
     )
@@ -116,12 +119,16 @@ def _left_out(effects: Iterable[EffectInTable]) -> list[str]:
     ]
 
 
-def _by_bias(effects: Sequence[Effect], moment: Conditions, aside: Collection[int]) -> list[str]:
-    """Say which faulty sensors go on, with their bias taken off."""
+def _read_on(
+    effects: Sequence[Effect], moment: Conditions, dealt_with: Collection[int]
+) -> list[str]:
+    """Say which faulty sensors are read on, and how."""
+    how = {BIAS: "the bias is taken off"}
     return [
-        f"{explain(effect)}: no other sensor can stand in, the bias is taken off"
+        f"{explain(effect)}: no other sensor can stand in, "
+        f"{how.get(effect.variant, 'it is read as it is')}"
         for i, effect in enumerate(effects)
-        if effect.kind == SensorFault.kind and i not in aside
+        if effect.kind == SensorFault.kind and i not in dealt_with
         if any(np.any(term.driver.at(moment)) for term in effect.terms)
     ]
 

@@ -55,13 +55,16 @@ def set_faulty_aside(
     found: dict[int, BoolArray] = {}
     temperatures = dict(conditions.temperatures_c)
     for number, effect in enumerate(effects):
-        if effect.kind != SensorFault.kind or effect.sensors[0] not in temperatures:
+        if effect.kind != SensorFault.kind:
             continue
         sensor = effect.sensors[0]
-        there = _is_active(effect, conditions) & _can_be_replaced(model, sensor, temperatures)
+        there = _is_active(effect, conditions) & _can_be_replaced(
+            model, sensor, temperatures, len(conditions)
+        )
         if there.any():
             found[number] = there
-            temperatures[sensor] = np.where(there, np.nan, temperatures[sensor])
+            if sensor in temperatures:
+                temperatures[sensor] = np.where(there, np.nan, temperatures[sensor])
     return SetAside(
         found, replace(conditions, temperatures_c=temperatures) if found else conditions
     )
@@ -73,10 +76,9 @@ def _is_active(effect: Effect, conditions: Conditions) -> BoolArray:
 
 
 def _can_be_replaced(
-    model: CompiledModel, sensor: str, temperatures_c: Mapping[str, FloatArray]
+    model: CompiledModel, sensor: str, temperatures_c: Mapping[str, FloatArray], n: int
 ) -> BoolArray:
-    """Say where all components of a sensor have another one with a temperature."""
-    n = len(temperatures_c[sensor])
+    """Say at which of n moments all components of a sensor have another with a temperature."""
     found = np.ones(n, dtype=np.bool_)
     for group in model.groups:
         if group.sensor == sensor:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,11 @@ from app.identification.faulty_sensors import set_faulty_aside
 from app.identification.map_tables import positions_of
 from app.identification.projection import Projection, sum_of_terms
 from app.thermal.compiled_model import CompiledModel, GroupState
+
+EFFECTS_ONLY: Final = "effects-only"
+"""Status where no two maps have the component, and effects alone give it an error."""
+
+NO_NUMBER: Final = "what drives it gives no number here"
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,17 +140,20 @@ def corrections(model: CompiledModel, effects: Sequence[Effect], moment: Conditi
     for number, effect in enumerate(effects):
         if number in aside:
             continue
-        reason = next(filter(None, (t.why_missing(model, moment) for t in effect.terms)), "")
+        reason = next(filter(None, (_why_not(t, model, moment) for t in effect.terms)), "")
         if reason:
             missing.append(Missing(number, effect.kind, reason))
             continue
         for term in effect.terms:
             terms[term.component].append((number, term))
-    found = [
-        _correction(model, COMPONENTS[code], terms[code], moment)
+    evaluated = [
+        _evaluated(model, COMPONENTS[code], terms[code], moment)
         for code in sorted(terms, key=ORDER.__getitem__)
     ]
-    return LiveEffects(tuple(found), tuple(missing))
+    lost = {part.effect for one in evaluated for part in one.parts if not part.is_finite}
+    missing += [Missing(number, effects[number].kind, NO_NUMBER) for number in sorted(lost)]
+    found = (_correction(one, lost) for one in evaluated)
+    return LiveEffects(tuple(c for c in found if c.effects), tuple(missing))
 
 
 def corrected_tables(
@@ -207,37 +216,82 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     for number, effect in enumerate(effects):
         own = sum_of_terms(projection, effect.terms)
         own = np.where(aside.get(number, False), 0.0, own)
-        unknown = np.flatnonzero(np.isnan(own))
+        unknown = np.flatnonzero(~np.isfinite(own))
         if unknown.size:
             there = projection.conditions.take(unknown)
             reasons = (t.why_missing(projection.model, there) for t in effect.terms)
-            reason = next(filter(None, reasons), "a condition is not known")
+            reason = next(filter(None, reasons), NO_NUMBER)
             missing.append(Missing(number, effect.kind, f"{reason} ({unknown.size} values)"))
             lacking[unknown] = True
-        total += np.nan_to_num(own, nan=0.0)
+        total += np.where(np.isfinite(own), own, 0.0)
     return Contributions(total, lacking, tuple(missing))
 
 
-def _correction(
+class _Part(NamedTuple):
+    """What one term adds to either approach."""
+
+    effect: int
+    forward: FloatArray
+    backward: FloatArray
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.forward).all() and np.isfinite(self.backward).all())
+
+
+class _Evaluated(NamedTuple):
+    """All terms of one component at common positions."""
+
+    component: Component
+    positions_mm: FloatArray
+    parts: list[_Part]
+
+
+def _why_not(term: Term, model: CompiledModel, moment: Conditions) -> str:
+    """Say why a term cannot be in a table, empty where it can."""
+    component = COMPONENTS[term.component]
+    missing = term.why_missing(model, moment)
+    if missing or not component.is_table:
+        return missing
+    return term.shape.why_no_table(*_ends(model, component))
+
+
+def _evaluated(
     model: CompiledModel,
     component: Component,
     terms: Sequence[tuple[int, Term]],
     moment: Conditions,
-) -> Correction:
+) -> _Evaluated:
     positions = _positions(model, component, [term for _, term in terms])
     at = positions if component.is_table else np.full(1, np.nan)
-    sides = [
-        sum(
-            (
-                term.everywhere_at(model, Places(at, np.full(at.shape, side)), moment)
-                for _, term in terms
-            ),
-            start=np.zeros(at.shape),
-        )
-        for side in (1.0, -1.0)
+    up, down = (Places(at, np.full(at.shape, side)) for side in (1.0, -1.0))
+    parts = [
+        _Part(n, term.everywhere_at(model, up, moment), term.everywhere_at(model, down, moment))
+        for n, term in terms
     ]
-    numbers = tuple(dict.fromkeys(number for number, _ in terms))
-    return Correction(component, positions, sides[0], sides[1], numbers)
+    return _Evaluated(component, positions, parts)
+
+
+def _correction(evaluated: _Evaluated, lost: Collection[int]) -> Correction:
+    """Add the terms up, without those of lost effects."""
+    component, positions, parts = evaluated
+    kept = [part for part in parts if part.effect not in lost]
+    nothing = np.zeros(max(positions.size, 1))
+    forward = sum((part.forward for part in kept), start=nothing)
+    backward = sum((part.backward for part in kept), start=nothing)
+    numbers = tuple(dict.fromkeys(part.effect for part in kept))
+    return Correction(component, positions, forward, backward, numbers)
+
+
+def _ends(model: CompiledModel, component: Component) -> tuple[float, float]:
+    """Give the ends of a component's table [mm]: of its axis' travel, or of its maps."""
+    found = model.find(component.code)
+    own = positions_of(found[1] if found else None)
+    travel = travel_of(model, component)
+    low, high = (travel.min_mm, travel.max_mm) if travel else (0.0, 0.0)
+    if own.size > 1:
+        low, high = min(low, float(own[0])), max(high, float(own[-1]))
+    return low, high
 
 
 def _positions(model: CompiledModel, component: Component, terms: Sequence[Term]) -> FloatArray:
@@ -246,10 +300,7 @@ def _positions(model: CompiledModel, component: Component, terms: Sequence[Term]
         return np.empty(0)
     found = model.find(component.code)
     own = positions_of(found[1] if found else None)
-    travel = travel_of(model, component)
-    low, high = (travel.min_mm, travel.max_mm) if travel else (0.0, 0.0)
-    if own.size > 1:
-        low, high = min(low, float(own[0])), max(high, float(own[-1]))
+    low, high = _ends(model, component)
     needed = [own, *(term.shape.nodes_mm(low, high) for term in terms)]
     positions = _distinct(np.unique(np.concatenate(needed)))
     return positions if positions.size else np.array([(low + high) / 2.0])

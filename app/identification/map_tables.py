@@ -79,8 +79,8 @@ class TemperatureTable:
         temperatures_c : ndarray, shape (n,) [°C]
             From where; beyond the maps the table stands where the machine's policy says.
         by_k : ndarray, shape (n,) [K]
-            By how much from the temperature itself; beyond the maps extrapolated, up to the
-            machine's margin.
+            By how much from the temperature itself; beyond the maps extrapolated as far as it
+            moves away from where the table stands, up to the machine's margin.
         positions_mm, directions : ndarray, shape (n,)
             As for `at`.
 
@@ -90,8 +90,12 @@ class TemperatureTable:
         """
         start = self._start(temperatures_c)
         low, high = self.temperatures_c[[0, -1]]
+        lowest = np.minimum(low - self.start_margin_c, start + by_k)
+        highest = np.maximum(high + self.start_margin_c, start + by_k)
         target = np.clip(
-            temperatures_c + by_k, low - self.reach_margin_c, high + self.reach_margin_c
+            np.clip(temperatures_c + by_k, lowest, highest),
+            low - self.reach_margin_c,
+            high + self.reach_margin_c,
         )
         after = self._read(target, positions_mm, directions)
         return after - self._read(start, positions_mm, directions)

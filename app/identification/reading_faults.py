@@ -69,7 +69,7 @@ class ReadingFaults:
 
 
 def reading_faults(campaign: Campaign) -> ReadingFaults:
-    """Look for sensors that spike or stand still.
+    """Look for sensors that spike or stand still, beyond what the version has adopted already.
 
     Parameters
     ----------
@@ -93,11 +93,31 @@ def reading_faults(campaign: Campaign) -> ReadingFaults:
             if effect.parameters["share"] >= OFTEN_SHARE:
                 found.append((effect, words))
         found.extend(_stuck(campaign, sensor, cleaned))
+    found = [one for one in found if not _is_known(one[0], campaign.effects)]
     return ReadingFaults(
         replace(campaign, readings=cleaned),
         tuple(effect for effect, _ in found),
         tuple(words for _, words in found),
     )
+
+
+def _is_known(effect: Effect, adopted: Sequence[Effect]) -> bool:
+    """Whether an adopted effect tells of the same sensor and at least partly the same time."""
+    begin_s, end_s = _episode(effect)
+    return any(
+        (one.kind, one.variant, one.sensors) == (effect.kind, effect.variant, effect.sensors)
+        and _episode(one)[0] <= end_s
+        and begin_s <= _episode(one)[1]
+        for one in adopted
+    )
+
+
+def _episode(effect: Effect) -> tuple[float, float]:
+    """From when to when a sensor read wrong [s]; without end where it goes on."""
+    begin_s, hours = effect.parameters["changed_at_unix_s"], effect.parameters.get("lasted_h")
+    if effect.terms or hours is None:
+        return begin_s, np.inf
+    return begin_s, begin_s + hours * SECONDS_PER_H
 
 
 def spike_rows(campaign: Campaign, sensor: str) -> BoolArray:

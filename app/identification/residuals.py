@@ -13,10 +13,10 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.conditions import Conditions
-from app.identification.effects.effect import Effect
+from app.identification.effects.effect import Effect, acting_on
 from app.identification.faulty_sensors import set_faulty_aside
 from app.identification.frozen_observations import FROZEN, frozen_rows
-from app.identification.live_effects import contributions
+from app.identification.live_effects import EFFECTS_ONLY, contributions
 from app.identification.observations import POINT_CHANNELS, ObservationRows, repeated_rows
 from app.identification.projection import Projection, places_of
 from app.identification.search.figures import rms
@@ -144,7 +144,7 @@ def compute_residuals(
         If nothing is left, or measured values are evidently in another unit.
     """
     read_by = set_faulty_aside(model, effects, conditions).conditions
-    predicted = _predict(model, rows, read_by)
+    predicted = _predict(model, rows, read_by, effects)
     reasons = _reasons(model, rows, conditions, predicted.status, readings)
     own = predicted.values
     if effects:
@@ -208,10 +208,17 @@ def tilt_columns(projection: Projection) -> FloatArray:
     return columns[:, columns.any(axis=0)]
 
 
-def _predict(model: CompiledModel, rows: ObservationRows, conditions: Conditions) -> Predicted:
+def _predict(
+    model: CompiledModel,
+    rows: ObservationRows,
+    conditions: Conditions,
+    effects: Sequence[Effect],
+) -> Predicted:
+    """Predict what the maps say alone: nothing of a component that adopted effects alone have."""
     values = np.full(len(rows), np.nan)
     status = np.full(len(rows), "not in the model", dtype=object)
     have = {code for group in model.groups for code in group.codes}
+    acting = acting_on(effects)
     for channel in rows.channels:
         chosen = rows.of_channel(channel)
         here = {name: t[chosen] for name, t in conditions.temperatures_c.items()}
@@ -227,6 +234,9 @@ def _predict(model: CompiledModel, rows: ObservationRows, conditions: Conditions
         elif channel in have:
             places = places_of(channel, rows.points_mm[chosen], rows.directions[chosen])
             found = predict_component(model, channel, here, *places)
+            values[chosen] = found.values
+        elif channel in acting:
+            found = Predicted(np.zeros(len(chosen)), [EFFECTS_ONLY] * len(chosen))
             values[chosen] = found.values
         else:
             continue

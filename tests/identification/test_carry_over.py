@@ -183,6 +183,38 @@ def test_another_sensor_reads_the_new_map_too():
     assert not corrections(changed.after, [kept], moment).missing
 
 
+def test_another_sensor_that_cannot_tell_the_new_map_from_an_old_one_ends_the_exchange():
+    effect = fitted("other-sensor|")
+    code, (_, other) = effect.components[0], effect.sensors
+    same = {other: maps()[-1].temperatures_c[other]}
+    kept, notes = carry_over([effect], change(new_map(*effect.components, **same)))
+    assert kept == []
+    assert notes[0] == (
+        f"other-sensor of {code} left out: maps 'Run #9' and 'Run #6' are only 0 °C apart at "
+        f"{other}, which cannot tell them apart"
+    )
+
+
+@pytest.mark.parametrize("without", [(), ("Run #1", "Run #3"), ("Run #1", "Run #3", "Run #6")])
+def test_a_bias_goes_when_all_maps_state_what_the_sensor_wrongly_read(without):
+    """And with maps from before and after it, it stays and is said."""
+    bias = fitted("sensor-fault|bias")
+    codes = bias.components
+    first, second = new_map(*codes), replace(new_map(*codes, t=33.0), label="Run #10")
+    kept, notes = carry_over([bias], change(first, second, without=without))
+    if len(without) == 3:
+        told = f"all maps were measured after it, and state what {bias.sensors[0]} read"
+        assert kept == []
+        assert notes == [f"sensor-fault of {code} left out: {told}" for code in codes]
+    else:
+        assert kept == [bias]
+        assert len(notes) == 1
+        assert "only some of their maps were measured after it" in notes[0]
+    before = datetime(2026, 2, 2, tzinfo=UTC)
+    earlier = [replace(m, measured_at=before) for m in (first, second)]
+    assert carry_over([bias], change(*earlier, without=without)) == ([bias], [])
+
+
 def test_a_map_that_does_not_state_the_other_sensor_ends_what_needs_it():
     effect = fitted("other-sensor|")
     own, _ = effect.sensors

@@ -70,6 +70,26 @@ def test_a_lag_reads_the_tables_at_the_late_temperature():
     assert value(behind, across) == pytest.approx(-(3.0 * 4.0 + 1.0 * 2.0))
 
 
+@pytest.mark.parametrize(
+    ("t_c", "lag_c", "total"),
+    [
+        (29.0, 26.0, 6.0),  # inside: E at the late temperature
+        (33.0, 27.0, 7.0),  # the late temperature is inside: E there
+        (15.0, 19.0, 0.0),  # both below: the table stands at the end of the maps
+        (35.0, 31.0, 10.0),
+        (35.0, 35.0, 10.0),  # nothing is late: adopting a lag extrapolates nothing
+        (29.0, 31.0, 11.0),  # the reading is inside: the table goes on, up to the margin
+        (29.0, 39.0, 15.0),
+    ],
+)
+def test_a_lag_beyond_the_maps(t_c, lag_c, total):
+    """Maps at 20 to 30 °C, 1 µm/K at the end of travel; the policy is to clamp."""
+    signal = Signal("temperature", "x-middle")
+    term = Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False))
+    added = value(term, moment(x_middle=t_c, lags=settled(signal, 600.0, lag_c)))
+    assert min(max(t_c, 20.0), 30.0) - 20.0 + added == pytest.approx(total)
+
+
 def test_another_sensor_reads_the_same_maps():
     # The spindle read 30, 38, 50 °C where x-middle read 20, 24, 30: 40 °C is x-middle's 25.
     stated = {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 50.0}
@@ -172,6 +192,43 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
                 standard_errors={"time_constant_min": 1.9},
             ),
             "EZZ follows z-column 41 ± 2 min late",
+        ),
+        *(
+            (
+                Effect(
+                    kind,
+                    ("EZZ",),
+                    ("z-column",) if kind == "thermal-lag" else ("z-column", "spindle"),
+                    parameters={"time_constant_min": 10.0, "share": share},
+                    standard_errors={"time_constant_min": 1.0, "share": 0.05},
+                ),
+                told,
+            )
+            for kind, share, told in (
+                ("thermal-lag", 0.93, "EZZ follows z-column 10.0 ± 1.0 min late"),
+                (
+                    "thermal-lag",
+                    0.6,
+                    "EZZ follows z-column 10.0 ± 1.0 min late (share 0.60 ± 0.05)",
+                ),
+                (
+                    "thermal-lag",
+                    -0.6,
+                    "EZZ overshoots while z-column changes, and settles with a time constant of "
+                    "10.0 ± 1.0 min (share -0.60 ± 0.05)",
+                ),
+                (
+                    "other-sensor",
+                    0.6,
+                    "EZZ follows spindle rather than z-column (share 0.60 ± 0.05)",
+                ),
+                (
+                    "other-sensor",
+                    -0.6,
+                    "EZZ moves away from what spindle says where it differs from z-column "
+                    "(share -0.60 ± 0.05)",
+                ),
+            )
         ),
         (
             Effect(

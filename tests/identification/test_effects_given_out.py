@@ -10,10 +10,11 @@ from app.compensation.table import compensation_table
 from app.compensation.table_field import table_field
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
-from app.identification.conditions import recorded_conditions
+from app.identification.conditions import Conditions, recorded_conditions
 from app.identification.effect_prediction import AskedPlaces, predict_with_effects
 from app.identification.effects.driver import Always, State, StepAfter
-from app.identification.effects.effect import Effect
+from app.identification.effects.effect import Effect, effect_from_json
+from app.identification.effects.hypothesis import Estimate
 from app.identification.effects.shape import Everywhere, Sensitivity
 from app.identification.effects.term import Term
 from app.identification.effects_in_table import add_effects, faulty_marked
@@ -32,7 +33,13 @@ from tests.identification.example_site import (
     readings,
     site,
 )
-from tests.identification.test_effects_all_kinds import EACH, example, fitted, moment_of
+from tests.identification.test_effects_all_kinds import (
+    EACH,
+    example,
+    fitted,
+    hypotheses,
+    moment_of,
+)
 
 NOW = datetime(2026, 3, 2, tzinfo=UTC)
 
@@ -200,6 +207,87 @@ def test_where_the_stand_in_is_silent_the_bias_is_taken_off():
     t_c = float(alone.temperatures_c["x-middle"][0])
     assert entry.errors[-1] == pytest.approx(t_c - 2.0 - 20.0, abs=1e-9)
     assert any("no other sensor can stand in" in warning for warning in table.warnings)
+
+
+@pytest.mark.parametrize("variant", ["bias", "stuck"])
+def test_a_fault_is_set_aside_though_its_sensor_is_silent(variant):
+    """Unplugged, or judged stuck by itself: the stand-in serves, and nothing is lacking."""
+    model, moment = with_stand_in(), moment_of(len(example().rows) - 1)
+    temperatures_c = {s: t for s, t in moment.temperatures_c.items() if s != "x-middle"}
+    silent = replace(moment, temperatures_c=temperatures_c)
+    effect = replace(fault(), variant=variant, parameters=fault().parameters | {"lasted_h": 9.0})
+    sensors = [SensorState(s, Health.OK, float(t[0])) for s, t in temperatures_c.items()]
+    sensors.append(SensorState("x-middle", Health.STUCK, detail="x-middle is stuck"))
+    marked = faulty_marked(model, [effect], silent, sensors)
+    assert marked == sensors
+    table = add_effects(compensation_table(model, 1, marked, NOW), model, [effect], silent)
+    assert table.complete
+    assert [e.missing for e in table.effects] == [""]
+    assert table.warnings == [
+        "x-middle is stuck",
+        "y-front stands in for x-middle: EXX, EYX, EYY, SXY",
+    ]
+
+
+def test_only_a_bias_is_taken_off():
+    model, moment = example().model, moment_of(len(example().rows) - 1)
+    spikes = replace(
+        fault(),
+        variant="spikes",
+        parameters=fault().parameters | {"spike_k": 4.0, "share": 0.03},
+        terms=tuple(replace(term, coefficient=0.0) for term in fault().terms),
+    )
+    (warning,) = table_of(model, [spikes], moment).warnings
+    assert warning.endswith("no other sensor can stand in, it is read as it is")
+    (warning,) = table_of(model, [fault()], moment).warnings
+    assert warning.endswith("no other sensor can stand in, the bias is taken off")
+
+
+@pytest.mark.parametrize(
+    ("code", "sensor", "read_c", "bias_k", "error"),
+    [
+        ("EXX", "x-middle", 27.0, 2.0, 5.0),
+        ("EXX", "x-middle", 33.0, 5.0, 8.0),  # from beyond the maps back into them
+        ("EZZ", "z-column", 27.0, 3.0, 4.0),  # 12 µm at 27 °C, across the map at 26 °C
+        ("EZZ", "z-column", 24.0, -3.0, 12.0),
+    ],
+)
+def test_a_bias_that_was_found_moves_the_temperature(code, sensor, read_c, bias_k, error):
+    """EXX 1 µm/K from 20 °C of x-middle; EZZ 2 µm/K from 22 °C of z-column, 4 from 26 °C."""
+    since_s = START_S - 3600.0
+    own = (h for h in hypotheses().values() if h.kind == "sensor-fault" and h.sensors == (sensor,))
+    effect = next(own).fitted(Estimate(since_s, None, np.array([-bias_k]), np.eye(1)))
+    assert effect.parameters["bias_k"] == bias_k
+    temperatures_c = {"x-middle": 22.0, "y-front": 21.0, "z-column": 24.0, "spindle": 34.0}
+    moment = Conditions.of_moment(START_S, temperatures_c | {sensor: read_c})
+    (entry,) = [
+        e
+        for e in table_of(example().model, [effect], moment).components
+        if e.component.code == code
+    ]
+    assert entry.errors[-1] == pytest.approx(error)
+
+
+def test_a_bias_that_was_stored_as_a_slope_is_read_as_it_was():
+    stored = fault().to_json()
+    for term in stored["terms"]:
+        term["driver"].pop("height")
+    assert effect_from_json(stored) == fault()
+
+
+def test_a_component_of_effects_alone_can_be_measured_again():
+    """A level measures the rotation itself that points have shown: it is held against it."""
+    model, own = example().model, site(False)
+    roll = Effect("angular", ("EAX",), parameters={"angle_urad": 5.0}, variant="constant")
+    roll = replace(roll, terms=(Term("EAX", Always(), Everywhere(), 5.0),))
+    channels = tuple("EAX" if c == "EXX" else c for c in own.rows.channels)
+    rows = replace(own.rows, channels=channels)
+    found = compute_residuals(model, rows, own.conditions, [roll])
+    chosen = rows.of_channel("EAX")
+    assert found.kept[chosen].sum() > chosen.size / 2
+    assert set(found.predicted[found.rows.of_channel("EAX")]) == {5.0}
+    without = compute_residuals(model, rows, own.conditions)
+    assert not without.kept[chosen].any()
 
 
 # --- what is missing -----------------------------------------------------------------------

@@ -12,7 +12,14 @@ from app.identification.effects.driver import (
     State,
 )
 from app.identification.effects.effect import Effect
-from app.identification.effects.shape import Everywhere, Exchange, Rising, Sensitivity, Wave
+from app.identification.effects.shape import (
+    Everywhere,
+    Exchange,
+    Profile,
+    Rising,
+    Sensitivity,
+    Wave,
+)
 from app.identification.effects.term import Term
 from app.identification.live_effects import contributions, corrected_tables, corrections
 from app.identification.live_lags import LiveLags
@@ -20,6 +27,7 @@ from app.identification.low_pass import Hold, LagState
 from tests.identification.example_site import START_S, site
 
 HALF = Rising(250.0, 250.0)
+NO_NUMBER = Profile((0.0, 500.0), (1.0, np.nan))
 TEMPERATURES = {"x-middle": 22.0, "y-front": 21.0, "z-column": 24.0, "spindle": 34.0}
 
 
@@ -71,6 +79,33 @@ def test_a_sine_refines_the_positions_and_keeps_the_maps_own():
     assert np.abs(polygon - 2.0 * np.sin(2 * np.pi * at / 20.0)).max() < 0.04
 
 
+@pytest.mark.parametrize(("pitch_mm", "lost"), [(1.0, 0.16), (2.0, 0.04)])
+def test_a_table_of_a_short_pitch_stays_near_its_sine(pitch_mm, lost):
+    found, missing = tables(effect(Term("EXX", Always(), Wave(pitch_mm, False), 2.0)))
+    at = np.linspace(0.0, 500.0, 20011)
+    polygon = np.interp(at, found["EXX"].positions_mm, found["EXX"].errors) - 2.0 * at / 500.0
+    assert not missing
+    assert np.abs(polygon - 2.0 * np.sin(2 * np.pi * at / pitch_mm)).max() < lost
+
+
+@pytest.mark.parametrize("pitch_mm", [0.99, 0.2, 0.125])
+def test_a_pitch_that_is_too_short_for_a_table_is_left_out_and_predicted_exactly(pitch_mm):
+    sine = effect(Term("EXX", Always(), Wave(pitch_mm, False), 2.0))
+    found, missing = tables(sine)
+    assert found["EXX"].errors.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    (one,) = missing
+    assert f"its pitch of {pitch_mm} mm" in one.reason
+    assert "over 500 mm of travel" in one.reason
+    assert "predictions" in one.reason
+    where = site()
+    chosen = where.rows.of_channel("EXX")
+    predicted = contributions(where.projection, [sine])
+    assert not predicted.missing
+    at = where.rows.points_mm[chosen, 0]
+    expected = 2.0 * np.sin(2 * np.pi * at / pitch_mm)
+    np.testing.assert_allclose(predicted.errors[chosen], expected, atol=1e-9)
+
+
 def test_squareness_has_no_position():
     found, _ = tables(effect(Term("SXY", SinceReference(START_S - 86400.0), Everywhere(), 2.0)))
     assert found["SXY"].positions_mm.size == 0
@@ -106,6 +141,15 @@ def test_components_that_no_map_has_appear():
             Term("EXX", Always(), Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0})),
             "map 'Run #6' came after the analysis: what spindle read is not known",
         ),
+        (
+            Term(
+                *("EXX", Always()),
+                Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 38.0}),
+            ),
+            "maps 'Run #3' and 'Run #6' are only 0 °C apart at spindle, which cannot tell them "
+            "apart",
+        ),
+        (Term("EXX", Always(), NO_NUMBER), "what drives it gives no number here"),
         (Term("EBZ", Always(), Sensitivity(is_local=True)), "the model has no EBZ"),
     ],
 )
@@ -114,6 +158,16 @@ def test_an_effect_that_lacks_its_condition_is_left_out_with_the_reason(term, re
     found, missing = tables(effect(shift), effect(shift, term))
     assert [(m.effect, m.reason) for m in missing] == [(1, reason)]
     assert found["EXX"].errors.tolist() == [3.0, 3.5, 4.0, 4.5, 5.0]
+
+
+def test_predictions_leave_out_what_gives_no_number():
+    where = site()
+    alike = Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 38.02})
+    for shape, reason in ((alike, "cannot tell them apart"), (NO_NUMBER, "no number")):
+        found = contributions(where.projection, [effect(Term("EXX", Always(), shape))])
+        assert np.isfinite(found.errors).all()
+        assert found.is_lacking[where.rows.of_channel("EXX")].all()
+        assert reason in found.missing[0].reason
 
 
 def test_a_failed_sensor_is_named():

@@ -217,14 +217,15 @@ class SinceReference(Driver):
 
 @dataclass(frozen=True)
 class StepAfter(Driver):
-    """Zero before a moment, one from then on."""
+    """Zero before a moment, its height from then on."""
 
     name: ClassVar[str] = "step-after"
     time_s: float
+    height: float = 1.0
 
     def at(self, conditions: Conditions) -> FloatArray:
-        """Give 0 or 1."""
-        return (conditions.times_s >= self.time_s).astype(np.float64)
+        """Give 0 or the height."""
+        return np.where(conditions.times_s >= self.time_s, self.height, 0.0)
 
 
 DRIVERS: Final[dict[str, type[Driver]]] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -52,6 +52,17 @@ class Effect:
             "standard_errors": dict(self.standard_errors),
             "terms": [term.to_json() for term in self.terms],
         }
+
+
+def acting_on(effects: Iterable[Effect]) -> set[str]:
+    """List the components to which effects add something.
+
+    Parameters
+    ----------
+    effects
+        The effects.
+    """
+    return {term.component for effect in effects for term in effect.terms}
 
 
 def effect_from_json(stored: Mapping[str, Any]) -> Effect:

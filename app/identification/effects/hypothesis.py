@@ -94,6 +94,8 @@ class Hypothesis:
         Whether one place has it once at most.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
+    adopted_terms
+        Makes the terms of what was found where `unit_terms` are only its linear part.
     """
 
     kind: str
@@ -108,6 +110,7 @@ class Hypothesis:
     is_within_visit: bool = False
     is_only_once: bool = False
     report: Callable[[Estimate], Reported] | None = None
+    adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
 
     @property
     def key(self) -> str:
@@ -144,7 +147,6 @@ class Hypothesis:
         estimate
             Coefficients in the units of the terms.
         """
-        amplitudes = self.unit_terms(estimate.theta)
         found = self.report(estimate) if self.report else self._reported(estimate)
         return Effect(
             kind=self.kind,
@@ -154,12 +156,16 @@ class Hypothesis:
             states=self.states,
             parameters=found.parameters,
             standard_errors=found.standard_errors,
-            terms=tuple(
-                term.times(float(c))
-                for c, terms in zip(estimate.coefficients, amplitudes, strict=True)
-                for term in terms
-            ),
+            terms=tuple((self.adopted_terms or self._scaled_terms)(estimate)),
         )
+
+    def _scaled_terms(self, estimate: Estimate) -> Sequence[Term]:
+        amplitudes = self.unit_terms(estimate.theta)
+        return [
+            term.times(float(c))
+            for c, terms in zip(estimate.coefficients, amplitudes, strict=True)
+            for term in terms
+        ]
 
     def _reported(self, estimate: Estimate) -> Reported:
         reported = reported_theta(self.nonlinear, estimate)

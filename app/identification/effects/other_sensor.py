@@ -53,10 +53,16 @@ class OtherSensor(EffectKind):
         return found
 
     def explain(self, effect: Effect) -> str:
-        """Say what follows which sensor."""
+        """Say what follows which sensor, and by which share."""
         own, other = effect.sensors
-        follow = verb(effect.components, "follows", "follow")
         share = parameter(effect, "share")
+        if effect.parameters["share"] <= 0.0:
+            move = verb(effect.components, "moves", "move")
+            return (
+                f"{components(effect)} {move} away from what {other} says where it differs from "
+                f"{own} (share {share})"
+            )
+        follow = verb(effect.components, "follows", "follow")
         return f"{components(effect)} {follow} {other} rather than {own} (share {share})"
 
 

@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 from app.identification.effects.driver import StepAfter
 from app.identification.effects.effect import Effect
-from app.identification.effects.hypothesis import Amplitude, Amplitudes, Hypothesis
+from app.identification.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
 from app.identification.effects.kind import EffectKind, Need, Proposals
 from app.identification.effects.shape import Sensitivity
 from app.identification.effects.site import OWN_ZEROS, Site
@@ -29,10 +29,11 @@ CONSTANT_BIAS: Final = (
 
 
 class SensorFault(EffectKind):
-    """A bias from some visit on: minus the bias times the slope of all of the sensor's components.
+    """A bias from some visit on: it moves all of the sensor's components at once.
 
-    The model believed T + bias where the machine had T: measured minus predicted is
-    E(T) − E(T + bias) = −bias · dE/dT.
+    The sensor reads T where the machine has T − bias: measured minus predicted is
+    E(T − bias) − E(T). The search takes the linear part of it, −bias · dE/dT; what is found and
+    adopted moves the temperature, which is right also where a map lies between.
     """
 
     kind: ClassVar[str] = "sensor-fault"
@@ -59,6 +60,7 @@ class SensorFault(EffectKind):
                     unit_terms=partial(_terms, codes),
                     amplitudes=(Amplitude("bias_k", -1.0),),
                     nonlinear=nonlinear,
+                    adopted_terms=partial(_moved, codes),
                 )
             )
         return found
@@ -90,3 +92,10 @@ def _of_readings(effect: Effect) -> str:
 def _terms(codes: tuple[str, ...], theta: float | None) -> Amplitudes:
     driver = StepAfter(float(theta or 0.0))
     return [[Term(code, driver, Sensitivity(is_local=True)) for code in codes]]
+
+
+def _moved(codes: tuple[str, ...], estimate: Estimate) -> list[Term]:
+    """Move the temperature itself, by minus the bias."""
+    (minus_bias_k,) = estimate.coefficients
+    driver = StepAfter(float(estimate.theta or 0.0), height=float(minus_bias_k))
+    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]

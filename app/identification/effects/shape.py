@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
@@ -21,7 +22,10 @@ from app.thermal.compiled_model import CompiledModel
 POINTS_A_PITCH: Final = 16
 """A polygon of so many corners a pitch is within 2 % of its sine."""
 
-MOST_POINTS: Final = 4000
+FEWEST_A_PITCH: Final = 8
+"""With so many it is within 8 %; with fewer it is another curve."""
+
+MOST_POINTS: Final = 4001
 """A table is not made finer than so many positions."""
 
 
@@ -74,6 +78,10 @@ class Shape(ABC):
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
         """Give the positions that a table needs to show this shape [mm]; none as it is."""
         return np.empty(0)
+
+    def why_no_table(self, low_mm: float, high_mm: float) -> str:
+        """Say why no table can show this shape, empty where one can."""
+        return ""
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say what this shape lacks in a model, empty where nothing."""
@@ -145,9 +153,23 @@ class Wave(Shape):
         return found
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
-        """Need sixteen positions in each pitch."""
-        count = int(np.ceil((high_mm - low_mm) / self.pitch_mm * POINTS_A_PITCH)) + 1
+        """Need sixteen positions in each pitch, or as many as a table may have."""
+        count = self._corners(high_mm - low_mm, POINTS_A_PITCH)
         return np.linspace(low_mm, high_mm, min(max(count, 2), MOST_POINTS))
+
+    def why_no_table(self, low_mm: float, high_mm: float) -> str:
+        """Say that the pitch is too short for the travel."""
+        count = self._corners(high_mm - low_mm, FEWEST_A_PITCH)
+        if count <= MOST_POINTS:
+            return ""
+        return (
+            f"its pitch of {self.pitch_mm:.4g} mm needs {count} positions over "
+            f"{high_mm - low_mm:g} mm of travel, more than the {MOST_POINTS} that a table may "
+            "have: ask for predictions at the points, which have it exactly"
+        )
+
+    def _corners(self, span_mm: float, a_pitch: int) -> int:
+        return int(np.ceil(span_mm / self.pitch_mm * a_pitch)) + 1
 
 
 @dataclass(frozen=True)
@@ -248,13 +270,14 @@ class Exchange(Shape):
         found = model.find(component)
         own = temperature_table(model, component)
         other = temperature_table(model, component, dict(self.map_temperatures_c))
-        if found is None or own is None or other is None:
+        missing = self.why_missing(model, component)
+        if missing or found is None or own is None or other is None:
             return np.full(driver.shape, np.nan)
         by_other = other.at(conditions.temperature(self.sensor), *places)
         return driver * (by_other - own.at(conditions.temperature(found[0].sensor), *places))
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
-        """Say which map does not state the other sensor."""
+        """Say which map does not state the other sensor, or which two it cannot tell apart."""
         found = model.find(component)
         if found is None:
             return f"the model has no {component}"
@@ -264,6 +287,14 @@ class Exchange(Shape):
             return (
                 f"map {lacking[0]!r} came after the analysis: what {self.sensor} read is not known"
             )
+        in_order = sorted(found[0].labels, key=stated.__getitem__)
+        for lower, upper in pairwise(in_order):
+            gap_c = stated[upper] - stated[lower]
+            if not model.machine.sensor(self.sensor).resolves(gap_c):
+                return (
+                    f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
+                    f"{self.sensor}, which cannot tell them apart"
+                )
         return ""
 
 

@@ -14,7 +14,7 @@ from app.identification.effects.kind import EffectKind, Need, Proposals
 from app.identification.effects.shape import Sensitivity
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import components, parameter, verb
+from app.identification.effects.words import components, is_whole, parameter, verb
 from app.units import SECONDS_PER_MIN
 
 
@@ -54,10 +54,18 @@ class ThermalLag(EffectKind):
         return found
 
     def explain(self, effect: Effect) -> str:
-        """Say how late what follows what."""
+        """Say how late what follows what, and by which share where that is not the whole."""
         late = parameter(effect, "time_constant_min", "min")
+        share = "" if is_whole(effect) else f" (share {parameter(effect, 'share')})"
+        if effect.parameters.get("share", 1.0) <= 0.0:
+            overshoot = verb(effect.components, "overshoots", "overshoot")
+            settle = verb(effect.components, "settles", "settle")
+            return (
+                f"{components(effect)} {overshoot} while {effect.sensors[0]} changes, and "
+                f"{settle} with a time constant of {late}{share}"
+            )
         follow = verb(effect.components, "follows", "follow")
-        return f"{components(effect)} {follow} {effect.sensors[0]} {late} late"
+        return f"{components(effect)} {follow} {effect.sensors[0]} {late} late{share}"
 
 
 def _hypothesis(sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]) -> Hypothesis:

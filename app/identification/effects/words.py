@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
 from app.identification.effects.effect import Effect
 from app.units import plus_minus, unit_of_field
+
+TWO_ERRORS: Final = 2.0
+"""Values so many standard errors apart are different ones."""
 
 
 def parameter(effect: Effect, name: str, unit: str | None = None) -> str:
@@ -31,6 +35,12 @@ def strongest(effect: Effect, stem: str) -> str:
     """Name the parameter of a stem (`slope`) that stands clearest above its standard error."""
     names = [n for n in effect.parameters if n.partition("_")[0] == stem]
     return max(names, key=lambda n: _clearness(effect, n))
+
+
+def is_whole(effect: Effect) -> bool:
+    """Whether an effect's share is 1 as far as its standard error can tell."""
+    share, error = effect.parameters.get("share", 1.0), effect.standard_errors.get("share", 0.0)
+    return abs(share - 1.0) <= TWO_ERRORS * error
 
 
 def where(name: str) -> str:
