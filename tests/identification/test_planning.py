@@ -8,6 +8,10 @@ import pytest
 
 from app.errors import InvalidContent
 from app.identification.campaign import Campaign
+from app.identification.effects.driver import Always
+from app.identification.effects.effect import Effect
+from app.identification.effects.shape import Everywhere
+from app.identification.effects.term import Term
 from app.identification.observations import Observation, Verification
 from app.identification.planning import plan
 from app.thermal.temperature_history import TemperatureHistory
@@ -107,3 +111,21 @@ def test_without_a_record_there_is_nothing_to_plan_with():
     empty = TemperatureHistory(np.empty(0), {})
     with pytest.raises(InvalidContent, match="record some days first"):
         plan(campaign_of(observations(), readings=empty))
+
+
+def test_a_plan_that_no_hypothesis_touches_says_so():
+    """A rotation that points have shown, measured by itself: the maps know nothing of it."""
+    roll = Effect("angular", ("EAX",), parameters={"angle_urad": 5.0}, variant="constant")
+    roll = replace(roll, terms=(Term("EAX", Always(), Everywhere(), 5.0),))
+    visits = [
+        Verification(
+            f"visit {v}",
+            [
+                Observation(START_S + 86400.0 * (1 + v) + 120.0 * i, (0.0,), "EAX", 50.0 * i)
+                for i in range(8)
+            ],
+        )
+        for v in range(3)
+    ]
+    found = plan(campaign_of(visits, effects=[roll]))
+    assert (found.values, found.effects) == (24, ())
