@@ -124,3 +124,19 @@ def date_text(time_s: float) -> str:
     '1970-01-01 00:00 UTC'
     """
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def iso_time(time_s: float) -> str:
+    """Write a time as HTTP answers do, to the second.
+
+    Parameters
+    ----------
+    time_s
+        Seconds since 1970-01-01 UTC.
+
+    Examples
+    --------
+    >>> iso_time(0.0)
+    '1970-01-01T00:00:00Z'
+    """
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%SZ}"

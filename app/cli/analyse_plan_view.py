@@ -11,6 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from app.errors import counted
 from app.pictures.analysis_report.detectable import Seen, size_range, units_of
 from app.pictures.analysis_report.names import kind_name, untested_together
 
@@ -32,7 +33,9 @@ def plan_view(plan: Plan) -> RenderableType:
     """
     parts: list[RenderableType] = [Text(plan["summary"]), Text(), _effects(plan["effects"]), Text()]
     parts += [Text(f"cannot be tested: {line}") for line in _not_testable(plan)]
-    parts += [Text(f"left out: {o['count']} values, {o['reason']}") for o in plan["excluded"]]
+    parts += [
+        Text(f"left out: {counted(o['count'], 'value')}, {o['reason']}") for o in plan["excluded"]
+    ]
     parts += [Text(f"note: {note}") for note in plan["notes"]]
     if plan["suggestions"]:
         parts.append(Text("visits to add:", style="bold"))

@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from app.errors import counted
 from app.pictures.analysis_report.names import (
     VERDICTS,
     component_name,
@@ -19,7 +20,13 @@ from app.pictures.analysis_report.names import (
     rival_name,
     status_words,
 )
-from app.pictures.analysis_report.sizes import before_and_after, overall_size
+from app.pictures.analysis_report.sizes import (
+    before_and_after,
+    floor_of,
+    overall_count,
+    overall_floor,
+    overall_size,
+)
 from app.pictures.analysis_report.words import decimals_for, figure_text
 
 COMPONENTS_SHOWN: Final = 12
@@ -66,17 +73,17 @@ def _components(result: Result) -> Table:
     components = sorted(result["components"], key=_is_unchanged)
     for one in components[:COMPONENTS_SHOWN]:
         decimals = decimals_for(one["noise"])
-        sizes = (*before_and_after(one), one["floor"])
+        sizes = (*before_and_after(one), floor_of(one))
         cells = [figure_text(size, decimals) for size in sizes]
         name = component_name(one["component"])
         table.add_row(name, *cells, one["unit"], str(one["count"]))
     before, after = (overall_size(result[which]) for which in ("before", "after"))
     decimals = decimals_for(result["noise_um"])
-    cells = [figure_text(size, decimals) for size in (before, after, result["floor_um"])]
+    cells = [figure_text(size, decimals) for size in (before, after, overall_floor(result))]
     more = len(components) - COMPONENTS_SHOWN
     unit = overall_unit(components)
     name = f"all in {unit or 'their units'}" + (f" (and {more} more)" if more > 0 else "")
-    table.add_row(name, *cells, unit, str(result["values"]), style="bold")
+    table.add_row(name, *cells, unit, str(overall_count(components)), style="bold")
     return table
 
 
@@ -122,6 +129,6 @@ def _remains(result: Result) -> Iterator[RenderableType]:
             style="yellow",
         )
     for one in result["excluded"]:
-        yield Text(f"left out: {one['count']} values, {one['reason']}")
+        yield Text(f"left out: {counted(one['count'], 'value')}, {one['reason']}")
     if result["unexplained"] or result["excluded"]:
         yield Text()

@@ -128,10 +128,10 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True)
 class StrongVisit:
-    """A visit that carries much of the evidence: when it began [s], and what was measured."""
+    """A visit that carries much of the evidence: what was measured, and when it began (UTC)."""
 
     label: str
-    time_s: float
+    time: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -45,13 +45,14 @@ def plots(found: Found, effects: Sequence[Effect]) -> dict[str, Any]:
     -------
     dict
         `effects`: for each effect residuals over its driver; `visits`: for each channel the
-        means of the residuals by visit. Plain lists.
+        means of the residuals by visit, those of either direction apart where an effect
+        reverses. Plain lists.
     """
     total = sum((found.explained(e) for e in effects), np.zeros(len(found.rows.values)))
     after = np.where(found.use, found.rows.values - total, np.nan)
     return {
         "effects": [_over_driver(found, effect, after) for effect in effects],
-        "visits": _over_visits(found, after),
+        "visits": _over_visits(found, after, _reversing(effects)),
     }
 
 
@@ -127,7 +128,15 @@ def _directions(found: Found, effect: Effect, rows: IntArray) -> list[float]:
     return [float(sign) for sign in np.sign(signs)]
 
 
-def _over_visits(found: Found, after: FloatArray) -> list[dict[str, Any]]:
+def _reversing(effects: Sequence[Effect]) -> set[str]:
+    """List the components whose error reverses with the direction: it cancels in a mean."""
+    own = (e for e in effects if any(term.is_reversing for term in e.terms))
+    return {code for effect in own for code in effect.components}
+
+
+def _over_visits(
+    found: Found, after: FloatArray, reversing: Collection[str]
+) -> list[dict[str, Any]]:
     """Means by visit of every channel; of very many visits some."""
     rows = found.residuals.rows
     before = np.where(found.use, found.rows.values, np.nan)
@@ -136,9 +145,15 @@ def _over_visits(found: Found, after: FloatArray) -> list[dict[str, Any]]:
         own = found.use & (rows.channel == number)
         if not own.any():
             continue
-        visits, which = np.unique(rows.visit[own], return_inverse=True)
+        sides = np.zeros(len(rows))
+        if channel in reversing:
+            axis = LINEAR_LETTERS.index(str(COMPONENTS[channel].axis))
+            sides = np.sign(rows.directions[:, axis])
+        keys = np.column_stack([rows.visit, sides])[own]
+        together, which = np.unique(keys, axis=0, return_inverse=True)
+        which = which.ravel()
         counts = np.bincount(which)
-        kept = np.linspace(0, len(visits) - 1, min(len(visits), MOST_POINTS)).round().astype(int)
+        kept = np.linspace(0, len(counts) - 1, min(len(counts), MOST_POINTS)).round().astype(int)
         means = [
             np.bincount(which, weights=values[own]) / counts
             for values in (rows.times_s, before, after)
@@ -149,6 +164,7 @@ def _over_visits(found: Found, after: FloatArray) -> list[dict[str, Any]]:
                 "unit": channel_unit(channel).symbol,
                 "at_points": channel in POINT_CHANNELS,
                 "time_s": np.round(means[0][kept]).tolist(),
+                "direction": together[kept, 1].tolist(),
                 "count": counts[kept].tolist(),
                 "before": _rounded(means[1][kept]),
                 "after": _rounded(means[2][kept]),

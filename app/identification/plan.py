@@ -67,10 +67,10 @@ class Helped:
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """A visit to add: when the machine was like that [s], in words, and what it helps."""
+    """A visit to add: in words, when the machine was like that (UTC), and what it helps."""
 
     sentence: str
-    like_time_s: float
+    like_time: str
     temperatures_c: Mapping[str, float]
     states: Mapping[str, float]
     helped: tuple[Helped, ...]

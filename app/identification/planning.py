@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from app.arrays import BoolArray
-from app.errors import InvalidContent, list_names
+from app.errors import InvalidContent, counted, list_names
 from app.identification.added_visits import AddedVisit, choose_added_visits
 from app.identification.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
@@ -35,7 +35,7 @@ from app.identification.search.rows import DeclaredNoise, Rows
 from app.identification.search.search import FALSE_ALARM
 from app.identification.search.state import State
 from app.identification.search.visit_scatter import FEWEST_VISITS
-from app.units import SECONDS_PER_DAY
+from app.units import SECONDS_PER_DAY, iso_time
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
 """Where nobody states one; in the other units the same number."""
@@ -302,7 +302,9 @@ def _suggestion(visit: AddedVisit, helped: Sequence[Helped]) -> Suggestion:
         f"{list_names(one.components, 3)}{by} that would be seen from {one.before_rms:.2g} to "
         f"{one.after_rms:.2g} {one.unit}."
     )
-    return Suggestion(sentence, visit.time_s, visit.temperatures_c, visit.states, tuple(helped))
+    return Suggestion(
+        sentence, iso_time(visit.time_s), visit.temperatures_c, visit.states, tuple(helped)
+    )
 
 
 def _best_forms(effects: Sequence[PlannedEffect]) -> list[PlannedEffect]:
@@ -336,7 +338,8 @@ def _summary(
 ) -> str:
     tied = sum(e.distinguishable_rms is None for e in effects)
     seen = (
-        f"{visits} visits with {values} values would show {len(effects)} effects, "
+        f"{counted(visits, 'visit')} with {counted(values, 'value')} would show "
+        f"{counted(len(effects), 'effect')}, "
         f"{len(effects) - tied} of which could be told from every rival."
     )
     return f"{seen} {suggestions[0].sentence}" if suggestions else seen

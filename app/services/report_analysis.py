@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import orjson
+from sqlalchemy.orm import Session
 
 from app.errors import Conflict
+from app.identification.effects.effect import Effect, effect_from_json
+from app.identification.effects.registry import explain
 from app.pictures.analysis_report import ReportHead, analysis_report
 from app.services.context import Context
+from app.services.load_machine import adopted_effects
 from app.storage.analyses import find_analysis
 from app.storage.machines import find_machine, stored_machine
+from app.storage.model_versions import find_version
 from app.storage.verifications import list_verifications
 
 
@@ -28,6 +36,7 @@ def report_analysis(context: Context, machine_id: str, analysis_id: int) -> str:
         if row.result is None or row.finished_at is None:
             raise Conflict(f"analysis {analysis_id} has nothing to report: it is {row.status}")
         labels = {v.id: v.label for v in list_verifications(session, machine_id)}
+        result = orjson.loads(row.result)
         head = ReportHead(
             machine_id=machine.id,
             machine_name=machine.name,
@@ -37,6 +46,23 @@ def report_analysis(context: Context, machine_id: str, analysis_id: int) -> str:
             analysed_at=row.finished_at,
             seed=row.seed,
             adopted_version=row.adopted_version,
+            had=[explain(e) for e in _effects_of(session, machine_id, row.model_version)],
+            adopted=_adopted(session, machine_id, row.adopted_version, result["effects"]),
         )
-        result = row.result
-    return analysis_report(head, orjson.loads(result))
+    return analysis_report(head, result)
+
+
+def _effects_of(session: Session, machine_id: str, version: int | None) -> Sequence[Effect]:
+    """List the effects that a model version has adopted."""
+    if version is None:
+        return ()
+    return adopted_effects(find_version(session, machine_id, version))
+
+
+def _adopted(
+    session: Session, machine_id: str, version: int | None, found: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """Say which of the effects found are in the version that was made of them."""
+    known = _effects_of(session, machine_id, version)
+    read = [effect_from_json(one["effect"]) for one in found] if known else []
+    return [explain(effect) for effect in read if effect in known]

@@ -65,12 +65,18 @@ async def test_from_the_request_to_the_adopted_effect(campaign):
     assert (effect["kind"], effect["components"]) == ("backlash", ["EZX"])
     # Planted: half the reversal value is -2.02 µm.
     assert effect["explanation"].startswith("EZX")
+    assert all(visit["time"].endswith("Z") for visit in effect["strongest_visits"])
+    sides = {c["component"]: set(c["direction"]) for c in done["result"]["plots"]["visits"]}
+    # Both directions cancel in a mean: where an effect reverses they are apart.
+    assert {-1.0, 1.0} <= sides["EZX"]
+    assert all(found == {0.0} for name, found in sides.items() if name != "EZX")
     again, _ = await ended(campaign, second)
     assert again["result"] == done["result"]
     page = await campaign.get(f"{PATH}/{asked['id']}/report")
     assert page.headers["content-type"].startswith("text/html")
     assert effect["explanation"].split()[0] in page.text
     assert "visit 001" in page.text
+    assert "<dd>nothing of this analysis</dd>" in page.text
     listed = (await campaign.get(PATH)).json()
     assert [a["id"] for a in listed] == [asked["id"], second]
     assert "result" not in listed[0]
@@ -88,6 +94,8 @@ async def adopted_once(campaign, first, second):
     assert [e["kind"] for e in won.json()["effects"]] == ["backlash"]
     assert "version 4" in problem(lost, 409)["detail"]
     assert (await campaign.get(f"{PATH}/{first}")).json()["adopted_version"] == 4
+    said = (await campaign.get(f"{PATH}/{first}/report")).text
+    assert "<dd>as model version 4: EZX has a reversal value of" in said
     assert "onto_active" in problem(await campaign.post(f"{PATH}/{second}/adopt"), 409)["detail"]
     # The same effect again is one that the active version has.
     forced = await campaign.post(f"{PATH}/{second}/adopt", json={"onto_active": True})

@@ -1,6 +1,7 @@
 """What a plan could see, before anything is measured."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -52,6 +53,7 @@ def test_a_visit_to_add_is_suggested_and_helps(planned):
         assert suggestion.sentence.startswith("One more visit with ")
         assert all(h.after_rms < h.before_rms for h in suggestion.helped)
         assert suggestion.temperatures_c
+        assert re.fullmatch(r"2026-03-0\dT\d\d:\d\d:00Z", suggestion.like_time)
     assert planned.suggestions
 
 

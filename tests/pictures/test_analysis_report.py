@@ -19,7 +19,19 @@ from app.identification.analyse import VERDICTS as GIVEN
 from app.identification.search.findings import Status
 from app.pictures.analysis_report import analysis_report
 from app.pictures.analysis_report.names import MARKS, STATUSES, TESTS, VERDICTS
-from tests.pictures.example_analyses import ALL, FOUND, HEAD, LAG_CURVE, NOTHING, UNEXPLAINED
+from tests.pictures.example_analyses import (
+    ALL,
+    BACKLASH,
+    BACKLASH_CURVE,
+    FOUND,
+    HEAD,
+    LAG,
+    LAG_CURVE,
+    NOTHING,
+    UNEXPLAINED,
+    component,
+    visits,
+)
 
 ADDRESS = "/docs-assets/plotly.min.js"
 EVIL = "</title></script><script>alert('1')</script><img src=x onerror=alert(2)> & \"Mill\""
@@ -117,6 +129,18 @@ def test_the_top_says_whose_it_is_and_the_answer():
     assert "chance below 0.01 %" in told
 
 
+def test_the_top_says_which_effects_were_there_and_which_came():
+    had = "EYY follows bed 20 ± 3 min late"
+    told = read(FOUND, replace(HEAD, had=[had])).told
+    assert f"version 3, with 1 adopted effect: {had}" in told
+    assert "adopted nothing of this analysis" in told
+    told = read(FOUND, replace(HEAD, adopted_version=4, adopted=[LAG["explanation"]])).told
+    assert f"as model version 4: {LAG['explanation']}" in told
+    told = read(NOTHING | {"visits": 1, "values": 1}).told
+    assert "observations 1 value of 1 visit " in told
+    assert "1 value of 1 visit took part" in told
+
+
 def test_where_nothing_was_found_the_page_says_what_that_is_worth():
     told = read(NOTHING).told
     assert "– Nothing found" in told
@@ -144,8 +168,23 @@ def test_components_stand_by_unit_with_their_figures():
     assert "EZZ D_z(z) 4.10 0.64 0.63 0.61 (declared) ±1.28 240" in table
     assert "SXY S_xy 7.40† 0.80†" in table
     assert "† Nothing could be held out" in table
+    assert "95 % within, after" in table
+    assert "declared: what the verifications state" in table
+    assert "replicates: " not in table
+    assert "replicates: from what was read again" in read(NOTHING).told
     # Without a floor the scatter of one observation stands for it.
     assert "EBX A_y(x) 1.20 1.20 0.61" in table
+
+
+def test_each_unit_is_a_table_whose_head_repeats_it():
+    written = analysis_report(HEAD, UNEXPLAINED, plotly_js=ADDRESS)
+    assert written.count("[µm]</th></tr></thead>") == 1
+    assert written.count("[µm/m]</th></tr></thead>") == 1
+
+
+def test_one_value_is_not_drawn_as_if_it_were_perfect():
+    one = NOTHING | {"components": [component("SXY", 0.0, 0.0, "µm/m", count=1)]}
+    assert "±0.00 1 one value" in read(one).told
 
 
 def test_an_effect_is_told_with_its_figures():
@@ -156,7 +195,8 @@ def test_an_effect_is_told_with_its_figures():
         "4.10 → 0.64 µm RMS",
         "show 0.98 ± 0.08 of what it predicts (1 is right, 0 is nothing); found again in 100 %",
         "time constant 41 ± 2 min",
-        "share 1.01 ± 0.03",
+        "share of what the tables say: 1 follows late as a whole, 0 at once 1.01 ± 0.03",
+        "Late minus present: what the sensor read some time ago, less what it reads now.",
         "thermal lag: EZZ with z-column – this effect 209",
         "sensor gradient: EZZ with spindle, bed – tied 208",
         "other sensor: EZZ with spindle – behind by 160 50",
@@ -241,6 +281,20 @@ def test_visits_of_found_effects_are_drawn_first_then_what_stands_out():
     # Two standard deviations of a mean of 40: the floor has 0.63² − 0.61² from set-ups.
     assert max(band["y"]) == pytest.approx(2 * (0.61**2 / 40 + 0.63**2 - 0.61**2) ** 0.5, abs=1e-5)
     assert len(read(NOTHING).figures["visits-1"]["data"]) == 2
+
+
+def test_directions_of_a_reversal_are_drawn_apart_over_time():
+    curve = visits("EXX", [1.0, -1.0] * 3, [0.1, -0.1] * 3) | {"direction": [1.0, -1.0] * 3}
+    result = UNEXPLAINED | {
+        "components": [component("EXX", 1.0, 0.1)],
+        "effects": [BACKLASH],
+        "plots": {"effects": [BACKLASH_CURVE], "visits": [curve]},
+    }
+    found = read(result)
+    _, before, after = found.figures["visits-1"]["data"]
+    assert before["marker"]["symbol"][:2] == ["triangle-up-open", "triangle-down-open"]
+    assert after["marker"]["symbol"][:2] == ["triangle-up", "triangle-down"]
+    assert "Triangles point the way of approach, where an error reverses" in found.told
 
 
 def test_nothing_to_draw_is_no_figure():

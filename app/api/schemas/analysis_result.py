@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
-from app.api.schemas.base import Number, Schema
+from app.api.schemas.base import Number, Schema, UtcTime
 
 IN_ITS_UNIT: Final = "[µm; angular components µrad, squareness µm/m]"
 
@@ -94,7 +94,7 @@ class StrongVisitAnswer(Schema):
     """A visit that carries much of the evidence."""
 
     label: str = Field(description="Label of the verification")
-    time_s: Number = Field(description="When it began, seconds since 1970-01-01 UTC [s]")
+    time: UtcTime = Field(description="When it began, UTC")
 
 
 class FoundEffectAnswer(Schema):

@@ -7,7 +7,7 @@ from typing import Any, Self
 from pydantic import Field
 
 from app.api.schemas.analysis_result import IN_ITS_UNIT, ExcludedAnswer, NotTestedAnswer
-from app.api.schemas.base import Number, Schema
+from app.api.schemas.base import Number, Schema, UtcTime
 from app.identification.plan import Plan
 
 
@@ -57,9 +57,7 @@ class SuggestionAnswer(Schema):
     """A visit to add."""
 
     sentence: str = Field(description="Which, and what it helps")
-    like_time_s: Number = Field(
-        description="When the machine was like that, seconds since 1970-01-01 UTC [s]"
-    )
+    like_time: UtcTime = Field(description="When the machine was like that, UTC")
     temperatures_c: dict[str, Number] = Field(description="Its sensors' temperatures then [°C]")
     states: dict[str, Number] = Field(description="Its state then")
     helped: list[HelpedAnswer] = Field(description="The effects that gain most")

@@ -10,12 +10,19 @@ from typing import Any, Final
 from app.pictures.analysis_report.drawing import largest
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import chapter_name, component_name
-from app.pictures.analysis_report.sizes import before_and_after, is_held_out
+from app.pictures.analysis_report.sizes import before_and_after, floor_of, is_held_out
 from app.pictures.analysis_report.style import AFTER, BEFORE
 from app.pictures.analysis_report.tables import NUMBER, PICTURE, Column, body, row, table
 from app.pictures.analysis_report.words import decimals_for, escaped, figure_text
 from app.pictures.colours import FAINT, INK
 from app.units import Unit
+
+ORIGINS: Final = {
+    "declared": "what the verifications state, adjusted where the residuals say otherwise",
+    "replicates": "from what was read again at the same place in the same visit",
+    "residuals": "from what is left within the visits",
+}
+"""Where the scatter of one observation comes from."""
 
 CHANGED: Final = 1e-9
 """Of the size before: less is rounding."""
@@ -39,13 +46,14 @@ def component_section(result: Result) -> str:
     order = [unit.symbol for unit in Unit]
     components = sorted(result["components"], key=lambda c: order.index(c["unit"]))
     columns = _columns(is_changed)
-    bodies = "".join(
-        _unit_rows(columns, unit, list(own), is_changed)
+    tables = "".join(
+        table(columns, _rows(columns, list(own), is_changed), unit=f"[{escaped(unit)}]")
         for unit, own in groupby(components, lambda c: c["unit"])
     )
-    return f"""<section><h2>{title}</h2>
+    return f"""<section class="figures"><h2>{title}</h2>
 <p class="quiet">{_how_to_read(components, is_changed)}</p>
-{table(columns, bodies)}</section>"""
+{tables}
+<p class="quiet">{_origins(components)}</p></section>"""
 
 
 def _how_to_read(components: Sequence[Mapping[str, Any]], is_changed: bool) -> str:
@@ -59,20 +67,27 @@ def _how_to_read(components: Sequence[Mapping[str, Any]], is_changed: bool) -> s
     )
 
 
+def _origins(components: Sequence[Mapping[str, Any]]) -> str:
+    """Explain where the scatter of one observation comes from, as far as it occurs."""
+    found = {c["noise_origin"] for c in components}
+    told = [f"{origin}: {words}" for origin, words in ORIGINS.items() if origin in found]
+    return escaped(f"Scatter of one observation – {'; '.join(told)}.")
+
+
 def _columns(is_changed: bool) -> list[Column]:
     sizes = ["before", "after"] if is_changed else ["residual"]
     return [
-        Column("component"),
-        *(Column(name, NUMBER) for name in (*sizes, "floor")),
-        Column("scatter of one observation", NUMBER, is_spare=True),
-        Column("95 % within", NUMBER, is_spare=True),
-        Column("values", NUMBER, is_spare=True),
-        Column("picture", PICTURE),
+        Column("component", width_percent=16),
+        *(Column(name, NUMBER, 9) for name in (*sizes, "floor")),
+        Column("scatter of one observation", NUMBER, 20),
+        Column("95 % within, after" if is_changed else "95 % within", NUMBER, 9),
+        Column("values", NUMBER, 9),
+        Column("picture", PICTURE, 19 if is_changed else 28),
     ]
 
 
-def _unit_rows(
-    columns: Sequence[Column], unit: str, components: Sequence[Mapping[str, Any]], is_changed: bool
+def _rows(
+    columns: Sequence[Column], components: Sequence[Mapping[str, Any]], is_changed: bool
 ) -> str:
     decimals = decimals_for(median(c["noise"] for c in components))
     sizes = [_sizes(c) for c in components]
@@ -81,8 +96,7 @@ def _unit_rows(
         row(columns, _cells(c, s, decimals, reach, is_changed), _style(s, is_changed))
         for c, s in zip(components, sizes, strict=True)
     ]
-    heading = f'<th scope="rowgroup" colspan="{len(columns)}">[{escaped(unit)}]</th>'
-    return body([f'<tr class="unit">{heading}</tr>', *rows])
+    return body(rows)
 
 
 def _style(sizes: Sequence[float], is_changed: bool) -> str:
@@ -103,20 +117,19 @@ def _cells(
     within = figure_text(component["after_p95" if is_changed else "before_p95"], decimals)
     scatter = f"{figure_text(component['noise'], decimals)} ({component['noise_origin']})"
     return [
-        f'{code} <span class="quiet spare">{escaped(chapter_name(name))}</span>',
+        f'{code} <span class="quiet">{escaped(chapter_name(name))}</span>',
         *(f"{size}{mark}" for size in shown[: 1 + is_changed]),
         floor,
         escaped(scatter),
         f"±{within}",
         str(component["count"]),
-        _picture(sizes, reach, is_changed),
+        _picture(sizes, reach, is_changed) if component["count"] > 1 else "one value",
     ]
 
 
 def _sizes(component: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Give before, after, floor; the scatter of one observation where there is no floor."""
-    floor = component["floor"] if component["floor"] is not None else component["noise"]
-    return *before_and_after(component), floor
+    """Give before, after, floor."""
+    return *before_and_after(component), floor_of(component)
 
 
 def _picture(sizes: Sequence[float], reach: float, is_changed: bool) -> str:

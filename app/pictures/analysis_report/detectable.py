@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
+from app.errors import counted
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import kind_name
 from app.pictures.analysis_report.tables import NUMBER, Column, body, row, table
@@ -111,6 +112,6 @@ def _by_component(seen: Sequence[Seen], decimals: int) -> str:
         for one in seen
     )
     return (
-        f"<details><summary>By component ({len(seen)} rows)</summary>"
+        f"<details><summary>By component ({counted(len(seen), 'row')})</summary>"
         f'<div class="narrow">{table(columns, rows)}</div></details>'
     )

@@ -22,6 +22,9 @@ TIMES: Final = (
 )
 """How a time is written, by the time between two marks [ms]: plotly repeats the year."""
 
+APPROACHES: Final = {1.0: "triangle-up", -1.0: "triangle-down"}
+"""Marks by the direction of approach, where it decides."""
+
 BAND: Final = "rgba(123, 135, 148, 0.18)"
 
 
@@ -151,6 +154,30 @@ def markers(x: Sequence[Any], y: Sequence[float], *, after: bool) -> Json:
         "marker": filled if after else ring,
         "name": "after" if after else "before",
     }
+
+
+def pointing(trace: Json, directions: Sequence[float], *, after: bool) -> Json:
+    """Let a trace's marks point the way of approach.
+
+    Parameters
+    ----------
+    trace
+        Of `markers`.
+    directions
+        +1, −1 or 0 of each mark; where all are 0 the trace stays as it is.
+    after
+        Which of the two it is.
+
+    Returns
+    -------
+    dict
+        plotly's trace.
+    """
+    if not any(directions):
+        return trace
+    ending = "" if after else "-open"
+    symbols = [f"{APPROACHES.get(direction, 'circle')}{ending}" for direction in directions]
+    return {**trace, "marker": {**trace["marker"], "symbol": symbols, "size": 7}}
 
 
 def dates(times_s: Sequence[float]) -> list[str]:

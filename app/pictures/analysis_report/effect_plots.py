@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 from app.errors import list_names
 from app.pictures.analysis_report.drawing import (
@@ -15,12 +15,10 @@ from app.pictures.analysis_report.drawing import (
     largest,
     layout_of,
     markers,
+    pointing,
 )
 from app.pictures.analysis_report.names import component_name
 from app.pictures.colours import INK
-
-APPROACHES: Final = {1.0: "triangle-up", -1.0: "triangle-down"}
-"""Marks by the direction of approach, where it decides."""
 
 
 def effect_drawings(
@@ -49,18 +47,12 @@ def effect_drawings(
     extent = largest([curve["before"], curve["after"], curve["explained"]])
     layout = layout_of(_x_title(curve), f"residual [{curve['unit']}]", extent, over_time=over_time)
     names = hover_texts([component_name(c) for c in curve["components"]])
-    symbols = _symbols(effect, curve["direction"])
+    sides = curve["direction"] if _is_reversing(effect) else []
     subjects = list_names(map(component_name, dict.fromkeys(curve["components"])), 3)
     drawings = []
     for which in ("before", "after"):
         after = which == "after"
-        trace = {**markers(x, curve[which], after=after), **names}
-        if symbols:
-            trace["marker"] = {
-                **trace["marker"],
-                "symbol": _styled(symbols, after=after),
-                "size": 7,
-            }
+        trace = {**pointing(markers(x, curve[which], after=after), sides, after=after), **names}
         data = [trace] if after else [trace, _says(x, curve["explained"])]
         told = (
             f"Residuals of {subjects} in {curve['unit']} over {curve['over']}, {which} this "
@@ -88,9 +80,11 @@ def caption(effect: Mapping[str, Any]) -> str:
         if _is_reversing(effect)
         else "Rings"
     )
+    late = " Late minus present: what the sensor read some time ago, less what it reads now."
     return (
         f"{shapes}: measured minus predicted without this effect, all others taken off. Crosses: "
         "what this effect says. Filled: what is left with it."
+        + (late if effect["kind"] == "thermal-lag" else "")
     )
 
 
@@ -101,16 +95,6 @@ def _x_title(curve: Mapping[str, Any]) -> str:
 
 def _is_reversing(effect: Mapping[str, Any]) -> bool:
     return any(term["reversing"] for term in effect["effect"]["terms"])
-
-
-def _symbols(effect: Mapping[str, Any], directions: Sequence[float]) -> list[str]:
-    if not _is_reversing(effect):
-        return []
-    return [APPROACHES.get(direction, "circle") for direction in directions]
-
-
-def _styled(symbols: Sequence[str], *, after: bool) -> list[str]:
-    return [symbol if after else f"{symbol}-open" for symbol in symbols]
 
 
 def _says(x: Sequence[Any], explained: Sequence[float]) -> Json:

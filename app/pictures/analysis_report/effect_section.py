@@ -12,6 +12,7 @@ from app.pictures.analysis_report.effect_plots import caption, effect_drawings
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import (
     MARKS,
+    SHARES,
     component_name,
     explanation_name,
     kind_name,
@@ -139,11 +140,18 @@ def _parameters(effect: Mapping[str, Any]) -> str:
     rows = [
         row(
             columns,
-            [escaped(parameter_name(n)), escaped(parameter_text(n, value, errors.get(n)))],
+            [_parameter(effect["kind"], n), escaped(parameter_text(n, value, errors.get(n)))],
         )
         for n, value in effect["parameters"].items()
     ]
     return f'<div class="narrow">{table(columns, body(rows))}</div>'
+
+
+def _parameter(kind: str, name: str) -> str:
+    """Name a parameter; of a share say of what."""
+    told = SHARES.get(kind) if name == "share" else None
+    what = f' <span class="quiet">{escaped(told)}</span>' if told else ""
+    return f"{escaped(parameter_name(name))}{what}"
 
 
 def _warnings(effect: Mapping[str, Any]) -> list[str]:

@@ -31,6 +31,9 @@ class ReportHead:
         Of its draws: the same seed gives the same answer.
     adopted_version
         The model version that its effects made; None where none was adopted.
+    had, adopted
+        The effects that the analysed version had already, and those of this analysis that
+        were adopted: a sentence each.
     """
 
     machine_id: str
@@ -41,3 +44,5 @@ class ReportHead:
     analysed_at: datetime
     seed: int
     adopted_version: int | None = None
+    had: Sequence[str] = ()
+    adopted: Sequence[str] = ()

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from datetime import UTC
 from typing import Any
 
-from app.errors import list_names
+from app.errors import counted, list_names
 from app.pictures.analysis_report.head import ReportHead, Result
 from app.pictures.analysis_report.names import MARKS, VERDICTS, overall_unit
-from app.pictures.analysis_report.sizes import overall_size
+from app.pictures.analysis_report.sizes import overall_floor, overall_size
 from app.pictures.analysis_report.words import (
     chance_text,
     decimals_for,
@@ -38,8 +38,7 @@ def header(head: ReportHead, result: Result) -> str:
     """
     verdict = result["verdict"]
     facts = "".join(
-        f"<dt>{escaped(name)}</dt><dd>{escaped(value)}</dd>"
-        for name, value in _facts(head, result).items()
+        f"<dt>{escaped(name)}</dt><dd>{value}</dd>" for name, value in _facts(head, result).items()
     )
     return f"""<header>
 <p class="quiet">Analysis of residuals</p>
@@ -72,8 +71,9 @@ def tiles(result: Result) -> str:
         f'<div class="tile"><span>{name}</span><b>{size}</b><span>{note}</span></div>'
         for name, (size, note) in found
     ]
-    floor = figure_text(result["floor_um"] or result["noise_um"], decimals)
-    origin = "repeatability and set-up scatter" if result["floor_um"] else "repeatability"
+    floor = figure_text(overall_floor(result), decimals)
+    is_known = result["floor_um"] is not None
+    origin = "repeatability and set-up scatter" if is_known else "repeatability"
     chance = chance_text(result["p_global"])
     tiles += [
         f'<div class="tile"><span>noise floor</span><b>{floor} {unit}</b>'
@@ -102,15 +102,31 @@ def next_steps(result: Result) -> str:
 
 
 def _facts(head: ReportHead, result: Result) -> Mapping[str, str]:
-    adopted = head.adopted_version
+    """What was analysed, as HTML."""
     return {
-        "machine": f"{head.machine_id} ({head.chain})",
-        "model": f"version {head.model_version}",
-        "verifications": list_names(head.verifications, MOST_LABELS),
-        "observations": f"{result['values']} values of {result['visits']} visits",
+        "machine": escaped(f"{head.machine_id} ({head.chain})"),
+        "model": sentence(_model(head)),
+        "verifications": escaped(list_names(head.verifications, MOST_LABELS)),
+        "observations": f"{counted(result['values'], 'value')} of "
+        f"{counted(result['visits'], 'visit')}",
         "analysed": f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}",
-        "adopted": "no effect" if adopted is None else f"as model version {adopted}",
+        "adopted": sentence(_adopted(head)),
     }
+
+
+def _model(head: ReportHead) -> str:
+    """Name the version with the effects that it had before."""
+    had = counted(len(head.had), "adopted effect")
+    version = f"version {head.model_version}"
+    return f"{version}, with {had}: {'; '.join(head.had)}" if head.had else version
+
+
+def _adopted(head: ReportHead) -> str:
+    """Say what of this analysis went into which version."""
+    if head.adopted_version is None:
+        return "nothing of this analysis"
+    version = f"as model version {head.adopted_version}"
+    return f"{version}: {'; '.join(head.adopted)}" if head.adopted else version
 
 
 def _size(figures: Mapping[str, Any], decimals: int, unit: str) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from app.errors import counted
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import TESTS, component_name, untested_together
 from app.pictures.analysis_report.tables import NUMBER, Column, body, row, table
@@ -31,7 +32,7 @@ def unexplained_section(result: Result) -> str:
     columns = (
         Column("component"),
         Column("RMS left", NUMBER),
-        Column("scatter of one observation", NUMBER, is_spare=True),
+        Column("scatter of one observation", NUMBER),
         Column("moves with"),
         Column("how it shows"),
     )
@@ -55,7 +56,8 @@ def excluded_section(result: Result) -> str:
     str
         HTML.
     """
-    told = f"{result['values']} values of {result['visits']} visits took part."
+    took_part = f"{counted(result['values'], 'value')} of {counted(result['visits'], 'visit')}"
+    told = f"{took_part} took part."
     if not result["excluded"]:
         return f"<section><h2>Left out</h2><p>{told} None was left out.</p></section>"
     columns = (Column("reason"), Column("values", NUMBER))

@@ -82,6 +82,8 @@ def _over_time(visits: Sequence[Drawing], is_changed: bool) -> str:
         return ""
     marks = "Rings: before; filled: after." if is_changed else "Rings: each visit's mean residual."
     places = "".join(d.place() for d in visits)
+    if any(isinstance(t.get("marker", {}).get("symbol"), list) for d in visits for t in d.data):
+        marks += " Triangles point the way of approach, where an error reverses with it."
     return f"""<section><h2>Over time, visit by visit</h2>
 <p class="quiet">{marks} Grey: where 95 % of the visits' means should lie if repeatability and
 set-up scatter were all. Components of effects first, then those that stand out most; times are

@@ -54,7 +54,12 @@ STYLE: Final = f"""
   li {{ margin: 0.2rem 0; max-width: 46rem; }}
   .warning {{ border-left: 4px solid {BEFORE}; background: #fff7ed; padding: 0.4rem 0.8rem;
              margin: 0.6rem 0; max-width: 48rem; }}
-  .wide {{ overflow-x: auto; }}
+  .wide {{ overflow-x: auto;
+          background: linear-gradient(to right, #fff 30%, transparent) left / 2.5rem 100%,
+                      linear-gradient(to left, #fff 30%, transparent) right / 2.5rem 100%,
+                      linear-gradient(to right, {FAINT}, transparent) left / 0.9rem 100%,
+                      linear-gradient(to left, {FAINT}, transparent) right / 0.9rem 100%;
+          background-repeat: no-repeat; background-attachment: local, local, scroll, scroll; }}
   table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; }}
   .wide > table {{ width: 100%; }}
   caption {{ text-align: left; color: #52606d; font-size: 0.9rem; padding-bottom: 0.3rem; }}
@@ -62,12 +67,13 @@ STYLE: Final = f"""
            border-bottom: 1px solid {FAINT}; }}
   thead th {{ font-weight: 600; font-size: 0.85rem; vertical-align: bottom; color: #323f4b; }}
   tbody th {{ font-weight: 500; }}
-  tr:has(td.picture) th {{ white-space: nowrap; }}
+  .figures table {{ table-layout: fixed; }}
   .narrow .wide > table {{ width: auto; }}
   tr.unit th {{ padding-top: 0.7rem; font-weight: 600; color: #323f4b; }}
   .number {{ text-align: right; white-space: nowrap; }}
+  thead .number {{ white-space: normal; overflow-wrap: normal; }}
   .strong td, .strong th {{ font-weight: 650; }}
-  td.picture {{ width: 34%; min-width: 9rem; padding: 0 0 0 0.6rem; }}
+  .picture {{ padding: 0 0 0 0.6rem; }}
   svg {{ display: block; width: 100%; height: 20px; overflow: visible; }}
   .bar {{ display: block; height: 0.8rem; min-width: 1px; background: #9fb3c8; }}
   .own .bar {{ background: {AFTER}; }}
@@ -85,15 +91,14 @@ STYLE: Final = f"""
   .three .plot {{ height: 190px; }}
   details summary {{ cursor: pointer; margin: 0.6rem 0; font-weight: 600; }}
   footer {{ margin-top: 2.5rem; padding-top: 0.8rem; border-top: 1px solid {FAINT}; }}
-  @media (max-width: 44rem) {{
+  @media screen and (max-width: 44rem) {{
     body {{ padding: 1rem 0.8rem 2rem; }}
     h1 {{ font-size: 1.35rem; }}
     .facts {{ grid-template-columns: 1fr; }}
     .facts dd {{ margin-bottom: 0.35rem; }}
     .plots.two, .plots.three {{ grid-template-columns: minmax(0, 1fr); }}
     .tiles {{ grid-template-columns: repeat(2, 1fr); }}
-    .spare {{ display: none; }}
-    td.picture {{ min-width: 6rem; }}
+    .wide > table:has(.picture) {{ min-width: 50rem; }}
     td.text {{ min-width: 8rem; }}
     .effect {{ padding: 0.7rem 0.7rem; }}
   }}
@@ -103,13 +108,14 @@ STYLE: Final = f"""
     body {{ max-width: none; padding: 0; font-size: 10.5pt; }}
     h2, h3, h4, .plots h4 {{ break-after: avoid; }}
     h2 {{ margin-top: 1.4rem; }}
-    .effect > h3 + p, .effect .warning, .effect .facts, h2 + p {{ break-after: avoid; }}
-    p, .facts, figure, tr, .tile, .warning, .next, li, .evidence {{ break-inside: avoid; }}
+    h2 + p {{ break-after: avoid; }}
+    figure, .plots.two, tr, .tile {{ break-inside: avoid; }}
     .plots.two {{ grid-template-columns: repeat(2, minmax(0, 1fr)); }}
     .plots.three {{ grid-template-columns: repeat(3, minmax(0, 1fr)); }}
     .tiles {{ grid-template-columns: repeat(4, 1fr); }}
     .tile b {{ font-size: 1.15rem; }}
-    .wide {{ overflow: visible; }}
+    .wide {{ overflow: visible; background: none; }}
+    .figures {{ font-size: 9pt; }}
     .modebar {{ display: none; }}
     details:not([open]) {{ display: none; }}
   }}

@@ -22,21 +22,16 @@ class Column:
         HTML.
     style
         What is in it.
-    is_spare
-        Whether a phone does without it.
+    width_percent
+        Share of the table's width, where several tables are to stand in line; 0: as needed.
     """
 
     title: str
     style: str = TEXT
-    is_spare: bool = False
-
-    @property
-    def names(self) -> str:
-        """The classes of its cells."""
-        return f"{self.style} spare" if self.is_spare else self.style
+    width_percent: int = 0
 
 
-def table(columns: Sequence[Column], bodies: str, *, caption: str = "") -> str:
+def table(columns: Sequence[Column], bodies: str, *, caption: str = "", unit: str = "") -> str:
     """Write a table that scrolls sideways where it has no room.
 
     Parameters
@@ -47,16 +42,28 @@ def table(columns: Sequence[Column], bodies: str, *, caption: str = "") -> str:
         HTML of one or more bodies.
     caption
         HTML of what stands above it.
+    unit
+        HTML of a line below the headings, repeated with them on each page.
 
     Returns
     -------
     str
         HTML.
     """
-    headings = "".join(f'<th scope="col" class="{c.names}">{c.title}</th>' for c in columns)
+    headings = "".join(map(_heading, columns))
     above = f"<caption>{caption}</caption>" if caption else ""
-    head = f"<thead><tr>{headings}</tr></thead>"
+    below = (
+        f'<tr class="unit"><th scope="colgroup" colspan="{len(columns)}">{unit}</th></tr>'
+        if unit
+        else ""
+    )
+    head = f"<thead><tr>{headings}</tr>{below}</thead>"
     return f'<div class="wide"><table>{above}{head}{bodies}</table></div>'
+
+
+def _heading(column: Column) -> str:
+    wide = f' style="width: {column.width_percent}%"' if column.width_percent else ""
+    return f'<th scope="col" class="{column.style}"{wide}>{column.title}</th>'
 
 
 def body(rows: Iterable[str]) -> str:
@@ -94,6 +101,6 @@ def row(columns: Sequence[Column], cells: Sequence[str], style: str = "") -> str
     """
     first, *rest = cells
     written = "".join(
-        f'<td class="{c.names}">{cell}</td>' for c, cell in zip(columns[1:], rest, strict=True)
+        f'<td class="{c.style}">{cell}</td>' for c, cell in zip(columns[1:], rest, strict=True)
     )
     return f'<tr class="{style}"><th scope="row">{first}</th>{written}</tr>\n'

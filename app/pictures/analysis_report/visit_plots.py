@@ -14,6 +14,7 @@ from app.pictures.analysis_report.drawing import (
     largest,
     layout_of,
     markers,
+    pointing,
 )
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import component_name
@@ -66,9 +67,13 @@ def _drawing(
 ) -> Drawing:
     x = dates(curve["time_s"])
     expected = _expected(curve["count"], figures)
-    data: list[Json] = [_band(x, expected), markers(x, curve["before"], after=False)]
+    sides = curve.get("direction", [])
+    data: list[Json] = [
+        _band(x, expected),
+        pointing(markers(x, curve["before"], after=False), sides, after=False),
+    ]
     if is_changed:
-        data.append(markers(x, curve["after"], after=True))
+        data.append(pointing(markers(x, curve["after"], after=True), sides, after=True))
     unit, name = curve["unit"], component_name(curve["component"])
     extent = largest([curve["before"], curve["after"], [STANDARD_DEVIATIONS * max(expected)]])
     told = (
