@@ -1,7 +1,7 @@
 """Evidence that something has changed, valid whenever one looks: an e-process for one number.
 
-Each observation z, standardised by what was to be expected, multiplies the evidence by the
-likelihood ratio of a wider distribution to the expected one. Under the null the expected
+Each observation multiplies the evidence by the likelihood ratio of a wider distribution to the
+expected one. Under the null the expected
 product never exceeds one, so it reaches 1/α with a probability of at most α, however long one
 goes on and whenever one stops (Ville's inequality). A change may begin at any time: the evidence
 is averaged over all beginnings k with weights 1/(k (k + 1)), which add up to one.
@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
+from app.arrays import FloatArray
 
 WIDER: Final = (3.0, 15.0, 63.0)
 """Variances that a change adds, over the expected one: a change of 1.7, 4 or 8 sigma."""
@@ -44,37 +46,47 @@ class EProcess:
         """The e-value: 1 says nothing, 1/α is reached with probability α at most by chance."""
         return self.begun + 1.0 / (self.steps + 1)
 
-    def after(self, z: float) -> EProcess:
+    def after(self, ratio: float) -> EProcess:
         """Take one observation.
 
         Parameters
         ----------
-        z
-            Deviation from what was expected, in standard deviations.
+        ratio
+            Its `likelihood_ratio`.
 
         Examples
         --------
-        >>> quiet, loud = EProcess().after(0.3), EProcess().after(5.0)
+        >>> one = np.ones(1)
+        >>> quiet, loud = (EProcess().after(likelihood_ratio(z, one, one)) for z in (0.3, 5.0))
         >>> quiet.evidence < 1.0 < 1000 < loud.evidence
         True
         """
         weight = 1.0 / ((self.steps + 1) * (self.steps + 2))
-        return EProcess(self.steps + 1, min((self.begun + weight) * likelihood_ratio(z), 1e300))
+        return EProcess(self.steps + 1, min((self.begun + weight) * ratio, 1e300))
 
 
-def likelihood_ratio(z: float) -> float:
-    """Compare wider normal distributions, evenly mixed, with the standard one.
+def likelihood_ratio(away: float, variances: FloatArray, weights: FloatArray) -> float:
+    """Compare wider normal distributions with those that were expected.
 
     Parameters
     ----------
-    z
-        Where they are compared.
+    away
+        Deviation from what was expected.
+    variances, weights : ndarray, shape (m,)
+        Variances that are held possible, and how much each is believed; they add up to one.
 
     Examples
     --------
-    >>> round(likelihood_ratio(0.0), 3)
+    >>> round(likelihood_ratio(0.0, np.ones(1), np.ones(1)), 3)
     0.292
     """
-    wider = np.array(WIDER)
-    exponent = np.minimum(0.5 * z**2 * wider / (1.0 + wider), 600.0)
-    return float(np.mean(np.exp(exponent) / np.sqrt(1.0 + wider)))
+    wider = variances * (1.0 + np.array(WIDER)[:, None])
+    expected = _log_density(away, variances, weights)
+    changed = _log_density(away, wider, weights) - np.log(len(WIDER))
+    return float(np.exp(min(changed - expected, 600.0)))
+
+
+def _log_density(away: float, variances: FloatArray, weights: FloatArray) -> float:
+    """Mix normal distributions about 0; up to a constant."""
+    logs = np.log(np.maximum(weights, 1e-300)) - 0.5 * (away**2 / variances + np.log(variances))
+    return float(np.logaddexp.reduce(logs.ravel()))

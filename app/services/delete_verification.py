@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.errors import InvalidContent
+from app.identification.watching import WatchState, watch
+from app.services.choose_version import choose_version
 from app.services.context import Context
+from app.services.load_campaign import load_campaign, read_verifications
 from app.storage.machines import find_machine
-from app.storage.verifications import find_verification
+from app.storage.verifications import find_verification, list_verifications
+from app.storage.watches import write_watch
 
 
 def delete_verification(context: Context, machine_id: str, verification_id: int) -> None:
     """Delete a verification; analyses of it keep their results.
+
+    The watch that had judged it is computed anew from those that it judged beside it.
 
     Raises
     ------
@@ -17,4 +29,36 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
     """
     with context.database.writing() as session:
         find_machine(session, machine_id, lock=True)
-        session.delete(find_verification(session, machine_id, verification_id))
+        row = find_verification(session, machine_id, verification_id)
+        version = _judged_by(row.judgement)
+        session.delete(row)
+        session.flush()
+        if version is not None:
+            state = _watched(session, machine_id, version)
+            write_watch(session, machine_id, version, state.to_json(), context.now())
+
+
+def _watched(session: Session, machine_id: str, version_number: int) -> WatchState:
+    """Judge again all verifications that a version has judged, in their order."""
+    judged = [
+        v.id
+        for v in list_verifications(session, machine_id)
+        if _judged_by(v.judgement) == version_number
+    ]
+    if not judged:
+        return WatchState()
+    machine, version = choose_version(session, machine_id, version_number)
+    verifications = read_verifications(session, machine_id, judged)
+    try:
+        campaign = load_campaign(session, machine, version, verifications)
+        return watch(campaign, WatchState())[1]
+    except InvalidContent:
+        # Nothing of them can be compared any more, as when readings were deleted.
+        return WatchState()
+
+
+def _judged_by(judgement: Mapping[str, Any] | None) -> int | None:
+    """Say which version has judged a verification; None where none could."""
+    if judgement is None or judgement["model_version"] is None:
+        return None
+    return int(judgement["model_version"])

@@ -43,9 +43,7 @@ class Judged:
     def write(self, context: Context, session: Session, machine_id: str) -> None:
         """Carry the watch on; the machine is locked."""
         if self.model_version is not None and self.after is not None:
-            status = str(self.answer["status"])
-            now = context.now()
-            write_watch(session, machine_id, self.model_version, status, self.after, now)
+            write_watch(session, machine_id, self.model_version, self.after, context.now())
 
 
 def judge_verification(context: Context, machine_id: str, verification: Verification) -> Judged:

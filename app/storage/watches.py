@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.storage.tables import MachineRow, WatchRow
+
+NOT_JUDGED: Final = "not-judged"
+"""Nothing that was measured could be judged yet."""
 
 
 def find_watch(
@@ -23,7 +26,9 @@ def find_watch(
 def watch_status(session: Session, machine: MachineRow) -> str | None:
     """Say what the watch of a machine's active version says; None before it says anything."""
     query = select(WatchRow.status).where(
-        WatchRow.machine_id == machine.id, WatchRow.model_version == machine.active_version
+        WatchRow.machine_id == machine.id,
+        WatchRow.model_version == machine.active_version,
+        WatchRow.status != NOT_JUDGED,
     )
     return session.scalar(query)
 
@@ -33,7 +38,8 @@ def watch_statuses(session: Session) -> dict[str, str]:
     query = select(WatchRow.machine_id, WatchRow.status).join(
         MachineRow,
         (MachineRow.id == WatchRow.machine_id)
-        & (MachineRow.active_version == WatchRow.model_version),
+        & (MachineRow.active_version == WatchRow.model_version)
+        & (WatchRow.status != NOT_JUDGED),
     )
     return {row.machine_id: row.status for row in session.execute(query)}
 
@@ -42,7 +48,6 @@ def write_watch(
     session: Session,
     machine_id: str,
     model_version: int,
-    status: str,
     state: Mapping[str, Any],
     now: datetime,
 ) -> None:
@@ -51,6 +56,7 @@ def write_watch(
     if row is None:
         row = WatchRow(machine_id=machine_id, model_version=model_version)
         session.add(row)
-    row.status = status
+    known = "within" if state["streams"] else NOT_JUDGED
+    row.status = known if state["beyond_since_s"] is None else "beyond"
     row.state = dict(state)
     row.updated_at = now

@@ -64,7 +64,7 @@ async def test_a_machine_as_its_model_says_stays_within_and_a_changed_one_is_not
     for number in range(4):
         judgement = await judged(room, visit(number))
         assert (judgement["status"], judgement["model_version"]) == ("within", 3)
-        assert judgement["evidence"] < judgement["limit"] == 100.0
+        assert judgement["evidence"] < judgement["limit"] == 200.0
     for number in range(4, 8):
         judgement = await judged(room, visit(number, shift_um=10.0))
     assert judgement["status"] == "beyond"
@@ -133,3 +133,33 @@ async def test_many_at_once_on_two_services_are_judged_one_after_the_other(
     evidence = [v["evidence"] for v in watch["verifications"]]
     assert len(set(evidence)) == 8
     assert watch["evidence"] == evidence[-1]
+
+
+async def test_a_deleted_verification_counts_no_more(room):
+    """A slip of a millimetre is stored and deleted: the watch is as if it had never come."""
+    for number in range(3):
+        await judged(room, visit(number))
+    quiet = (await room.get(f"{ROOM}/watch")).json()
+    slip = visit(3, shift_um=200.0)
+    assert (await judged(room, slip))["status"] == "beyond"
+    number = (await room.get(PATH)).json()[-1]["id"]
+    assert (await room.delete(f"{PATH}/{number}")).status_code == 204
+    watch = (await room.get(f"{ROOM}/watch")).json()
+    assert watch["status"] == "within"
+    assert watch["evidence"] == pytest.approx(quiet["evidence"], rel=0.1)
+    assert (await room.get(ROOM)).json()["watch"] == "within"
+    assert (await judged(room, visit(4)))["status"] == "within"
+    for one in (await room.get(PATH)).json():
+        assert (await room.delete(f"{PATH}/{one['id']}")).status_code == 204
+    assert (await room.get(f"{ROOM}/watch")).json()["status"] == "no-verification"
+    assert (await room.get(ROOM)).json()["watch"] is None
+
+
+async def test_nothing_is_judged_before_the_scatter_is_known(room):
+    single = visit(0, repeatability_um=None)
+    single["observations"] = single["observations"][:1]
+    judgement = await judged(room, single)
+    assert judgement["status"] == "not-judged"
+    assert "repeatability_um" in judgement["summary"]
+    assert (await room.get(f"{ROOM}/watch")).json()["status"] == "no-verification"
+    assert (await room.get(ROOM)).json()["watch"] is None

@@ -13,15 +13,15 @@ from app.identification.watching import FALSE_ALARM, LIMIT
 from app.services.show_watch import Watch
 
 
-class BeyondAnswer(Schema):
-    """Something that changed."""
+class FollowedNumber(Schema):
+    """One number that is followed from visit to visit."""
 
     component: str = Field(description="Component code, or `points x`", examples=["EZZ"])
-    what: str = Field(description="Which number of its residuals", examples=["level"])
-    unit: str = Field(description="Unit of its numbers", examples=["µm"])
-    deviation: Number = Field(description=f"How far it is off {IN_ITS_UNIT}")
+    what: str = Field(description="`level`, or a slope along an axis", examples=["level"])
+    unit: str = Field(description="Unit of its deviation", examples=["µm"])
+    deviation: Number = Field(description=f"Latest measured minus predicted {IN_ITS_UNIT}")
     expected_sd: Number = Field(
-        description=f"Standard deviation that was to be expected {IN_ITS_UNIT}"
+        description=f"Standard deviation that was to be expected of it {IN_ITS_UNIT}"
     )
     evidence: Number = Field(description="Its e-value")
 
@@ -31,7 +31,8 @@ class JudgementAnswer(Schema):
 
     model_version: int | None = Field(description="That version; null where there was none")
     status: Literal["within", "beyond", "not-judged"] = Field(
-        description="`within` or `beyond` its limits by a sequential test, with all before it"
+        description="`within` or `beyond` its limits by a sequential test, with all before it; "
+        "`not-judged` with the reason in `summary`"
     )
     evidence: Number | None = Field(description="E-value of all verifications so far")
     limit: Number | None = Field(
@@ -41,7 +42,9 @@ class JudgementAnswer(Schema):
         description="Probability that an unchanged machine is ever called changed"
     )
     summary: str = Field(description="One sentence")
-    beyond: list[BeyondAnswer] = Field(description="What changed most, the clearest first")
+    beyond: list[FollowedNumber] = Field(
+        description="What has changed since the model was made, the clearest first"
+    )
     visits: int = Field(description="Visits of the verification that were looked at")
 
 
@@ -53,16 +56,6 @@ class JudgedVerification(Schema):
     last_at: UtcTime = Field(description="Time of its last observation, UTC")
     status: str = Field(description="`within`, `beyond` or `not-judged`")
     evidence: Number | None = Field(description="E-value of all verifications up to it")
-
-
-class FollowedNumber(Schema):
-    """One number that is followed from visit to visit."""
-
-    component: str = Field(description="Component code, or `points x`", examples=["EZZ"])
-    what: str = Field(description="`level`, or a slope along an axis", examples=["level"])
-    unit: str = Field(description="Unit of its deviation", examples=["µm"])
-    deviation: Number = Field(description=f"Latest deviation {IN_ITS_UNIT}")
-    evidence: Number = Field(description="Its e-value")
 
 
 class WatchAnswer(Schema):
@@ -90,7 +83,7 @@ class WatchAnswer(Schema):
     def of(cls, watch: Watch) -> Self:
         """Show a watch."""
         is_beyond = watch.beyond_since is not None
-        none_yet = watch.updated_at is None
+        none_yet = not watch.state.streams
         return cls(
             model_version=watch.model_version,
             status="no-verification" if none_yet else "beyond" if is_beyond else "within",
