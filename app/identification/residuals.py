@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -40,6 +40,10 @@ Reasons: TypeAlias = NDArray[np.object_]
 
 FEWEST_FOR_UNIT: Final = 5
 """From fewer values nothing is said about their unit."""
+
+MOST_ON_STAND_INS: Final = 0.5
+"""Rows that a stand-in's temperature predicts say little of the model: they are left out, unless
+so many lean on one that the machine lives with it."""
 
 SLACK: Final = 5.0
 """Values in a wrong unit are a thousand times off, within this factor."""
@@ -143,9 +147,13 @@ def compute_residuals(
     InvalidContent
         If nothing is left, or measured values are evidently in another unit.
     """
-    read_by = set_faulty_aside(model, effects, conditions).conditions
-    predicted = _predict(model, rows, read_by, effects)
-    reasons = _reasons(model, rows, conditions, predicted.status, readings)
+    aside = set_faulty_aside(model, effects, conditions)
+    predicted = _predict(model, rows, aside.conditions, effects)
+    status = np.array(predicted.status, dtype=object)
+    leaning = (status == Status.STAND_IN) & ~_any_of(aside.effects.values(), len(rows))
+    if leaning.mean() <= MOST_ON_STAND_INS:
+        status[leaning] = NO_READING
+    reasons = _reasons(model, rows, conditions, status, readings)
     own = predicted.values
     if effects:
         added = contributions(Projection(model, rows, conditions), effects)
@@ -244,15 +252,19 @@ def _predict(
     return Predicted(values, status.tolist())
 
 
+def _any_of(masks: Iterable[BoolArray], n: int) -> BoolArray:
+    found: BoolArray = np.any([np.zeros(n, dtype=np.bool_), *masks], axis=0)
+    return found
+
+
 def _reasons(
     model: CompiledModel,
     rows: ObservationRows,
     conditions: Conditions,
-    status: Sequence[str],
+    told: Reasons,
     readings: TemperatureHistory | None,
 ) -> Reasons:
     """Say of each row why it cannot be judged, empty where it can."""
-    told = np.array(status, dtype=object)
     reasons = np.full(len(rows), "", dtype=object)
     reasons[told == "not in the model"] = "the model does not have the component"
     reasons[told == OUTSIDE_MAPS] = "outside the maps' temperatures"

@@ -180,6 +180,9 @@ def test_a_faulty_sensor_is_named(variant):
     assert effect["sensors"] == true["sensors"]
     assert effect["sensors"][0] in effect["evidence"]["seen_in_readings"]
     assert found["verdict"] == "effects-found"
+    if variant == "stuck":
+        # What a stand-in predicts meanwhile says nothing of the model.
+        assert [one["reason"] for one in found["excluded"]] == ["frozen"]
     if variant == "spikes":
         assert effect["after_rms_um"] < effect["before_rms_um"]
         share = true["parameters"]["share_of_readings"]
