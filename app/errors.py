@@ -119,10 +119,10 @@ def counted(number: int, one: str, more: str | None = None) -> str:
     return f"{number} {one if number == 1 else more or one + 's'}"
 
 
-def expect_each_once(field: str, numbers: Sequence[int]) -> None:
+def expect_each_once(field: str, named: Sequence[int] | Sequence[str]) -> None:
     """Refuse a list that names something twice; InvalidContent blames the field.
 
     >>> expect_each_once("versions", [2, 3])
     """
-    if len(set(numbers)) < len(numbers):
-        raise InvalidContent.of_field(field, f"expected each once, came {list(numbers)}")
+    if len(set(named)) < len(named):
+        raise InvalidContent.of_field(field, f"expected each once, came {list(named)}")

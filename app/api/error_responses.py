@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -52,6 +53,9 @@ _WAYS = ("[key]", *map(way_of, ("one", "more", "point", "line")))
 
 _LONGEST = 4000
 """Characters of a detail."""
+
+_LONGEST_SHOWN = 80
+"""Characters of one value, or of one part of a field's name, that are repeated."""
 
 _SHOWN = 20
 """Errors listed in one answer: a list of 10,000 readings can have 10,000."""
@@ -137,7 +141,7 @@ async def _unexpected(request: Request, error: Exception) -> Response:
 
 def field_error(error: Mapping[str, Any]) -> FieldError:
     """Say of one of pydantic's errors what was expected, what came, and the unit."""
-    path = [str(part) for part in error["loc"] if part not in _WAYS]
+    path = [_cut(str(part)) for part in error["loc"] if part not in _WAYS]
     if path and path[0] in _WHERE:
         del path[0]
     if error["type"] == "json_invalid":
@@ -204,5 +208,11 @@ def _sayable(text: str) -> str:
 
 
 def _shorten(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}…"
+    """Write a value as JSON has it, so that who sent it recognises it; text in quotes."""
+    if isinstance(value, str):
+        return _cut(repr(value))
+    return _cut(json.dumps(value, ensure_ascii=False, default=repr))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 3]}…"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -19,9 +19,9 @@ from app.cli.analyse_plan_view import plan_view
 from app.cli.analyse_view import analysis_view
 from app.cli.import_checks import naming
 from app.cli.options import MachineArgument, UrlOption, connect
-from app.client import ThermapClient, ThermapClientError, loop_calls
+from app.client import InvalidContentError, ThermapClient, ThermapClientError, loop_calls
 from app.client.connection import DEFAULT_URL
-from app.errors import ThermapError, list_names
+from app.errors import FieldError, ThermapError, list_names
 from app.identification.search.findings import Status
 from app.storage.records import AnalysisStatus
 
@@ -107,17 +107,48 @@ def analyse(
         if plan:
             _show_plan(thermap, machine, files, json=json)
             return
-        ids = _store(thermap, machine, files) if files else _all_stored(thermap, machine)
-        question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
-        job = thermap.analyse(machine, question)
-        _follow(thermap, machine, job.id)
-        answer = orjson.loads(thermap.content(loop_calls.analysis(machine, job.id)))
-        _show(answer if json else analysis_view(answer["result"]))
-        if adopt:
-            _adopt(thermap, machine, job.id, answer["result"])
+        stored: list[int] = []
+        with _telling_what_stays(machine, stored):
+            _store(thermap, machine, files, stored)
+            ids = stored or _all_stored(thermap, machine)
+            question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
+            job = thermap.analyse(machine, question)
+            _follow(thermap, machine, job.id)
+        answer = _answer(thermap, machine, job.id)
+        if not json:
+            _show(analysis_view(answer["result"]))
+        try:
+            if adopt:
+                _adopt(thermap, machine, job.id, answer["result"])
+                answer = _answer(thermap, machine, job.id)
+        finally:
+            if json:
+                _show(answer)
         if output is not None:
             _write(output, thermap.analysis_report(machine, job.id))
             typer.echo(f"{output}: the report of analysis {job.id}", err=True)
+
+
+def _answer(thermap: ThermapClient, machine: str, analysis_id: int) -> dict[str, Any]:
+    answer: dict[str, Any] = orjson.loads(
+        thermap.content(loop_calls.analysis(machine, analysis_id))
+    )
+    return answer
+
+
+@contextmanager
+def _telling_what_stays(machine: str, stored: Sequence[int]) -> Iterator[None]:
+    """Say of an analysis that came to nothing which verifications the service keeps."""
+    try:
+        yield
+    except (ThermapError, ThermapClientError):
+        if stored:
+            typer.echo(
+                f"stored, and not taken back: {list_names(map(str, stored))} of the verifications; "
+                f"DELETE /v1/machines/{machine}/verifications/{stored[-1]} deletes one",
+                err=True,
+            )
+        raise
 
 
 def _check_usage(output: Path | None, *, plan: bool, adopt: bool) -> None:
@@ -158,27 +189,58 @@ def _show_plan(
         else {"verifications": _all_stored(thermap, machine)}
     )
     call = loop_calls.plan_analysis(machine, question)
-    with Console(stderr=True).status("planning"):
-        answer = orjson.loads(thermap.content(call))
+    try:
+        with Console(stderr=True).status("planning"):
+            answer = orjson.loads(thermap.content(call))
+    except InvalidContentError as error:
+        raise _refused(error, files) from error
     _show(answer if json else plan_view(answer))
 
 
-def _store(thermap: ThermapClient, machine: str, files: Sequence[VerificationFile]) -> list[int]:
+def _refused(error: InvalidContentError, files: Sequence[VerificationFile]) -> ThermapError:
+    """Name file, line and column of what the service refuses of planned observations."""
+    told = [
+        line
+        for i, one in enumerate(files)
+        for line in one.complaints(_inside(error.errors, f"planned.{i}."))
+    ]
+    return NotAnalysed("\n".join(told) or error.sentence)
+
+
+def _inside(errors: Iterable[FieldError], prefix: str) -> Iterator[FieldError]:
+    """Choose the errors of one file, as its own body has their fields."""
+    for one in errors:
+        if one.field.startswith(prefix):
+            yield FieldError(one.field.removeprefix(prefix), one.message)
+
+
+def _store(
+    thermap: ThermapClient,
+    machine: str,
+    files: Sequence[VerificationFile],
+    stored_ids: list[int],
+) -> None:
     """Store the files' verifications; the same content again is the one that is stored."""
-    found = []
     for i, one in enumerate(files):
         for remark in one.remarks:
             typer.echo(f"{one.file}: note: {remark}", err=True)
-        with naming(one.file, [later.file for later in files[i + 1 :]]):
-            stored = thermap.store_verification(machine, one.body)
+        unsent = [later.file for later in files[i + 1 :]]
+        with naming(one.file, unsent):
+            try:
+                stored = thermap.store_verification(machine, one.body)
+            except InvalidContentError as error:
+                if not (one.lines and error.errors):
+                    raise
+                told = one.complaints(error.errors)
+                told += [f"not sent after it: {list_names(map(str, unsent))}"] if unsent else []
+                raise NotAnalysed("\n".join(told)) from error
         typer.echo(
             f"{one.file}: verification {stored.label!r}, number {stored.id}, "
             f"{stored.count} observations"
             + (f"; {stored.judgement.summary}" if stored.judgement else ""),
             err=True,
         )
-        found.append(stored.id)
-    return found
+        stored_ids.append(stored.id)
 
 
 def _all_stored(thermap: ThermapClient, machine: str) -> list[int]:

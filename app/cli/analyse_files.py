@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +17,7 @@ from app.cli.contract_json import read_json
 from app.cli.csv_verification import read_csv_verification
 from app.cli.delimited_text import Problems, UnreadableFile
 from app.cli.import_checks import choose_machine
-from app.errors import InvalidContent
+from app.errors import FieldError, InvalidContent
 
 _VALUE: Final = "measured_"
 """Fields that begin so hold what was measured."""
@@ -37,11 +37,21 @@ class VerificationFile:
         Of the request that stores it.
     remarks
         What of it was not read.
+    lines
+        Line of each observation, where the file has lines.
     """
 
     file: Path
     body: Mapping[str, Any]
     remarks: Sequence[str] = ()
+    lines: Sequence[int] = ()
+
+    def complaints(self, errors: Iterable[FieldError]) -> list[str]:
+        """Write what the service refuses with file, line and column; `errors` name its fields."""
+        problems = Problems(self.file)
+        for one in errors:
+            _complain(problems, self.lines, one.field, one.message)
+        return problems.listed()
 
 
 def read_verifications(
@@ -84,9 +94,9 @@ def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:
         _check(body, problems, (), is_planned)
         return VerificationFile(file, body)
     read = read_csv_verification(file, is_planned=is_planned)
-    choose_machine(file, read.machine, machine)
+    choose_machine(file, read.machine, machine, stated_as="MACHINE")
     _check(read.body, problems, read.lines, is_planned)
-    return VerificationFile(file, read.body, read.remarks)
+    return VerificationFile(file, read.body, read.remarks, read.lines)
 
 
 def _without_values(body: Any) -> Any:

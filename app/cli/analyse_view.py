@@ -27,7 +27,7 @@ from app.pictures.analysis_report.sizes import (
     overall_floor,
     overall_size,
 )
-from app.pictures.analysis_report.words import decimals_for, figure_text
+from app.pictures.report_parts.words import decimals_for, figure_text
 
 COMPONENTS_SHOWN: Final = 12
 """Those that changed come first, then those that stand out most; the report has all."""

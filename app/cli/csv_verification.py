@@ -17,6 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.cli.csv_comments import Stated
 from app.cli.csv_measurements.columns import Columns, find_columns
 from app.cli.csv_measurements.comments import Comments, Statement, read_measurement_comments
@@ -98,7 +99,7 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
     UnreadableFile
         With line and column of everything that is wrong, what was expected and what came.
     """
-    text = parse_delimited(read_text(file), FileProblems(file))
+    text = parse_delimited(read_text(file), FileProblems(file), MOST_OBSERVATIONS)
     remarks: list[str] = []
     comments = read_measurement_comments(text, _STATEMENTS, Stated(), False, remarks)
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)
@@ -179,7 +180,7 @@ def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> Non
 def _observation(columns: Columns, states: Mapping[int, str], row: Row, is_planned: bool) -> Body:
     """Read one line."""
     found: Body = {"time": _time(columns, row), **_what(columns, row, is_planned)}
-    state = {name: columns.text.number(row, i, "numbers") for i, name in states.items()}
+    state = {name: columns.text.number(row, i) for i, name in states.items()}
     known = {name: value for name, value in state.items() if value is not None}
     return found | ({"state": known} if known else {})
 
@@ -219,7 +220,7 @@ def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
     position = columns.number(row, "position")
     if position is None and component.is_table:
         _complain(columns, row, "position", f"expected a position of {name} in mm, came none")
-    if position is not None and component.is_table:
+    if position is not None:
         found["position_mm"] = position
     direction = _direction(columns, row, "direction")
     return found | ({"direction": direction} if direction else {})

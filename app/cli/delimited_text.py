@@ -80,14 +80,15 @@ class DelimitedText:
         """Note a problem with one cell."""
         self.problems.add(message, row.line, self.place(column))
 
-    def number(self, row: Row, column: int, unit: str) -> float | None:
+    def number(self, row: Row, column: int, unit: str = "") -> float | None:
         """Read a cell's number; None where it is empty, or wrong and noted."""
         text = row.cells[column]
         if not text:
             return None
         found = read_number(text, decimal_comma=self.decimal_comma)
         if found is None:
-            self.complain(row, column, f"expected a number in {unit}, came {text!r}")
+            of_unit = f" in {unit}" if unit else ""
+            self.complain(row, column, f"expected a number{of_unit}, came {text!r}")
         return found
 
 
@@ -102,7 +103,7 @@ def read_delimited(file: Path, problems: Problems) -> DelimitedText:
     return parse_delimited(read_text(file), problems)
 
 
-def parse_delimited(text: str, problems: Problems) -> DelimitedText:
+def parse_delimited(text: str, problems: Problems, most: int | None = None) -> DelimitedText:
     """Read a text into comments, column names and rows.
 
     Parameters
@@ -111,11 +112,13 @@ def parse_delimited(text: str, problems: Problems) -> DelimitedText:
         The whole file.
     problems
         Takes up what is wrong, under the file's name.
+    most
+        Lines of values that are accepted; more are not read.
 
     Raises
     ------
     UnreadableFile
-        If there is no line of column names.
+        If there is no line of column names, or too many of values.
     """
     comments: list[tuple[int, str]] = []
     contents: list[tuple[int, str]] = []
@@ -127,6 +130,9 @@ def parse_delimited(text: str, problems: Problems) -> DelimitedText:
             contents.append((line, written))
     if not contents:
         problems.add("expected a line of column names and lines of values, came none")
+        problems.raise_if_any()
+    if most is not None and len(contents) > most + 1:
+        problems.add(f"expected at most {most} lines of values, came {len(contents) - 1}")
         problems.raise_if_any()
     heading_line, first = contents[0]
     delimiter = max(_DELIMITERS, key=first.count)

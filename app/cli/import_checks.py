@@ -24,7 +24,12 @@ def expect_one_label(stated: Stated, files: Sequence[Path]) -> None:
 
 
 def choose_machine(
-    file: Path, named: str | None, stated: str | None, described: Sequence[str] = ()
+    file: Path,
+    named: str | None,
+    stated: str | None,
+    described: Sequence[str] = (),
+    *,
+    stated_as: str = "--machine",
 ) -> str:
     """Decide whose it is: the file's word, --machine, or the only machine described.
 
@@ -36,6 +41,8 @@ def choose_machine(
         Value of --machine.
     described
         Machines that are imported together with it.
+    stated_as
+        What the command calls the machine that the user states.
 
     Raises
     ------
@@ -44,12 +51,12 @@ def choose_machine(
     """
     if named and stated and named != stated:
         raise typer.BadParameter(
-            f"{file} says that it belongs to {named!r}, came {stated!r}", param_hint="--machine"
+            f"{file} says that it belongs to {named!r}, came {stated!r}", param_hint=stated_as
         )
     chosen = named or stated or (described[0] if len(described) == 1 else None)
     if not chosen:
         raise typer.BadParameter(
-            f"{file} does not say which machine it belongs to", param_hint="--machine"
+            f"{file} does not say which machine it belongs to", param_hint=stated_as
         )
     return chosen
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from app.arrays import BoolArray
 from app.errors import InvalidContent, expect_each_once
-from app.identification.campaign import residuals_of
 from app.identification.projection import Projection
 from app.identification.residual_report import ResidualReport, residual_report
 from app.identification.residuals import Residuals
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications
+from app.services.show_residuals import residuals_of_version
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ def compare_models(
         verifications = read_verifications(session, machine_id, verification_ids)
         stored = [choose_version(session, machine_id, number)[1] for number in versions]
         campaigns = [load_campaign(session, machine, v, verifications) for v in stored]
-    residuals = [residuals_of(campaign) for campaign in campaigns]
+    residuals = [residuals_of_version(n, c) for n, c in zip(versions, campaigns, strict=True)]
     common = np.logical_and.reduce([r.kept for r in residuals])
     if not common.any():
         raise InvalidContent.of_field(

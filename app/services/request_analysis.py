@@ -43,12 +43,13 @@ def request_analysis(
     UnknownThing
         If there is no such machine or verification.
     InvalidContent
-        If there is no such kind of effect, or a verification is named twice.
+        If there is no such kind of effect, or a kind or a verification is named twice.
     Conflict
         If the machine has no model yet.
     """
     for kind in kinds or ():
         kind_of(kind)
+    expect_each_once("effects", kinds or ())
     expect_each_once("verifications", verification_ids)
     with context.database.writing() as session:
         find_machine(session, machine_id, lock=True)

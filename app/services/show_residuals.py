@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.errors import expect_each_once
+from app.errors import InvalidContent, expect_each_once
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.observations import Verification
 from app.identification.residual_report import ResidualReport, residual_report
+from app.identification.residuals import Residuals
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications
@@ -42,8 +43,16 @@ def show_residuals(
         If the machine has no model yet.
     """
     version, campaign = _read_campaign(context, machine_id, verification_ids, version_number)
-    report = residual_report(residuals_of(campaign))
+    report = residual_report(residuals_of_version(version, campaign))
     return ShownResiduals(version, verification_ids, campaign.verifications, report)
+
+
+def residuals_of_version(version: int, campaign: Campaign) -> Residuals:
+    """Subtract what a version says; a refusal names the version."""
+    try:
+        return residuals_of(campaign)
+    except InvalidContent as error:
+        raise type(error)(f"model version {version}: {error.detail}", error.errors) from None
 
 
 def _read_campaign(

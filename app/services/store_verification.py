@@ -21,6 +21,7 @@ from app.storage.verifications import (
     stored_verification,
 )
 from app.thermal.machine import Machine
+from app.units import iso_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,8 @@ def _check_times(context: Context, verification: Verification) -> None:
         if observation.time_s > latest_s:
             raise InvalidContent.of_field(
                 f"observations.{i}.time",
-                f"expected a time not in the future (it is {context.now():%Y-%m-%dT%H:%M:%SZ})",
+                f"expected a time not in the future (it is {context.now():%Y-%m-%dT%H:%M:%SZ}), "
+                f"came {iso_time(observation.time_s)}",
             )
 
 
@@ -123,6 +125,6 @@ def _check_place(machine: Machine, o: Observation, field: str) -> None:
         if travel and not travel.min_mm <= place <= travel.max_mm:
             raise InvalidContent.of_field(
                 field,
-                f"expected {axis} within the axis' travel of {travel.min_mm:g} to "
-                f"{travel.max_mm:g} mm, came {place:g} mm",
+                f"expected {axis} within the axis' travel of {travel.min_mm:.12g} to "
+                f"{travel.max_mm:.12g} mm, came {place:.12g} mm",
             )

@@ -154,6 +154,7 @@ async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
         ({"verifications": [1], "holdout_fraction": 0.9}, 422, "less than 0.9"),
         ({"verifications": [1], "effects": ["gremlins"]}, 422, "thermal-lag"),
         ({"verifications": [1], "effects": []}, 422, "at least 1"),
+        ({"verifications": [1], "effects": ["backlash"] * 2}, 422, "effects: expected each once"),
         ({"verifications": [1], "seed": -1}, 422, "seed"),
         ({"verifications": [1], "seed": 2**31}, 422, "seed"),
         ({}, 422, "verifications"),

@@ -148,6 +148,8 @@ async def test_versions_side_by_side_on_what_both_can_judge(room):
         ("residuals", {"verifications": [1, 1]}, 422, "each once"),
         ("residuals", {"verifications": [1], "model_version": 99}, 404, "no model version 99"),
         ("residuals", {"verifications": [1], "rows": 10_001}, 422, "10000"),
+        ("residuals", {"verifications": [1], "model_version": 1}, 422, "model version 1: "),
+        ("models/compare", {"verifications": [1], "versions": [3, 1]}, 422, "model version 1: "),
         ("models/compare", {"verifications": [1], "versions": []}, 422, "at least 1"),
         ("models/compare", {"verifications": [1], "versions": [3, 3]}, 422, "each once"),
         ("models/compare", {"verifications": [1], "versions": [99]}, 404, "no model version 99"),

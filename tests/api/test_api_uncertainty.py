@@ -191,7 +191,7 @@ async def test_another_uncertainty_under_a_label_is_a_conflict(client, app, chan
         (
             exx(standard_errors_um=[0.1, None, 0.3]),
             "standard_errors_um.1",
-            "expected a number in µm, came None",
+            "expected a number in µm, came null",
         ),
         (
             exx(standard_errors_um=[0.1, 2e6, 0.3]),

@@ -116,7 +116,38 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         (verification(observation(position_mm=None)), "observations.0.position_mm", "in mm"),
         (verification(observation(position_mm=501)), "observations.0.position_mm", "0 to 500 mm"),
         (verification(POINT | {"point_mm": [0, 0, -1]}), "observations.0.point_mm", "0 to 500 mm"),
+        (
+            verification(observation(position_mm=500.0001)),
+            "observations.0.position_mm",
+            "came 500.0001 mm",
+        ),
         (verification(observation(minutes=2)), "observations.0.time", "not in the future"),
+        (
+            verification(observation(minutes=2)),
+            "observations.0.time",
+            f"came {iso(START + timedelta(minutes=2))}",
+        ),
+        (verification(observation(measured_um=True)), "observations.0.measured_um", "came true"),
+        (
+            verification(observation(state={"x" * 5000: "fast"})),
+            f"observations.0.state.{'x' * 77}…",
+            "came 'fast'",
+        ),
+        (
+            verification(observation("SXY", position_mm=1.0)),
+            "observations.0.position_mm",
+            "which has no position",
+        ),
+        (
+            verification(observation("SXY", position_mm=None, direction="+")),
+            "observations.0.direction",
+            "which has no position",
+        ),
+        (
+            verification(observation(direction={"y": "+"})),
+            "observations.0.direction",
+            "the approach of x alone for EXX, came y",
+        ),
         (verification(observation(measured_um=None)), "observations.0.measured_um", "came none"),
         (
             verification(observation(), observation(measured_urad=1.0)),

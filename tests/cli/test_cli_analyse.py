@@ -5,12 +5,16 @@ import json
 import re
 import signal
 import time
+from io import StringIO
 
 import pytest
+from rich.console import Console
 
+from app.cli.analyse_view import analysis_view
 from app.cli.listening import listening, serving, url_of
 from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
 from tests.cli.conftest import ended
+from tests.pictures.example_analyses import NOTHING
 from tests.service_examples import Clock, running
 
 QUICK = ("--effects", "backlash")
@@ -149,7 +153,7 @@ def test_another_verification_of_the_same_label_is_refused(thermap, tmp_path):
     assert "choose another label" in plain(found.stderr)
 
 
-def test_a_failed_analysis_says_why(thermap, tmp_path):
+def test_a_failed_analysis_says_why(thermap, client, tmp_path):
     """Everything lies before the machine's first reading."""
     file = tmp_path / "early.csv"
     lines = [f"2020-01-01T00:0{i}:00Z,SXY,{i}" for i in range(3)]
@@ -159,6 +163,9 @@ def test_a_failed_analysis_says_why(thermap, tmp_path):
     assert found.exit_code == 1
     assert "failed: " in plain(found.stderr)
     assert "before the first reading" in plain(found.stderr)
+    number = client.verifications(MACHINE_ID)[-1].id
+    assert f"stored, and not taken back: {number} of the verifications" in plain(found.stderr)
+    assert f"DELETE /v1/machines/{MACHINE_ID}/verifications/{number}" in plain(found.stderr)
     assert not report.exists()
 
 
@@ -187,6 +194,47 @@ def test_wrong_usage_is_told(thermap, arguments, code, said):
     found = thermap("analyse", MACHINE_ID, *arguments)
     assert found.exit_code == code
     assert said in plain(found.stderr)
+
+
+def test_the_table_counts_what_its_figures_are_of():
+    """Angles are not in an RMS of lengths; without a floor the repeatability stands for it."""
+    terminal = StringIO()
+    result = NOTHING | {"floor_um": None}
+    Console(width=100, file=terminal).print(analysis_view(result))
+    assert "all in µm 0.65 0.65 0.61 µm 240" in plain(terminal.getvalue())
+
+
+def test_json_tells_the_state_after_adoption(thermap):
+    found = thermap("analyse", MACHINE_ID, *QUICK, "--adopt", "--json")
+    assert found.exit_code == 0, found.stderr
+    assert json.loads(found.stdout)["adopted_version"] == 4
+
+
+def test_what_only_the_service_knows_is_told_with_its_line_too(thermap, tmp_path):
+    file = tmp_path / "beyond.csv"
+    file.write_text(
+        "time,component,position_mm,measured_um\n"
+        "2026-02-03T06:00:00Z,EXX,100,1.2\n"
+        "2026-02-03T06:01:00Z,EXX,9999.0001,1.3\n",
+        encoding="utf-8",
+    )
+    for plan in ((), ("--plan",)):
+        found = thermap("analyse", MACHINE_ID, "-v", file, *plan, columns=300)
+        assert found.exit_code == 1
+        told = plain(found.stderr)
+        assert f"{file}, line 3, position_mm: expected x within the axis' travel" in told
+        assert "came 9999.0001 mm" in told
+
+
+def test_another_machines_file_is_refused_by_the_arguments_own_name(thermap, tmp_path):
+    file = tmp_path / "other.csv"
+    file.write_text(
+        "# machine: nope\ntime,component,measured_um\n2026-02-03T06:00:00Z,SXY,1\n",
+        encoding="utf-8",
+    )
+    found = thermap("analyse", MACHINE_ID, "-v", file)
+    assert found.exit_code == 2
+    assert "Invalid value for MACHINE" in plain(found.stderr)
 
 
 def test_a_machine_without_verifications(thermap, client):

@@ -149,7 +149,10 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
         (HEAD + "2026-03-01T06:00:00Z,EXX,,+,1,\n", "expected a position of EXX in mm, came none"),
         (HEAD + "2026-03-01T06:00:00Z,EXX,5,up,1,\n", "column 4 (direction): expected + or -"),
         (HEAD + "2026-03-01T06:00:00Z,EXX,5,+,,\n", "expected a measured value in µm, came none"),
-        (HEAD + "2026-03-01T06:00:00Z,EXX,5,+,1,fast\n", "column 6 (state rpm): expected a number"),
+        (
+            HEAD + "2026-03-01T06:00:00Z,EXX,5,+,1,fast\n",
+            "(state rpm): expected a number, came 'fast'",
+        ),
         (
             "time,component,position_mm,measured_um,measured_urad\n"
             "2026-03-01T06:00:00Z,EXX,5,1,2\n",
@@ -182,3 +185,9 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
 )
 def test_what_is_wrong_is_told_at_its_place(refused, text, said):
     assert said in refused(text)
+
+
+def test_a_file_over_the_limit_is_refused_before_its_values_are_read(refused):
+    told = refused(HEAD + "yesterday,EXQ,much,up,,\n" * 100_001)
+    assert told.endswith("expected at most 100000 lines of values, came 100001")
+    assert "line 2" not in told

@@ -60,9 +60,7 @@ class PlannedVerification(Schema):
                 found.append(one.to_planned())
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
-        return Verification(
-            self.label, found, self.datum, self.repeatability_um, is_planned=True
-        )
+        return Verification(self.label, found, self.datum, self.repeatability_um, is_planned=True)
 
 
 class PlanRequest(Schema):

@@ -17,8 +17,8 @@ from app.api.schemas.base import (
     UtcTime,
     signs_of,
 )
-from app.errors import InvalidContent, UnknownComponent
-from app.geometry.components import parse_component
+from app.errors import InvalidContent, UnknownComponent, list_names
+from app.geometry.components import LINEAR_LETTERS, Component, parse_component
 from app.services.predict_errors import AskedError
 
 
@@ -63,6 +63,7 @@ class ObservationSchema(Schema):
             raise InvalidContent.of_field(
                 "position_mm", f"expected a position of {component.code} in mm, came none"
             )
+        self._refuse_what_it_cannot_have(component)
         return AskedError(
             self.time,
             component.code,
@@ -71,6 +72,24 @@ class ObservationSchema(Schema):
             sign=sign,
             state=self.state,
         )
+
+    def _refuse_what_it_cannot_have(self, component: Component) -> None:
+        """Refuse a place or an approach that would be left unread."""
+        if not component.is_table:
+            for field in ("position_mm", "direction"):
+                if getattr(self, field) is not None:
+                    raise InvalidContent.of_field(
+                        field, f"expected none of {component.code}, which has no position, came one"
+                    )
+        stated = self.direction or {}
+        of_all = len(stated) == len(LINEAR_LETTERS) and len(set(stated.values())) == 1
+        others = [axis for axis in stated if axis != component.axis]
+        if others and not of_all:
+            raise InvalidContent.of_field(
+                "direction",
+                f"expected the approach of {component.axis} alone for {component.code}, came "
+                f"{list_names(sorted(stated))}",
+            )
 
 
 class PredictionRequest(Schema):
