@@ -13,7 +13,6 @@ from rich.text import Text
 from app.errors import counted
 from app.pictures.analysis_report.names import (
     VERDICTS,
-    component_name,
     overall_unit,
     parameter_name,
     parameter_text,
@@ -27,6 +26,7 @@ from app.pictures.analysis_report.sizes import (
     overall_floor,
     overall_size,
 )
+from app.pictures.report_parts.component_names import component_name
 from app.pictures.report_parts.words import decimals_for, figure_text
 
 COMPONENTS_SHOWN: Final = 12

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from statistics import median
 from typing import Any, Final
 
-from app.pictures.analysis_report.drawing import largest
 from app.pictures.analysis_report.head import Result
-from app.pictures.analysis_report.names import chapter_name, component_name
 from app.pictures.analysis_report.sizes import before_and_after, floor_of, is_held_out
-from app.pictures.analysis_report.style import AFTER, BEFORE
-from app.pictures.analysis_report.tables import NUMBER, PICTURE, Column, body, row, table
-from app.pictures.analysis_report.words import decimals_for, escaped, figure_text
-from app.pictures.colours import FAINT, INK
+from app.pictures.report_parts.component_names import chapter_name, component_name
+from app.pictures.report_parts.drawing import largest
+from app.pictures.report_parts.size_picture import origins_text, size_picture
+from app.pictures.report_parts.tables import NUMBER, PICTURE, Column, body, row, table
+from app.pictures.report_parts.words import decimals_for, escaped, figure_text
 from app.units import Unit
-
-ORIGINS: Final = {
-    "declared": "what the verifications state, adjusted where the residuals say otherwise",
-    "replicates": "from what was read again at the same place in the same visit",
-    "residuals": "from what is left within the visits",
-}
-"""Where the scatter of one observation comes from."""
 
 CHANGED: Final = 1e-9
 """Of the size before: less is rounding."""
@@ -53,7 +45,7 @@ def component_section(result: Result) -> str:
     return f"""<section class="figures"><h2>{title}</h2>
 <p class="quiet">{_how_to_read(components, is_changed)}</p>
 {tables}
-<p class="quiet">{_origins(components)}</p></section>"""
+<p class="quiet">{origins_text(c["noise_origin"] for c in components)}</p></section>"""
 
 
 def _how_to_read(components: Sequence[Mapping[str, Any]], is_changed: bool) -> str:
@@ -65,13 +57,6 @@ def _how_to_read(components: Sequence[Mapping[str, Any]], is_changed: bool) -> s
         f"{told}The floor is what repeatability and set-up scatter alone would leave. In the "
         f"pictures, which start at zero: {marks}, upright line: floor."
     )
-
-
-def _origins(components: Sequence[Mapping[str, Any]]) -> str:
-    """Explain where the scatter of one observation comes from, as far as it occurs."""
-    found = {c["noise_origin"] for c in components}
-    told = [f"{origin}: {words}" for origin, words in ORIGINS.items() if origin in found]
-    return escaped(f"Scatter of one observation – {'; '.join(told)}.")
 
 
 def _columns(is_changed: bool) -> list[Column]:
@@ -123,24 +108,12 @@ def _cells(
         escaped(scatter),
         f"±{within}",
         str(component["count"]),
-        _picture(sizes, reach, is_changed) if component["count"] > 1 else "one value",
+        size_picture(sizes, reach, is_changed=is_changed)
+        if component["count"] > 1
+        else "one value",
     ]
 
 
 def _sizes(component: Mapping[str, Any]) -> tuple[float, float, float]:
     """Give before, after, floor."""
     return *before_and_after(component), floor_of(component)
-
-
-def _picture(sizes: Sequence[float], reach: float, is_changed: bool) -> str:
-    """Draw a row's figures on a line that starts at zero; the numbers stand beside it."""
-    before, after, floor = (f"{100.0 * size / reach:.2f}%" for size in sizes)
-    line = '<line x1="{}" x2="{}" y1="{}" y2="{}" stroke="{}" stroke-width="{}"/>'
-    parts: Iterable[str] = (
-        line.format(0, "100%", 10, 10, FAINT, 1),
-        line.format(after, before, 10, 10, BEFORE, 1.5) if is_changed else "",
-        line.format(floor, floor, 3, 17, INK, 1.5),
-        f'<circle cx="{before}" cy="10" r="4.5" fill="#fff" stroke="{BEFORE}" stroke-width="1.8"/>',
-        f'<circle cx="{after}" cy="10" r="3" fill="{AFTER}"/>' if is_changed else "",
-    )
-    return f'<svg aria-hidden="true" focusable="false">{"".join(parts)}</svg>'

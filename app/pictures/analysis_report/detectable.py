@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 from app.errors import counted
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import kind_name
-from app.pictures.analysis_report.tables import NUMBER, Column, body, row, table
-from app.pictures.analysis_report.words import decimals_for, escaped, figure_text
+from app.pictures.report_parts.tables import NUMBER, Column, body, row, table
+from app.pictures.report_parts.words import decimals_for, escaped, figure_text
 from app.units import Unit
 
 Seen: TypeAlias = Mapping[str, Any]

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.errors import list_names
-from app.pictures.analysis_report.drawing import (
+from app.pictures.colours import INK
+from app.pictures.report_parts.component_names import component_name
+from app.pictures.report_parts.drawing import (
     TIME,
     Drawing,
     Json,
@@ -17,8 +19,6 @@ from app.pictures.analysis_report.drawing import (
     markers,
     pointing,
 )
-from app.pictures.analysis_report.names import component_name
-from app.pictures.colours import INK
 
 
 def effect_drawings(

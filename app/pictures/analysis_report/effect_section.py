@@ -7,13 +7,11 @@ from itertools import zip_longest
 from typing import Any, Final
 
 from app.errors import list_names
-from app.pictures.analysis_report.drawing import Drawing
 from app.pictures.analysis_report.effect_plots import caption, effect_drawings
 from app.pictures.analysis_report.head import Result
 from app.pictures.analysis_report.names import (
     MARKS,
     SHARES,
-    component_name,
     explanation_name,
     kind_name,
     parameter_name,
@@ -21,8 +19,10 @@ from app.pictures.analysis_report.names import (
     rival_name,
     status_words,
 )
-from app.pictures.analysis_report.tables import BARS, NUMBER, Column, body, row, table
-from app.pictures.analysis_report.words import (
+from app.pictures.report_parts.component_names import component_name
+from app.pictures.report_parts.drawing import Drawing
+from app.pictures.report_parts.tables import BARS, NUMBER, Column, body, row, table
+from app.pictures.report_parts.words import (
     chance_text,
     decimals_for,
     escaped,

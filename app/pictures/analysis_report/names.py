@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from app.errors import list_names
-from app.geometry.components import COMPONENTS
-from app.pictures.analysis_report.words import duration_text, true_minus
+from app.pictures.report_parts.words import duration_text, true_minus
 from app.units import Unit, date_text, plus_minus, unit_of_field
 
 VERDICTS: Final = {
@@ -132,27 +131,6 @@ def parameter_text(name: str, value: float, error: float | None) -> str:
     return true_minus(plus_minus(value, error, parameter_unit(name)).strip())
 
 
-def component_name(name: str) -> str:
-    """Name a component, or one direction of the error at points.
-
-    Parameters
-    ----------
-    name
-        A component's code, or `points x`, `points y`, `points z`.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> component_name("EXX"), component_name("points y"), component_name("all components")
-    ('EXX', 'points, Y', 'all components')
-    """
-    stem, _, letter = name.partition(" ")
-    return f"points, {letter.upper()}" if stem == "points" else name
-
-
 def overall_unit(components: Sequence[Mapping[str, Any]]) -> str:
     """Give the unit of what is summed up over components: lengths, or all where there are none.
 
@@ -175,26 +153,6 @@ def overall_unit(components: Sequence[Mapping[str, Any]]) -> str:
     if not units or Unit.UM.symbol in units:
         return Unit.UM.symbol
     return units.pop() if len(units) == 1 else ""
-
-
-def chapter_name(name: str) -> str:
-    """Give the chapter's notation of a component; empty where there is none.
-
-    Parameters
-    ----------
-    name
-        A component's code, or anything else.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> chapter_name("EYX"), chapter_name("points y")
-    ('D_y(x)', '')
-    """
-    return COMPONENTS[name].chapter if name in COMPONENTS else ""
 
 
 def kind_name(kind: str) -> str:

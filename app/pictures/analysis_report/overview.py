@@ -10,7 +10,7 @@ from app.errors import counted, list_names
 from app.pictures.analysis_report.head import ReportHead, Result
 from app.pictures.analysis_report.names import MARKS, VERDICTS, overall_unit
 from app.pictures.analysis_report.sizes import overall_floor, overall_size
-from app.pictures.analysis_report.words import (
+from app.pictures.report_parts.words import (
     chance_text,
     decimals_for,
     escaped,

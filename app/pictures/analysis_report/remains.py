@@ -7,9 +7,10 @@ from typing import Any
 
 from app.errors import counted
 from app.pictures.analysis_report.head import Result
-from app.pictures.analysis_report.names import TESTS, component_name, untested_together
-from app.pictures.analysis_report.tables import NUMBER, Column, body, row, table
-from app.pictures.analysis_report.words import decimals_for, escaped, figure_text, sentence
+from app.pictures.analysis_report.names import TESTS, untested_together
+from app.pictures.report_parts.component_names import component_name
+from app.pictures.report_parts.tables import NUMBER, Column, body, reasons_table, row, table
+from app.pictures.report_parts.words import decimals_for, escaped, figure_text, sentence
 
 
 def unexplained_section(result: Result) -> str:
@@ -60,12 +61,8 @@ def excluded_section(result: Result) -> str:
     told = f"{took_part} took part."
     if not result["excluded"]:
         return f"<section><h2>Left out</h2><p>{told} None was left out.</p></section>"
-    columns = (Column("reason"), Column("values", NUMBER))
-    rows = body(
-        row(columns, [sentence(one["reason"]), str(one["count"])]) for one in result["excluded"]
-    )
     return f"""<section><h2>Left out</h2><p>{told} The others did not, and why:</p>
-<div class="narrow">{table(columns, rows)}</div></section>"""
+{reasons_table(result["excluded"])}</section>"""
 
 
 def not_testable_section(result: Result) -> str:

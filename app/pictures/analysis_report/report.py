@@ -7,7 +7,6 @@ from typing import Final
 
 from app.pictures.analysis_report.component_table import component_section
 from app.pictures.analysis_report.detectable import detectable_section
-from app.pictures.analysis_report.drawing import Drawing, figures_script
 from app.pictures.analysis_report.effect_section import effect_section
 from app.pictures.analysis_report.head import ReportHead, Result
 from app.pictures.analysis_report.overview import header, next_steps, tiles
@@ -16,10 +15,11 @@ from app.pictures.analysis_report.remains import (
     not_testable_section,
     unexplained_section,
 )
-from app.pictures.analysis_report.style import SCRIPT, STYLE
 from app.pictures.analysis_report.visit_plots import visit_drawings
-from app.pictures.analysis_report.words import escaped
 from app.pictures.page import INLINE, html_head
+from app.pictures.report_parts.drawing import Drawing, figures_script
+from app.pictures.report_parts.style import SCRIPT, STYLE
+from app.pictures.report_parts.words import escaped
 
 WORDS: Final = """<footer class="quiet"><p>A residual is what an instrument measured minus what
 the model predicted. RMS is the root mean square. A visit is what was measured with one set-up.

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import sqrt
 from typing import Any, Final
 
-from app.pictures.analysis_report.drawing import (
+from app.pictures.analysis_report.head import Result
+from app.pictures.report_parts.component_names import component_name
+from app.pictures.report_parts.drawing import (
     BAND,
     Drawing,
     Json,
@@ -16,8 +18,6 @@ from app.pictures.analysis_report.drawing import (
     markers,
     pointing,
 )
-from app.pictures.analysis_report.head import Result
-from app.pictures.analysis_report.names import component_name
 
 MOST_DRAWN: Final = 6
 """Components: more small figures are not read."""

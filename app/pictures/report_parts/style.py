@@ -121,15 +121,24 @@ STYLE: Final = f"""
   }}
 """
 
-# plotly writes its figures as wide as the window is; paper has another width.
+# plotly writes its figures as wide as the window is; paper has another width, and what is
+# hidden has none.
 SCRIPT: Final = f"""
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const config = {{displayModeBar: false, responsive: true, displaylogo: false}};
-  for (const [id, figure] of Object.entries(figures)) {{
-    Plotly.newPlot(id, figure.data, figure.layout, config);
+  const drawn = new Set();
+  function draw() {{
+    for (const [id, figure] of Object.entries(figures)) {{
+      const place = document.getElementById(id);
+      if (drawn.has(id) || place.closest("details:not([open]), [hidden]")) continue;
+      drawn.add(id);
+      Plotly.newPlot(place, figure.data, figure.layout, config);
+    }}
   }}
+  draw();
+  addEventListener("toggle", draw, true);
   function fit(printing) {{
-    for (const id of Object.keys(figures)) {{
+    for (const id of drawn) {{
       const plot = document.getElementById(id);
       const grid = plot.closest(".plots").classList;
       const columns = grid.contains("three") ? 3 : grid.contains("two") ? 2 : 1;

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, TypeAlias
 
-from app.pictures.analysis_report.style import AFTER, BEFORE
-from app.pictures.analysis_report.words import escaped
 from app.pictures.colours import FAINT, FONT, INK, QUIET
+from app.pictures.report_parts.style import AFTER, BEFORE
+from app.pictures.report_parts.words import escaped
 
 Json: TypeAlias = dict[str, Any]
 

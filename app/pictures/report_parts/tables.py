@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
+
+from app.pictures.report_parts.words import sentence
 
 NUMBER: Final = "number"
 TEXT: Final = "text"
@@ -104,3 +106,21 @@ def row(columns: Sequence[Column], cells: Sequence[str], style: str = "") -> str
         f'<td class="{c.style}">{cell}</td>' for c, cell in zip(columns[1:], rest, strict=True)
     )
     return f'<tr class="{style}"><th scope="row">{first}</th>{written}</tr>\n'
+
+
+def reasons_table(left_out: Iterable[Mapping[str, Any]]) -> str:
+    """Write why values were left out, and how many.
+
+    Parameters
+    ----------
+    left_out
+        reason and count of each.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    columns = (Column("reason"), Column("values", NUMBER))
+    rows = body(row(columns, [sentence(one["reason"]), str(one["count"])]) for one in left_out)
+    return f'<div class="narrow">{table(columns, rows)}</div>'

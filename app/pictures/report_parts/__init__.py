@@ -1,0 +1,1 @@
+"""What the pages that report have in common: tables, figures, words and style."""

@@ -1,0 +1,46 @@
+"""Names of components, as a person reads them."""
+
+from __future__ import annotations
+
+from app.geometry.components import COMPONENTS
+
+
+def component_name(name: str) -> str:
+    """Name a component, or one direction of the error at points.
+
+    Parameters
+    ----------
+    name
+        A component's code, or `points x`, `points y`, `points z`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> component_name("EXX"), component_name("points y"), component_name("all components")
+    ('EXX', 'points, Y', 'all components')
+    """
+    stem, _, letter = name.partition(" ")
+    return f"points, {letter.upper()}" if stem == "points" else name
+
+
+def chapter_name(name: str) -> str:
+    """Give the chapter's notation of a component; empty where there is none.
+
+    Parameters
+    ----------
+    name
+        A component's code, or anything else.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> chapter_name("EYX"), chapter_name("points y")
+    ('D_y(x)', '')
+    """
+    return COMPONENTS[name].chapter if name in COMPONENTS else ""
