@@ -46,7 +46,9 @@ class PlannedVerification(Schema):
     label: Name = Field("planned", description="What the answer calls it", examples=["Monday"])
     datum: Datum = Field(Datum.ABSOLUTE, description="`absolute`, `first` or `free`")
     repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
-        None, description="Standard deviation of one observation [µm], where it is known"
+        None,
+        description="Standard deviation of one length [µm], where it is known; of angles and "
+        "squareness it says nothing",
     )
     observations: Annotated[list[PlannedObservation], Field(min_length=1, max_length=20_000)] = (
         Field(description="What is to be measured")

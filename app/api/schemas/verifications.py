@@ -150,7 +150,8 @@ class VerificationHead(Schema):
     )
     repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
         None,
-        description="Standard deviation of one observation [µm], where it is known",
+        description="Standard deviation of one length [µm], where it is known; of angles and "
+        "squareness it says nothing",
         examples=[0.5],
     )
 
