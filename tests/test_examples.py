@@ -5,6 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
+from examples import close_the_loop as loop
 from examples import step_diagonal_to_table as chain
 
 
@@ -30,3 +31,13 @@ def test_a_comparison_takes_out_the_machine_as_a_whole_and_no_more():
     assert chain.rms_length(chain.without_rigid_motion(points, turned)) < 1e-9
     stretched = points * [0.01, 0.0, 0.0]
     assert chain.rms_length(chain.without_rigid_motion(points, stretched)) > 0.5
+
+
+def test_the_loop_is_closed_on_visits_of_which_nobody_knew(tmp_path):
+    """A reversal, which twelve visits are enough for."""
+    closed = asyncio.run(loop.close_the_loop(tmp_path, "backlash:constant", 12, 4))
+    (component,) = closed.planted["components"]
+    assert f"{component} has a reversal" in closed.summary
+    assert closed.status == "confirmed"
+    assert closed.after_um < 0.8 * closed.before_um
+    assert component in closed.report
