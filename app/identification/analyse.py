@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, one_blas_thread
 from app.errors import list_names
 from app.identification.advice import summary, what_next
 from app.identification.analysis import (
@@ -100,14 +100,15 @@ def analyse(
     known = None if kinds is None else tuple(_known(kinds))
     library = repertoire(site, known)
     rows = residuals.as_rows()
-    findings = search(
-        rows,
-        [*map_uncertainty(projection, campaign.maps), *zero_columns(residuals.rows)],
-        [*library.candidates, *leads(site)],
-        holdout_fraction=holdout_fraction,
-        seed=seed,
-        progress=_later(progress),
-    )
+    with one_blas_thread():
+        findings = search(
+            rows,
+            [*map_uncertainty(projection, campaign.maps), *zero_columns(residuals.rows)],
+            [*library.candidates, *leads(site)],
+            holdout_fraction=holdout_fraction,
+            seed=seed,
+            progress=_later(progress),
+        )
     use = used_rows(findings, len(rows.values))
     found = Found(residuals, rows, findings, use, library.hypotheses)
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))

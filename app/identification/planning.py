@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray
+from app.arrays import BoolArray, one_blas_thread
 from app.errors import InvalidContent, counted, list_names
 from app.identification.added_visits import AddedVisit, choose_added_visits
 from app.identification.analysis import by_reason
@@ -81,10 +81,11 @@ def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
     site = Site(every.model, every.maps, residuals.rows, residuals.projection.conditions)
     library = repertoire(site)
     rows, assumed = _with_declared_noise(residuals)
-    problem = _problem(residuals, rows, every, len(planned.verifications))
-    entries = _read_middles(problem, library.candidates)
-    sight = _Sight(entries, library.hypotheses, residuals, false_alarm)
-    seen = sight.smallest(0, rivals=True)
+    with one_blas_thread():
+        problem = _problem(residuals, rows, every, len(planned.verifications))
+        entries = _read_middles(problem, library.candidates)
+        sight = _Sight(entries, library.hypotheses, residuals, false_alarm)
+        seen = sight.smallest(0, rivals=True)
     effects = _best_forms([sight.described(one) for one in seen.values()])
     suggestions = _suggestions(sight, added, seen)
     own = residuals.rows.verification < len(planned.verifications)
