@@ -275,6 +275,7 @@ async def test_closing_the_loop(client):
     assert (left.overall.mean, len(left.rows)) == (pytest.approx(1.0), 2)
     again = await client.residuals("mcfv5050", [stored.id], model_version=3)
     assert again.overall == left.overall
+    assert "residuals</title>" in await client.residuals_page("mcfv5050", [stored.id])
     compared = await client.compare_models("mcfv5050", [stored.id], [2, 3])
     assert [v.version for v in compared.versions] == [2, 3]
     assert (await client.watch("mcfv5050")).verifications[0].verification == stored.id

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
 import numpy as np
 
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.residuals import channel_unit
 from app.services.show_residuals import ShownResiduals
 
@@ -39,7 +41,7 @@ def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[s
                 f"{axis}_mm": None if np.isnan(at) else float(at)
                 for axis, at in zip("xyz", rows.points_mm[i], strict=True)
             },
-            "direction": "".join(SIGNS[d] for d in rows.directions[i].tolist()),
+            "direction": _direction(names[rows.channel[i]], rows.directions[i].tolist()),
             "measured": float(rows.measured[i]),
             "predicted": float(report.residuals.predicted[i]),
             "residual": float(report.values[i]),
@@ -57,3 +59,12 @@ def residuals_csv(shown: ShownResiduals) -> str:
     for row in rows:
         writer.writerow(row | {"time": f"{row['time']:%Y-%m-%dT%H:%M:%S.%fZ}"})
     return text.getvalue()
+
+
+def _direction(channel: str, directions: Sequence[float]) -> str:
+    """Write the approach of a component's own axis, or of all three at a point."""
+    signs = [SIGNS[d] for d in directions]
+    if channel not in COMPONENTS:
+        return "".join(signs)
+    axis = COMPONENTS[channel].axis
+    return SIGNS[0.0] if axis is None else signs[LINEAR_LETTERS.index(axis)]

@@ -245,6 +245,11 @@ class AsyncThermapClient:
     ) -> ResidualsAnswer:
         return await self.send(loop_calls.residuals(machine, verifications, model_version, rows))
 
+    async def residuals_page(
+        self, machine: str, verifications: Sequence[int], model_version: int | None = None
+    ) -> str:
+        return await self.send(loop_calls.residuals_page(machine, verifications, model_version))
+
     async def compare_models(
         self, machine: str, verifications: Sequence[int], versions: Sequence[int]
     ) -> ModelComparisonAnswer:

@@ -313,6 +313,12 @@ class ThermapClient:
         """Do the same with several verifications together."""
         return self.send(loop_calls.residuals(machine, verifications, model_version, rows))
 
+    def residuals_page(
+        self, machine: str, verifications: Sequence[int], model_version: int | None = None
+    ) -> str:
+        """Read residuals as a page for a person: HTML that needs no other file."""
+        return self.send(loop_calls.residuals_page(machine, verifications, model_version))
+
     def compare_models(
         self, machine: str, verifications: Sequence[int], versions: Sequence[int]
     ) -> ModelComparisonAnswer:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
+from app.api.media_types import HTML
 from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.models import ModelAnswer
 from app.api.schemas.plan import PlanAnswer
@@ -60,6 +61,15 @@ def residuals(
     """POST …/residuals."""
     body = {"verifications": list(verifications), "model_version": model_version, "rows": rows}
     return Call("POST", of_machine(machine_id, "residuals"), reader_of(ResidualsAnswer), body)
+
+
+def residuals_page(
+    machine_id: str, verifications: Iterable[int], model_version: int | None
+) -> Call[str]:
+    """POST …/residuals, as a page."""
+    body = {"verifications": list(verifications), "model_version": model_version}
+    path = of_machine(machine_id, "residuals")
+    return Call("POST", path, lambda response: response.text, body, headers={"Accept": HTML})
 
 
 def compare_models(

@@ -46,6 +46,15 @@ class Summary:
     bins: tuple[Bin, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Residuals over one quantity, with what was summed up: the quantity at each, and each."""
+
+    summary: Summary
+    at: FloatArray
+    values: FloatArray
+
+
 def summarise(
     residuals: Residuals, values: FloatArray | None = None, repeatability_um: float | None = None
 ) -> list[Summary]:
@@ -65,7 +74,7 @@ def summarise(
     list of Summary
         Quantities that do not vary are left out.
     """
-    rows, conditions = residuals.rows, residuals.projection.conditions
+    rows = residuals.rows
     own = residuals.values if values is None else values
     names = np.array(rows.channels)[rows.channel]
     in_um = [channel_unit(name) is Unit.UM for name in rows.channels]
@@ -76,6 +85,38 @@ def summarise(
     )
     found = [Summary("component", components)]
     lengths = np.array(in_um)[rows.channel]
+    curves = curves_along(residuals, own, lengths, repeatability_um)
+    return [summary for summary in (*found, *(c.summary for c in curves)) if summary.bins]
+
+
+def curves_along(
+    residuals: Residuals,
+    values: FloatArray,
+    chosen: BoolArray,
+    repeatability: float | None,
+    fewest: int = 1,
+) -> list[Curve]:
+    """Sum some residuals up by place, time, temperature, state and direction.
+
+    Parameters
+    ----------
+    residuals
+        Where they belong.
+    values : ndarray, shape (n,)
+        The residuals of all rows, those that are chosen in one unit.
+    chosen : ndarray, shape (n,)
+        Which rows.
+    repeatability
+        Standard deviation of one observation, in their unit.
+    fewest
+        Values that a range should hold: of few there are fewer ranges.
+
+    Returns
+    -------
+    list of Curve
+        Quantities that do not vary are left out.
+    """
+    rows, conditions = residuals.rows, residuals.projection.conditions
     along: dict[str, FloatArray] = {
         f"position {axis} [mm]": rows.points_mm[:, i] for i, axis in enumerate("xyz")
     }
@@ -83,18 +124,27 @@ def summarise(
     along |= {f"temperature {s} [°C]": t for s, t in conditions.temperatures_c.items()}
     along |= {f"rate {s} [°C/h]": t for s, t in conditions.rates_c_per_h.items()}
     along |= {f"state {name}": x for name, x in conditions.states.items()}
+    found = []
     for over, quantity in along.items():
-        known = lengths & ~np.isnan(quantity)
+        known = chosen & ~np.isnan(quantity)
         if known.sum() >= FEWEST and np.ptp(quantity[known]) > 0:
-            found.append(by_range(over, own[known], quantity[known], repeatability_um))
+            summary = by_range(over, values[known], quantity[known], repeatability, fewest)
+            found.append(Curve(summary, quantity[known], values[known]))
     for i, axis in enumerate("xyz"):
-        moved = lengths & ~np.isnan(rows.points_mm[:, i])
-        found.append(_by_direction(axis, own, rows.directions[:, i], moved, repeatability_um))
-    return [summary for summary in found if summary.bins]
+        moved = chosen & ~np.isnan(rows.points_mm[:, i])
+        signs = rows.directions[moved, i]
+        summary = _by_direction(axis, values[moved], signs, repeatability)
+        if summary.bins:
+            found.append(Curve(summary, signs, values[moved]))
+    return found
 
 
 def by_range(
-    over: str, values: FloatArray, quantity: FloatArray, repeatability: float | None = None
+    over: str,
+    values: FloatArray,
+    quantity: FloatArray,
+    repeatability: float | None = None,
+    fewest: int = 1,
 ) -> Summary:
     """Sum values up in ranges of a quantity that hold about equally many of them.
 
@@ -106,6 +156,8 @@ def by_range(
         The residuals and the quantity.
     repeatability
         Standard deviation of one observation, in the values' unit.
+    fewest
+        Values that a range should hold: of few there are fewer ranges.
 
     Examples
     --------
@@ -114,8 +166,9 @@ def by_range(
     2.0
     """
     few = np.unique(quantity)
-    edges = np.unique(np.quantile(quantity, np.linspace(0.0, 1.0, BINS + 1)))
-    if few.size <= BINS:
+    most = max(min(BINS, quantity.size // fewest), 1)
+    edges = np.unique(np.quantile(quantity, np.linspace(0.0, 1.0, most + 1)))
+    if few.size <= most:
         # Values that stand apart, as a spindle's speeds do, are bins of their own.
         edges = np.concatenate([few[:1], (few[1:] + few[:-1]) / 2.0, few[-1:]])
     which = np.clip(np.searchsorted(edges, quantity, side="right") - 1, 0, edges.size - 2)
@@ -132,13 +185,12 @@ def _by_direction(
     axis: str,
     values: FloatArray,
     directions: FloatArray,
-    moved: BoolArray,
     repeatability: float | None,
 ) -> Summary:
     bins = [
-        _bin(label, None, None, values[moved & (directions == sign)], repeatability)
+        _bin(label, None, None, values[directions == sign], repeatability)
         for sign, label in DIRECTIONS.items()
-        if (moved & (directions == sign)).any()
+        if (directions == sign).any()
     ]
     return Summary(f"direction {axis}", tuple(bins) if len(bins) > 1 else ())
 

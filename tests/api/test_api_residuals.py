@@ -120,7 +120,33 @@ async def test_several_verifications_together_and_all_rows_as_csv(room):
     rows = list(csv.DictReader(io.StringIO(answer.text)))
     assert [int(r["verification"]) for r in rows] == [two] * 3 + [one] * 4
     assert [float(r["residual"]) for r in rows] == pytest.approx([1, -2, 3, 1, 1, 1, 1], abs=1e-9)
-    assert rows[-1]["direction"] == "---"
+    # A component has one direction of approach, that of its own axis.
+    assert [r["direction"] for r in rows] == ["000"] * 3 + ["-"] * 4
+
+
+BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
+
+
+async def test_a_browser_gets_a_page_and_everybody_else_json(room):
+    observations = [exx(5 * i, 40.0 * i + 100, r) for i, r in enumerate(RESIDUALS)]
+    number = await stored(room, observations, "<night>", repeatability_um=1.5)
+    path, asked = f"{PATH}/{number}/residuals", {"verifications": [number]}
+    for page in (
+        await room.get(path, headers={"Accept": BROWSER}),
+        await room.post(f"{ROOM}/residuals", json=asked, headers={"Accept": "text/html"}),
+    ):
+        assert (page.status_code, page.headers["vary"]) == (200, "Accept")
+        assert page.headers["cache-control"] == "no-cache"
+        assert page.headers["content-type"].startswith("text/html")
+        assert "&lt;night&gt;" in page.text
+        assert "temperature x-middle" in page.text
+        assert "2.12 µm (root mean square)" in page.text
+    for accept in ("*/*", "application/json", "application/pdf"):
+        answer = await room.get(path, headers={"Accept": accept})
+        assert answer.headers["content-type"] == "application/json"
+        assert answer.headers["vary"] == "Accept"
+    missing = await room.get(f"{PATH}/99/residuals", headers={"Accept": BROWSER})
+    assert missing.status_code == 404
 
 
 async def test_versions_side_by_side_on_what_both_can_judge(room):

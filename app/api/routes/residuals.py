@@ -8,9 +8,10 @@ from fastapi import APIRouter, Header, Query
 from starlette.responses import Response
 
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
-from app.api.media_types import CSV, JSON
+from app.api.media_types import CSV, HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.residual_rows import residual_rows, residuals_csv
+from app.api.residuals_html import residuals_html
 from app.api.schemas.residuals import (
     MOST_ROWS,
     ComparisonRequest,
@@ -23,10 +24,13 @@ from app.services.show_residuals import ShownResiduals, show_residuals
 
 router = APIRouter(prefix="/v1/machines/{machine}", tags=["closing the loop"])
 
-Accept = Annotated[str, Header(description=f"`{JSON}` or `{CSV}`")]
+Accept = Annotated[str, Header(description=f"`{JSON}`, `{CSV}` or `{HTML}`")]
 
 _FORMS: dict[int | str, dict[str, Any]] = {
-    200: {"model": ResidualsAnswer, "content": {CSV: {"schema": {"type": "string"}}}}
+    200: {
+        "model": ResidualsAnswer,
+        "content": {media_type: {"schema": {"type": "string"}} for media_type in (CSV, HTML)},
+    }
 }
 
 
@@ -48,7 +52,7 @@ def get_residuals(
     ] = 0,
     accept: Accept = JSON,
 ) -> Response:
-    """Subtract what the model says from what was measured; nothing is fitted."""
+    """Subtract what the model says from what was measured; a browser is shown a page."""
     return _response(
         show_residuals(context, machine, [verification_id], model_version), rows, accept
     )
@@ -78,7 +82,11 @@ def post_comparison(
 
 
 def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
-    if chosen_form(accept, [JSON, CSV]) == CSV:
-        return Response(residuals_csv(shown), media_type=CSV)
+    headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
+    form = chosen_form(accept, [JSON, CSV, HTML])
+    if form == CSV:
+        return Response(residuals_csv(shown), media_type=CSV, headers=headers)
+    if form == HTML:
+        return Response(residuals_html(shown), media_type=HTML, headers=headers)
     answer = ResidualsAnswer.of(shown, residual_rows(shown, rows))
-    return Response(answer.model_dump_json(), media_type=JSON)
+    return Response(answer.model_dump_json(), media_type=JSON, headers=headers)

@@ -106,7 +106,10 @@ class ResidualRow(Schema):
     x_mm: Number | None = Field(description="Where, as far as it is known [mm]")
     y_mm: Number | None = Field(description="The same [mm]")
     z_mm: Number | None = Field(description="The same [mm]")
-    direction: str = Field(description="Approach of x, y, z: `+`, `-`, or `0` where not stated")
+    direction: str = Field(
+        description="Approach: `+`, `-`, or `0` where not stated; at points of x, y and z",
+        examples=["+", "+0-"],
+    )
     measured: Number = Field(description=f"Measured {IN_ITS_UNIT}")
     predicted: Number = Field(description=f"Predicted, adopted effects included {IN_ITS_UNIT}")
     residual: Number = Field(

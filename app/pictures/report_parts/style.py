@@ -126,11 +126,12 @@ STYLE: Final = f"""
 SCRIPT: Final = f"""
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const config = {{displayModeBar: false, responsive: true, displaylogo: false}};
+  const UNSEEN = "details:not([open]), [hidden]";
   const drawn = new Set();
   function draw() {{
     for (const [id, figure] of Object.entries(figures)) {{
       const place = document.getElementById(id);
-      if (drawn.has(id) || place.closest("details:not([open]), [hidden]")) continue;
+      if (drawn.has(id) || place.closest(UNSEEN)) continue;
       drawn.add(id);
       Plotly.newPlot(place, figure.data, figure.layout, config);
     }}
@@ -140,6 +141,7 @@ SCRIPT: Final = f"""
   function fit(printing) {{
     for (const id of drawn) {{
       const plot = document.getElementById(id);
+      if (plot.closest(UNSEEN)) continue;
       const grid = plot.closest(".plots").classList;
       const columns = grid.contains("three") ? 3 : grid.contains("two") ? 2 : 1;
       const width = Math.floor(({PRINTED_WIDTH_PX} - {GAP_PX} * (columns - 1)) / columns);
