@@ -55,8 +55,8 @@ class Block:
         """Write the block as HTML."""
         shown, further = self.drawings[:MOST_OPEN], self.drawings[MOST_OPEN:]
         more = (
-            f"<details><summary>{counted(len(further), 'more plot')}: quantities that move it "
-            f"less</summary>{_grid(further)}</details>"
+            f"<details><summary>{counted(len(further), 'more plot')}: the other "
+            f"quantities</summary>{_grid(further)}</details>"
             if further
             else ""
         )
@@ -137,7 +137,8 @@ def plots_section(blocks: Sequence[Block], answer: Answer) -> str:
 <p>Dots: means of about equally many values; bars: their standard deviation. Light points: single
 values. Grey: ±2 repeatabilities, where 95 % should lie if there were nothing else. The number in a
 title says how far the means move (RMS, without what the values' own scatter moves them): the
-plots of a component stand in that order, and have one scale.</p>
+plots of a component stand in that order, time and the place on its own axis always among the first,
+and have one scale.</p>
 <p class="quiet">Quantities that rise and fall together look alike here, and set-ups move a visit's
 values together: which one it is, and whether it is more than chance, an analysis says.</p>
 {_choice(blocks)}
