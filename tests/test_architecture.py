@@ -39,7 +39,7 @@ PURE = {
 }
 """No clock, no database, no HTTP: time and temperatures come in as arguments."""
 
-PURE_LIBRARIES = {"numpy", "scipy", "plotly", "app"} | (
+PURE_LIBRARIES = {"numpy", "scipy", "threadpoolctl", "plotly", "app"} | (
     set(sys.stdlib_module_names)
     - {"time", "os", "pathlib", "random", "sqlite3", "socket", "threading", "asyncio", "http"}
 )

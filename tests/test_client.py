@@ -267,7 +267,8 @@ async def test_closing_the_loop(client):
         for i in range(9)
     ]
     await client.store_readings("mcfv5050", reading(START, 21.0))
-    stored = await client.store_verification("mcfv5050", {"label": "v", "observations": seen})
+    body = {"label": "v", "repeatability_um": 0.5, "observations": seen}
+    stored = await client.store_verification("mcfv5050", body)
     assert stored.judgement.status == "within"
     assert await client.verifications("mcfv5050") == [stored]
     assert (await client.verification("mcfv5050", stored.id)).observations[0].measured_um == 6.0
