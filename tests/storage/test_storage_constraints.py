@@ -117,7 +117,7 @@ def fill(database, machine_id):
         insert_readings(session, machine_id, readings)
         seen = Verification("seen", [Observation(START.timestamp(), (1.0,), "EXX", 5.0)])
         stored = insert_verification(session, machine_id, seen, {"status": "within"}, START)
-        write_watch(session, machine_id, 1, "within", {}, START)
+        write_watch(session, machine_id, 1, {"streams": {}, "beyond_since_s": None}, START)
         insert_analysis(session, machine_id, AnalysisTask(1, [stored.id], 0.3, None, 0), START)
         return maps
 
