@@ -9,7 +9,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
-from app.identification.search.candidate import Candidate
+from app.identification.search.candidate import Candidate, Part
 from app.identification.search.channel import Channel, prepare
 from app.identification.search.moments import Fixed, Moments, fixed_of, moments_of
 from app.identification.search.noise import repeatability
@@ -90,6 +90,7 @@ class Problem:
     fixed: Mapping[int, Fixed]
     cells: int
     place: IntArray
+    _origins: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -129,21 +130,32 @@ class Problem:
         for part in candidate.columns(theta):
             if part.channel not in self.fixed:
                 continue
-            channel = self.fixed[part.channel].channel
-            full = columns.setdefault(
-                part.channel, np.zeros((len(channel.rows), part.columns.shape[1]))
-            )
-            self._check(candidate, part.channel, part.rows)
-            here = self.place[part.rows]
-            taking_part = here >= 0
-            full[here[taking_part]] += part.columns[taking_part] / channel.scale
+            own = self._laid_out(candidate, part) / self.fixed[part.channel].channel.scale
+            known = columns.get(part.channel)
+            columns[part.channel] = own if known is None else known + own
         return _unit_length(candidate, theta, columns)
 
-    def _check(self, candidate: Candidate, channel: int, rows: IntArray) -> None:
-        if (self.rows.channel[rows] != channel).any():
+    def _laid_out(self, candidate: Candidate, part: Part) -> FloatArray:
+        """Put a part's rows where they stand in its channel; most parts have the same rows."""
+        rows, origin = self._origins.get(part.channel, (None, None))
+        if rows is not part.rows or origin is None:
+            origin = self._origin(candidate, part)
+            self._origins[part.channel] = part.rows, origin
+        absent = len(part.rows)
+        if origin.max(initial=0) < absent:
+            return part.columns[origin]
+        return np.vstack([part.columns, np.zeros((1, part.columns.shape[1]))])[origin]
+
+    def _origin(self, candidate: Candidate, part: Part) -> IntArray:
+        """Say which row of a part each row of its channel is; the one after its last: none."""
+        if (self.rows.channel[part.rows] != part.channel).any():
             raise InvalidContent.of_field(
-                candidate.key, f"expected rows of channel {channel}, came rows of others"
+                candidate.key, f"expected rows of channel {part.channel}, came rows of others"
             )
+        found = np.full(len(self.fixed[part.channel].channel.rows), len(part.rows), dtype=np.intp)
+        here = self.place[part.rows]
+        found[here[here >= 0]] = np.flatnonzero(here >= 0)
+        return found
 
 
 def make_problem(
