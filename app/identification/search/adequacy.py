@@ -20,6 +20,9 @@ from app.identification.search.selection import Selector
 from app.identification.search.threshold import threshold, upper_tail
 from app.identification.search.visit_scatter import FEWEST_VISITS, multipliers
 
+TESTS: Final = 4
+"""So many tests share the false-alarm probability."""
+
 OVER_FLOOR: Final = 1.3
 """Held-out RMS over the noise floor from which something is missing."""
 
@@ -63,7 +66,7 @@ def adequacy(
     -------
     list of Unexplained
     """
-    problem, level = selector.library.problem, selector.false_alarm
+    problem, level = selector.library.problem, selector.false_alarm / TESTS
     return [
         *_generic(selector, terms, draws, level),
         *_lack_of_fit(problem, fit, use, level),
@@ -116,7 +119,7 @@ def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> li
         left = fit.scatter[c] * fixed.channel.scale**2 * n
         ratio = (left - pure * freedom) / max(n - freedom, 1) / pure
         p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
-        if p * len(problem.fixed) < level / 4:
+        if p * len(problem.fixed) < level:
             found.append(Unexplained("lack-of-fit", c, None))
     return found
 
@@ -133,7 +136,7 @@ def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> 
         channel, null = states[c].fixed.channel, states[c].null - states[c].fixed.channel.prior
         ratio = 2.0 * float(null.max() - null[: channel.declared + 1].max())
         p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
-        if p * len(declared) < level / 4:
+        if p * len(declared) < level:
             found.append(Unexplained("visit-variance", c, None))
     return found
 
@@ -151,7 +154,7 @@ def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Un
         tilts = channel.shapes.shape[1] - 1
         usual = (multipliers(tilts, not bool(channel.free.all())) <= ORDINARY).all(axis=1)
         ratio = 2.0 * float(null.max() - null[usual].max())
-        if 0.5 * upper_tail(ratio, 2.0) * len(few) < level / 4:
+        if 0.5 * upper_tail(ratio, 2.0) * len(few) < level:
             found.append(Unexplained("far-off", c, None))
     return found
 
