@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from app.identification.effects.kind import NotTested
 from app.identification.effects.sensor_fault import SensorFault
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.doubtful_sensors import DoubtfulSensor, doubtful_sensors, without_doubtful
-from app.thermal.sensor_health import believed
+from app.thermal.sensor_health import believed, without_stuck
 from app.thermal.temperature_history import TemperatureHistory
 from app.units import date_text
 
@@ -34,6 +36,14 @@ def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> Temp
         The same times, NaN where a value was not to be believed.
     """
     trusted = believed(model.machine, readings)
+    thawed = without_stuck(model.machine, readings)
+    trusted = TemperatureHistory(
+        trusted.times_s,
+        {
+            name: np.where(np.isnan(thawed.temperatures_c[name]), np.nan, values)
+            for name, values in trusted.temperatures_c.items()
+        },
+    )
     followed = _followed(model)
     return without_doubtful(
         trusted, [one for one in doubtful_sensors(trusted) if one.sensor not in followed]

@@ -31,7 +31,7 @@ from app.thermal.prediction import (
     predict_component,
     predict_points,
 )
-from app.thermal.sensor_health import Health, believed, judge_record
+from app.thermal.sensor_health import believed, without_stuck
 from app.thermal.temperature_history import TemperatureHistory
 from app.units import UM_PER_MM, Unit
 
@@ -284,7 +284,7 @@ def _reasons(
 def _why_silent(model: CompiledModel, times_s: FloatArray, readings: TemperatureHistory) -> Reasons:
     """Tell missing readings from readings that cannot be believed."""
     machine = model.machine
-    thawed = _without(machine, readings, Health.STUCK)
+    thawed = without_stuck(machine, readings)
     trusted = believed(machine, readings)
     reasons = np.full(times_s.shape, "no reading near enough in time", dtype=object)
     for name in {group.sensor for group in model.groups}:
@@ -297,18 +297,6 @@ def _why_silent(model: CompiledModel, times_s: FloatArray, readings: Temperature
     first = readings.times_s[0] if readings.times_s.size else np.inf
     reasons[times_s < first] = "before the first reading"
     return reasons
-
-
-def _without(machine: Machine, readings: TemperatureHistory, matter: Health) -> TemperatureHistory:
-    """Leave one kind of unbelievable values out of a record."""
-    cleaned = {}
-    for name, values in readings.temperatures_c.items():
-        kept = values.copy()
-        known = np.flatnonzero(~np.isnan(values))
-        verdicts = judge_record(machine, machine.sensor(name), readings)
-        kept[[i for i, v in zip(known, verdicts, strict=True) if v is matter]] = np.nan
-        cleaned[name] = kept
-    return TemperatureHistory(readings.times_s, cleaned)
 
 
 def _far_outside(model: CompiledModel, rows: ObservationRows, conditions: Conditions) -> BoolArray:

@@ -136,6 +136,39 @@ def believed(
     return TemperatureHistory(history.times_s, cleaned)
 
 
+def without_stuck(machine: Machine, history: TemperatureHistory) -> TemperatureHistory:
+    """Leave out of a record what proved later to have been stuck, since it stood still.
+
+    At its time a value is called stuck only some while after the neighbours moved; who looks
+    back knows that it had stopped before.
+
+    Parameters
+    ----------
+    machine
+        Whose sensors they are.
+    history
+        The record.
+
+    Returns
+    -------
+    TemperatureHistory
+        The same times; of a stretch of equal values that was ever called stuck only the first is
+        left, else NaN.
+    """
+    cleaned = {}
+    for name, values in history.temperatures_c.items():
+        kept = values.copy()
+        known = np.flatnonzero(~np.isnan(values))
+        stuck = [v is Health.STUCK for v in judge_record(machine, machine.sensor(name), history)]
+        if any(stuck):
+            stretch = np.cumsum(np.append(True, np.diff(values[known]) != 0)) - 1
+            first = np.append(True, np.diff(stretch) != 0)
+            is_stuck = np.bincount(stretch, weights=stuck) > 0
+            kept[known[is_stuck[stretch] & ~first]] = np.nan
+        cleaned[name] = kept
+    return TemperatureHistory(history.times_s, cleaned)
+
+
 def record_needed_s(sensors: Iterable[Sensor]) -> float:
     """How far back a record must go for a judgement: to stuck neighbours, to the oldest value [s].
 

@@ -96,3 +96,19 @@ def test_a_few_visits_far_from_the_model_are_not_called_nothing(off, verdict):
     assert found.verdict is verdict
     far = [one.channel for one in found.unexplained if one.test == "far-off"]
     assert far == ([0] if verdict is Verdict.UNEXPLAINED else [])
+
+
+def test_an_effect_hides_no_outliers():
+    """A reversal of ±6 repeatabilities makes all values scatter; five are 14 off beside it."""
+    campaign = make_campaign(64, visits=16)
+    wrong = np.flatnonzero(campaign.on(0))[[3, 40, 77, 110, 150]]
+    slips = np.zeros(len(campaign.rows.values))
+    slips[wrong] = 14.0 * campaign.direction[wrong]
+    campaign = campaign.plus(6.0 * campaign.direction * campaign.on(0) + slips)
+    found = search(campaign.rows, campaign.nuisance, make_library(campaign), holdout_fraction=0.3)
+    gone = {row for one in found.excluded if one.visit is None for row in one.rows}
+    assert gone >= set(wrong.tolist())
+    assert len(gone) <= 8
+    assert [term.key for term in found.terms] == ["reversal-0"]
+    assert found.terms[0].amplitudes == pytest.approx([6.0], abs=0.4)
+    assert found.verdict is Verdict.FOUND

@@ -12,6 +12,7 @@ from app.thermal.sensor_health import (
     check_temperatures,
     grow_older,
     judge_record,
+    without_stuck,
 )
 from app.thermal.temperature_history import TemperatureHistory
 from tests.thermal.example_maps import machine
@@ -293,3 +294,18 @@ def test_a_neighbour_that_breaks_does_not_move():
 def test_a_machine_with_one_sensor_cannot_tell():
     alone = machine(Sensor("a"))
     assert health(assessed(every_ten_minutes(8, a=20.0), alone)) == {"a": "ok"}
+
+
+def test_who_looks_back_knows_that_a_stuck_sensor_had_stopped_before():
+    """It warms for two hours and stands still for four: of these its first value is left."""
+    readings = every_ten_minutes(
+        6, a=lambda h: 20.0 + 2 * min(h, 2.0), b=lambda h: 20.0 + 2 * h, c=lambda h: 20.0 + 2 * h
+    )
+    history = TemperatureHistory.of_readings("abc", readings)
+    at_its_time = np.isnan(believed(THREE, history).temperatures_c["a"])
+    looking_back = np.isnan(without_stuck(THREE, history).temperatures_c["a"])
+    stopped = 2 * 6
+    assert stopped + 1 < np.flatnonzero(at_its_time)[0]
+    assert looking_back.tolist() == [i > stopped for i in range(len(readings))]
+    for name in "bc":
+        assert not np.isnan(without_stuck(THREE, history).temperatures_c[name]).any()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from app.identification.search.findings import (
     Untested,
     Verdict,
 )
+from app.identification.search.foresight import learn
 from app.identification.search.held_out import held_out_figures, typical_level
 from app.identification.search.joint_fit import Fit
 from app.identification.search.leverage import leverage
@@ -36,7 +37,7 @@ from app.identification.search.rivals import find_rivals
 from app.identification.search.rows import Nuisance, Rows
 from app.identification.search.screening import screen
 from app.identification.search.selection import Selection, Selector
-from app.identification.search.splits import split_visits
+from app.identification.search.splits import Splits, split_visits
 from app.identification.search.validation import Rivals, Validation, status_of, validate
 from app.identification.search.visit_scatter import FEWEST_VISITS
 
@@ -110,19 +111,29 @@ def search(
     _refuse(candidates, holdout_fraction, false_alarm)
     course = _Course(progress)
     course(0.0, "screening rows")
+
+    def choose(use: BoolArray) -> tuple[Splits, Draws, Selector, Selection]:
+        draws = Draws(seed, DRAWS)
+        splits = split_visits(rows.visit[use], rows.channel[use], holdout_fraction)
+        problem = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
+        library = read_library(
+            problem, candidates, draws, lambda s: course(0.02 + 0.33 * s, "reading candidates")
+        )
+        everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
+        selector = Selector(
+            library, everything, allowed, false_alarm, most_terms, lambda: course(0.35, "searching")
+        )
+        return splits, draws, selector, selector.select(draws)
+
     use, excluded = screen(rows, nuisance)
-    splits = split_visits(rows.visit[use], rows.channel[use], holdout_fraction)
-    problem = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
-    draws = Draws(seed, DRAWS)
-    library = read_library(
-        problem, candidates, draws, lambda s: course(0.02 + 0.33 * s, "reading candidates")
-    )
-    allowed = _testable(library)
-    everything = np.ones(splits.cells, dtype=bool)
-    selector = Selector(
-        library, everything, allowed, false_alarm, most_terms, lambda: course(0.35, "searching")
-    )
-    main = selector.select(draws)
+    splits, draws, selector, main = choose(use)
+    # What an effect had hidden, by making all values scatter, shows beside it.
+    left = replace(rows, values=rows.values - _explained(selector, main.terms))
+    closer, excluded_closer = screen(left, nuisance) if main.terms else (use, excluded)
+    if (use & ~closer).any():
+        use, excluded = closer, excluded_closer
+        splits, draws, selector, main = choose(use)
+    library, allowed, problem = selector.library, selector.allowed, selector.library.problem
     course(0.55, "comparing rivals")
     main.terms = _in_order(selector, main.terms)
     rivals = [find_rivals(selector, main.terms, i) for i in range(len(main.terms))]
@@ -139,11 +150,22 @@ def search(
     fit = selector.fit(main.terms)
     typical = typical_level(selector.given(main.terms))
     held_out = held_out_figures(problem, fit, typical, checked, seed)
-    left = adequacy(selector, main.terms, fit, use, draws, held_out)
+    remains = adequacy(selector, main.terms, fit, use, draws, held_out)
     course(0.95, "summing up")
-    answer = _answer(_Outcome(selector, main, fit, rivals, checked), use, excluded, held_out, left)
+    outcome = _Outcome(selector, main, fit, rivals, checked)
+    answer = _answer(outcome, use, excluded, held_out, remains)
     course(1.0, "done")
     return answer
+
+
+def _explained(selector: Selector, terms: Sequence[Term]) -> FloatArray:
+    """Say what terms explain of each of the caller's rows, in the channels' own units."""
+    learned = learn(selector.states, terms)
+    found = np.zeros(len(selector.library.problem.place))
+    for c, state in learned.states.items():
+        channel = state.fixed.channel
+        found[channel.rows] = learned.effect(c) * channel.scale
+    return found
 
 
 class _Outcome(NamedTuple):
