@@ -35,15 +35,7 @@ def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> Temp
     TemperatureHistory
         The same times, NaN where a value was not to be believed.
     """
-    trusted = believed(model.machine, readings)
-    thawed = without_stuck(model.machine, readings)
-    trusted = TemperatureHistory(
-        trusted.times_s,
-        {
-            name: np.where(np.isnan(thawed.temperatures_c[name]), np.nan, values)
-            for name, values in trusted.temperatures_c.items()
-        },
-    )
+    trusted = _looking_back(model, readings)
     followed = _followed(model)
     return without_doubtful(
         trusted, [one for one in doubtful_sensors(trusted) if one.sensor not in followed]
@@ -58,7 +50,7 @@ def doubts(model: CompiledModel, readings: TemperatureHistory) -> tuple[NotTeste
     model, readings
         As for `trusted_readings`.
     """
-    found = doubtful_sensors(believed(model.machine, readings))
+    found = doubtful_sensors(_looking_back(model, readings))
     return tuple(
         NotTested(SensorFault.kind, one.sensor, _reason(one, one.sensor in _followed(model)))
         for one in found
@@ -77,6 +69,16 @@ def comparisons(doubted: Sequence[NotTested]) -> tuple[str, ...]:
         f"Compare {one.on} with a calibrated thermometer at its place: it {one.reason}."
         for one in doubted
     )
+
+
+def _looking_back(model: CompiledModel, readings: TemperatureHistory) -> TemperatureHistory:
+    """Leave out what could not be believed at its time, or proved later to have been stuck."""
+    trusted, thawed = (judge(model.machine, readings) for judge in (believed, without_stuck))
+    cleaned = {
+        name: np.where(np.isnan(thawed.temperatures_c[name]), np.nan, values)
+        for name, values in trusted.temperatures_c.items()
+    }
+    return TemperatureHistory(trusted.times_s, cleaned)
 
 
 def _followed(model: CompiledModel) -> set[str]:

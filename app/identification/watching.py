@@ -30,7 +30,7 @@ FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""
 
 LIMIT: Final = 2.0 / FALSE_ALARM
-"""Evidence that an unchanged machine reaches with that probability at most.
+"""Evidence that an unchanged machine reaches with that probability: counted, not proved.
 
 With a known scatter it would be half as much (Ville's inequality). The other half pays for the
 set-up scatter, which is only being learnt in the first visits: `tests/identification/
