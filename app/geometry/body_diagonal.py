@@ -86,8 +86,6 @@ def diagonal_displacements(
     volume: WorkVolume,
     steps: int = 20,
     tool_offset_mm: ArrayLike = NO_TOOL,
-    *,
-    at_nodes: bool = False,
 ) -> dict[str, FloatArray]:
     """Say what a laser along each body diagonal would read.
 
@@ -101,13 +99,10 @@ def diagonal_displacements(
         Number n of equal steps on each diagonal.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T of the reflector.
-    at_nodes
-        Whether the tables' nodes, and the middles between all stops, are read too: for
-        the extremes of a model rather than the readings of an instrument.
 
     Returns
     -------
-    dict of diagonal to ndarray, shape (n + 1,), or longer with nodes [µm]
+    dict of diagonal to ndarray, shape (n + 1,) [µm]
         Displacement along the diagonal since its start, actual minus nominal; the
         first is 0.
 
@@ -133,15 +128,8 @@ def diagonal_displacements(
     {'ppp': 0.923, 'npp': -0.923, 'pnp': -0.923, 'ppn': 0.923}
     """
     field.expect_one_state()
-    if not volume.diagonal_mm > 0 or steps < 1:
-        raise InvalidContent.of_field(
-            "steps",
-            f"expected a diagonal longer than 0 mm in at least 1 step, came "
-            f"{volume.diagonal_mm:g} mm in {steps}",
-        )
+    _check_length(volume, steps)
     shares = np.linspace(0.0, 1.0, steps + 1)
-    if at_nodes:
-        shares = _with_nodes(field, volume, shares)
     found = {}
     for diagonal in DIAGONALS:
         start, end = diagonal_ends(volume, diagonal)
@@ -150,16 +138,112 @@ def diagonal_displacements(
     return found
 
 
-def _with_nodes(field: ErrorField, volume: WorkVolume, shares: FloatArray) -> FloatArray:
-    """Add the tables' nodes, in both directions of each axis, and the middles between all."""
-    found = [shares]
-    for axis, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True):
-        if high > low:
-            inside = (field.nodes_mm(axis) - low) / (high - low)
-            inside = inside[(inside > 0.0) & (inside < 1.0)]
-            found += [inside, 1.0 - inside]
-    united = np.unique(np.concatenate(found))
-    return np.sort(np.concatenate([united, (united[1:] + united[:-1]) / 2]))
+def extreme_displacements(
+    field: ErrorField, volume: WorkVolume, tool_offset_mm: ArrayLike = NO_TOOL
+) -> dict[str, FloatArray]:
+    """Say what a laser would read wherever a model's displacement can have an extreme.
+
+    Parameters
+    ----------
+    field
+        The errors at one thermal state.
+    volume
+        The box whose diagonals they are, longer than nothing.
+    tool_offset_mm : array-like, shape (3,) [mm]
+        Tool offset T of the reflector.
+
+    Returns
+    -------
+    dict of diagonal to ndarray, shape (n,) [µm]
+        Displacement since the start, the first 0: at the start, the tables' nodes, the
+        end, and where the slope between them is 0. Its least and largest are the true
+        ones.
+
+    Raises
+    ------
+    InvalidContent
+        As `diagonal_displacements`.
+
+    Notes
+    -----
+    On a diagonal every coordinate is a straight line of the share t of the way. Between
+    nodes an error is one too, so that it is of degree 2 times a lever arm or, as a
+    slope, times a coordinate, and of degree 3 where a slope of a rotation is multiplied
+    by both. Four values at t = 0, ⅓, ⅔, 1 of each piece are its cubic exactly, and the
+    roots of its derivative, a quadratic, are where it can turn.
+
+    Examples
+    --------
+    A yaw that falls with x and has x as its arm moves y by −20 µm/m² x².
+
+    >>> from app.geometry.chain import Chain
+    >>> from app.geometry.error_table import Table
+    >>> tables = {"ECX": Table([-500.0, 500.0], [10.0, -10.0])}
+    >>> field = ErrorField.make(Chain.parse("XYFZ"), tables)
+    >>> box = WorkVolume((-500.0, 500.0), (-500.0, 500.0), (0.0, 0.0))
+    >>> read = extreme_displacements(field, box)["pnp"]
+    >>> float(read.min().round(3)), float(read.max().round(3))
+    (-3.536, 0.0)
+    """
+    field.expect_one_state()
+    _check_length(volume, 1)
+    found = {}
+    for diagonal in DIAGONALS:
+        start, end = diagonal_ends(volume, diagonal)
+        ends = _ends_of_pieces(field, start, end)
+        thirds = (ends[:-1, None] + np.diff(ends)[:, None] * [0, 1 / 3, 2 / 3, 1]).ravel()
+        errors_um, _ = field.at(start + thirds[:, None] * (end - start), tool_offset_mm)
+        along = displacement_along(errors_um, end - start).reshape(-1, 4)
+        inside = _turns_of_cubics(along)
+        turns = ends[:-1, None] + np.diff(ends)[:, None] * inside
+        shares = np.concatenate([ends, turns[np.isfinite(turns)]])
+        errors_um, _ = field.at(start + np.sort(shares)[:, None] * (end - start), tool_offset_mm)
+        found[diagonal] = displacement_along(errors_um, end - start)
+    return found
+
+
+def _check_length(volume: WorkVolume, steps: int) -> None:
+    if not volume.diagonal_mm > 0 or steps < 1:
+        raise InvalidContent.of_field(
+            "steps",
+            f"expected a diagonal longer than 0 mm in at least 1 step, came "
+            f"{volume.diagonal_mm:g} mm in {steps}",
+        )
+
+
+def _ends_of_pieces(field: ErrorField, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Give the shares of a diagonal at which one of the tables has a node, and 0 and 1."""
+    found = [np.array([0.0, 1.0])]
+    for axis, from_mm, to_mm in zip(LINEAR_LETTERS, start, end, strict=True):
+        if from_mm != to_mm:
+            shares = (field.nodes_mm(axis) - from_mm) / (to_mm - from_mm)
+            found.append(shares[(shares > 0.0) & (shares < 1.0)])
+    return np.unique(np.concatenate(found))
+
+
+def _turns_of_cubics(values: FloatArray) -> FloatArray:
+    """Find where in (0, 1) cubics turn that have these values at 0, ⅓, ⅔ and 1.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 4)
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        NaN where there is no such place.
+    """
+    v0, v1, v2, v3 = values.T
+    # d/dt of the cubic through them: linear + 2 quadratic t + 3 cubic t².
+    linear = (-11 * v0 + 18 * v1 - 9 * v2 + 2 * v3) / 2
+    quadratic = 9 * (2 * v0 - 5 * v1 + 4 * v2 - v3) / 2
+    cubic = 9 * (-v0 + 3 * v1 - 3 * v2 + v3) / 2
+    # Neither root is a difference of nearly equal numbers, however small the cubic's share.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(quadratic**2 - 3 * cubic * linear)
+        q = -(quadratic + np.copysign(root, quadratic))
+        turns = np.stack([q / (3 * cubic), linear / q], axis=1)
+    return np.where((turns > 0.0) & (turns < 1.0), turns, np.nan)
 
 
 def displacement_along(errors_um: FloatArray, direction: FloatArray) -> FloatArray:

@@ -22,12 +22,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray
+from app.geometry.box_extremes import error_extremes, lattice_size
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import PackedTable, Table
 from app.geometry.volumetric_error import NO_TOOL, squareness_of
 from app.geometry.work_volume import WorkVolume
 from app.units import um_from_urad_mm
+
+MOST_POINTS_EACH: Final = 4_000_000
+"""Nodes, ends and middles of one level: a second or two."""
 
 
 class Level(StrEnum):
@@ -63,8 +67,13 @@ class CompensationLevel:
     tables
         Component code to table of errors [mm, µm or µrad]; the compensation is minus
         the error. Squareness is folded into EXY, EXZ and EYZ.
-    mean_um, rms_um, max_um
-        Of the length of the volumetric error that is left over the points [µm].
+    mean_um, rms_um
+        Of the length of the volumetric error that is left at the points of a lattice [µm].
+    max_um
+        Its largest anywhere in the volume [µm].
+    within_um
+        What the true largest may be beyond it [µm]; None where the tables have too many
+        nodes in the volume to tell: `max_um` is then the largest of the lattice's points.
     """
 
     level: Level
@@ -72,6 +81,7 @@ class CompensationLevel:
     mean_um: float
     rms_um: float
     max_um: float
+    within_um: float | None
 
 
 def compensation_levels(
@@ -87,8 +97,8 @@ def compensation_levels(
     field
         The errors at one thermal state.
     volume
-        The work volume; an even lattice of its points is looked at, faces, edges and
-        corners included.
+        The work volume. Mean and rms are of an even lattice of its points, faces, edges
+        and corners included; the largest is the true one of the volume (`box_extremes`).
     tool_offset_mm : array-like, shape (3,) [mm]
         The present tool offset T.
     points_per_axis
@@ -106,18 +116,23 @@ def compensation_levels(
     """
     field.expect_one_state()
     points = volume.lattice(points_per_axis)
-    errors_um, _ = field.at(points, tool_offset_mm)
     levels = []
     for level, kinds in _KNOWS.items():
-        taken_um, _ = field.only(_of_kinds(kinds)).at(points, tool_offset_mm)
-        left = np.linalg.norm(errors_um - taken_um, axis=1)
+        # The rule is linear in the errors: what is left is the field of the other components.
+        left = field.only(_of_kinds(frozenset(Kind) - kinds))
+        lengths = np.linalg.norm(left.at(points, tool_offset_mm)[0], axis=1)
+        longest, within = float(lengths.max()), None
+        if lattice_size(left, volume) <= MOST_POINTS_EACH:
+            extremes = error_extremes(left, volume, tool_offset_mm)
+            longest, within = extremes.longest, extremes.within
         levels.append(
             CompensationLevel(
                 level=level,
                 tables=level_tables(field, volume, level),
-                mean_um=float(left.mean()),
-                rms_um=float(np.sqrt((left**2).mean())),
-                max_um=float(left.max()),
+                mean_um=float(lengths.mean()),
+                rms_um=float(np.sqrt((lengths**2).mean())),
+                max_um=longest,
+                within_um=within,
             )
         )
     return levels

@@ -19,6 +19,11 @@ from app.units import Unit
 
 LINEAR_LETTERS: Final = "xyz"
 ROTATION_LETTERS: Final = "abc"
+ROTARY_LOCATION_CODES: Final = (
+    *("XOC", "YOC", "AOC", "BOC"),
+    *("YOA", "ZOA", "BOA", "COA"),
+    *("XOB", "ZOB", "AOB", "COB"),
+)
 
 
 class Kind(StrEnum):
@@ -184,7 +189,10 @@ def _nonrigid_slopes(parents: list[Component]) -> list[Component]:
 
 
 def _rotary_locations() -> list[Component]:
-    """Make the eight position-independent errors of two rotary axes (Hsieh 2024)."""
+    """Make the four position-independent errors of each rotary axis (Hsieh 2024; ISO 230-1).
+
+    Hsieh treats C and A; those of B follow in cyclic order.
+    """
     return [
         Component(
             code=code,
@@ -194,7 +202,7 @@ def _rotary_locations() -> list[Component]:
             axis=None,
             direction=code[0].lower(),
         )
-        for code in ("XOC", "YOC", "AOC", "BOC", "YOA", "ZOA", "BOA", "COA")
+        for code in ROTARY_LOCATION_CODES
     ]
 
 

@@ -1,8 +1,9 @@
 """Location errors of rotary axes and what they do to a point that the axes carry.
 
 T.-H. Hsieh et al., Geometric error compensation method using the Laser R-test (2024),
-[R]: a rotary axis stands beside and askew to where it should be. Its eight errors for
-an A and a C axis do not depend on the angle, but their effect does.
+[R]: a rotary axis stands beside and askew to where it should be. Its four errors do not
+depend on the angle, but their effect does. [R] gives them for a C axis and an A axis;
+x → y → z → x turns the one into the other, and A into B: one rule serves all three.
 
 Sign: error = actual minus nominal position, in the machine's directions, of a point
 that the rotary axes carry (the ball on the table, [R] 12, 25; the tool on a swivelling
@@ -22,16 +23,19 @@ from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent, list_names
-from app.geometry.components import COMPONENTS, Kind
+from app.geometry.components import (
+    COMPONENTS,
+    LINEAR_LETTERS,
+    ROTARY_LOCATION_CODES,
+    ROTATION_LETTERS,
+    Kind,
+)
 from app.geometry.error_table import bounded
 from app.geometry.volumetric_error import as_points
 from app.units import UM_PER_MM, URAD_PER_RAD
 
-_LOCATIONS: Final = {
-    "c": ("XOC", "YOC", "AOC", "BOC"),
-    "a": ("YOA", "ZOA", "BOA", "COA"),
-}
-"""The errors of each rotary axis that [R] treats; it gives none for a B axis."""
+AXIS_LETTERS: Final = ROTATION_LETTERS
+"""The rotary axes: A turns about x, B about y, C about z."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +45,7 @@ class RotaryAxis:
     Parameters
     ----------
     point_mm : ndarray, shape (3,) or (n, 3) [mm]
-        A point of the axis: where it crosses z = 0 (C) or x = 0 (A).
+        A point of the axis: where it crosses x = 0 (A), y = 0 (B) or z = 0 (C).
     direction : ndarray, shape (3,) or (n, 3)
         Unit vector.
     """
@@ -71,6 +75,41 @@ class RotaryAxis:
         return self.point_mm + turned
 
 
+def about(letter: str) -> int:
+    """Give the number of the coordinate about which a rotary axis turns.
+
+    >>> about("c")
+    2
+    """
+    return AXIS_LETTERS.index(letter.lower())
+
+
+def cyclic_codes(letter: str) -> tuple[str, str, str, str]:
+    """Name a rotary axis' errors in cyclic order: the two coordinates after its own.
+
+    Parameters
+    ----------
+    letter
+        `a`, `b` or `c`.
+
+    Returns
+    -------
+    first, second, tilt, other
+        Position in the first and in the second coordinate, rotation about the first and
+        about the second.
+
+    Examples
+    --------
+    >>> cyclic_codes("c"), cyclic_codes("b")
+    (('XOC', 'YOC', 'AOC', 'BOC'), ('ZOB', 'XOB', 'COB', 'AOB'))
+    """
+    first, second = ((about(letter) + step) % 3 for step in (1, 2))
+    places = (LINEAR_LETTERS[first], LINEAR_LETTERS[second])
+    turns = (AXIS_LETTERS[first], AXIS_LETTERS[second])
+    one, two, tilt, other = (f"{way}o{letter}".upper() for way in (*places, *turns))
+    return one, two, tilt, other
+
+
 def actual_axis(
     letter: str, errors: Mapping[str, ArrayLike], pivot_mm: ArrayLike = (0.0, 0.0, 0.0)
 ) -> RotaryAxis:
@@ -79,10 +118,10 @@ def actual_axis(
     Parameters
     ----------
     letter
-        `a` or `c`.
+        `a`, `b` or `c`.
     errors
-        Component code to value [µm for XOC, YOC, YOA, ZOA; µrad for AOC, BOC, BOA,
-        COA], or to an array of shape (n,); those left out count as zero.
+        Component code to value [µm for XOC, YOC, YOA, ZOA, XOB, ZOB; µrad for AOC, BOC,
+        BOA, COA, AOB, COB], or to an array of shape (n,); those left out count as zero.
     pivot_mm : array-like, shape (3,) [mm]
         A point of the nominal axis.
 
@@ -97,35 +136,29 @@ def actual_axis(
 
     Notes
     -----
-    Directions are the exact ones of [R] 8, (cos A sin B, −sin A, cos A cos B), and
-    [R] 21, (cos B cos C, cos B sin C, −sin B).
+    Directions are the exact ones of [R] 8, (cos A sin B, −sin A, cos A cos B), of [R] 21,
+    (cos B cos C, cos B sin C, −sin B), and in the same cyclic order of a B axis,
+    (−sin C, cos C cos A, cos C sin A).
 
     Examples
     --------
     >>> actual_axis("c", {"XOC": -0.5, "YOC": 21.5}).point_mm.tolist()
     [-0.0005, 0.0215, 0.0]
     """
-    if letter not in _LOCATIONS:
+    if letter not in AXIS_LETTERS:
         raise InvalidContent.of_field(
-            "order", f"expected rotary axes among A and C (a B axis is not known), came {letter!r}"
+            "order", f"expected rotary axes among A, B and C, came {letter!r}"
         )
     first, second, tilt, other = (
-        np.asarray(errors.get(code, 0.0), dtype=np.float64) for code in _LOCATIONS[letter]
+        np.asarray(errors.get(code, 0.0), dtype=np.float64) for code in cyclic_codes(letter)
     )
     tilt, other = tilt / URAD_PER_RAD, other / URAD_PER_RAD
-    first, second = first / UM_PER_MM, second / UM_PER_MM
-    x, y, z = np.asarray(pivot_mm, dtype=np.float64)
-    if letter == "c":
-        point = _columns(x + first, y + second, 0.0)
-        direction = _columns(
-            np.cos(tilt) * np.sin(other), -np.sin(tilt), np.cos(tilt) * np.cos(other)
-        )
-    else:
-        point = _columns(0.0, y + first, z + second)
-        direction = _columns(
-            np.cos(tilt) * np.cos(other), np.cos(tilt) * np.sin(other), -np.sin(tilt)
-        )
-    return RotaryAxis(point, direction)
+    pivot = np.roll(np.asarray(pivot_mm, dtype=np.float64), -about(letter) - 1)
+    point = _columns(pivot[0] + first / UM_PER_MM, pivot[1] + second / UM_PER_MM, 0.0)
+    direction = _columns(np.cos(tilt) * np.sin(other), -np.sin(tilt), np.cos(tilt) * np.cos(other))
+    # So far (first, second, along); back to (x, y, z).
+    back = about(letter) + 1
+    return RotaryAxis(np.roll(point, back, axis=-1), np.roll(direction, back, axis=-1))
 
 
 def location_codes(order: str) -> list[str]:
@@ -134,24 +167,31 @@ def location_codes(order: str) -> list[str]:
     Parameters
     ----------
     order
-        The axes from the base outward, `AC`, `CA`, `A` or `C`.
+        The axes from the base outward: `AC`, `BC`, `B` and so on.
 
     Returns
     -------
     list of str
-        Component codes.
+        Component codes, in the order of the table of components for each axis.
 
     Raises
     ------
     InvalidContent
-        If the order names another axis, one twice, or none.
+        If the order names another axis than A, B and C, one twice, or none.
 
     Examples
     --------
     >>> location_codes("C")
     ['XOC', 'YOC', 'AOC', 'BOC']
+    >>> location_codes("B")
+    ['XOB', 'ZOB', 'AOB', 'COB']
     """
-    return [code for letter in _checked_order(order) for code in _LOCATIONS[letter]]
+    return [
+        code
+        for letter in _checked_order(order)
+        for code in ROTARY_LOCATION_CODES
+        if code.endswith(letter.upper())
+    ]
 
 
 def rotary_location_error(
@@ -173,14 +213,14 @@ def rotary_location_error(
         along the machine's directions in which the base of the rotary axes stands still
         (on a swivelling head: coordinates that travel with the head).
     angles_deg
-        Rotary axis (`a`, `c`) to its angle, or to an array of shape (n,) [°]; axes left
+        Rotary axis (`a`, `b`, `c`) to its angle, or to an array of shape (n,) [°]; axes left
         out stand at 0.
     order
         Rotary axes from the base outward: in `AC` the A axis carries the C axis, as in
         a tilting rotary table; `C` alone for one axis.
     pivots_mm
-        Rotary axis to a point of its nominal line [mm], of which C uses x and y, and A
-        uses y and z; the origin where left out.
+        Rotary axis to a point of its nominal line [mm], of which the coordinate along the
+        axis does not matter; the origin where left out.
 
     Returns
     -------
@@ -191,7 +231,7 @@ def rotary_location_error(
     Raises
     ------
     InvalidContent
-        If an axis is not A or C, or a component is no location error.
+        If an axis is not A, B or C, or a component is no location error.
 
     Notes
     -----
@@ -228,12 +268,12 @@ def rotary_location_error(
 
 def _checked_order(order: str) -> str:
     carriers = order.lower()
-    unknown = [letter for letter in carriers if letter not in _LOCATIONS]
+    unknown = [letter for letter in carriers if letter not in AXIS_LETTERS]
     if unknown or not carriers or len(set(carriers)) != len(carriers):
         raise InvalidContent.of_field(
             "order",
-            "expected the rotary axes from the base outward, AC, CA, A or C (a B axis is not "
-            f"known), came {order!r}",
+            f"expected the rotary axes A, B, C from the base outward, such as AC, BC or B, came "
+            f"{order!r}",
         )
     return carriers
 
@@ -266,9 +306,9 @@ def _check_belonging(
         )
     for code in errors:
         if code not in COMPONENTS or COMPONENTS[code].kind is not Kind.ROTARY_LOCATION:
-            known = [code for codes in _LOCATIONS.values() for code in codes]
             raise InvalidContent.of_field(
-                "errors", f"expected location errors ({list_names(known)}), came {code!r}"
+                "errors",
+                f"expected location errors ({list_names(ROTARY_LOCATION_CODES)}), came {code!r}",
             )
 
 

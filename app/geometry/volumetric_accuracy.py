@@ -8,29 +8,22 @@ C. Wang, 8.5: the sums 8.112–8.117, definition 1 (8.118–8.121), definition 2
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray
-from app.errors import InvalidContent
 from app.geometry.body_diagonal import (
     DiagonalAccuracy,
     diagonal_accuracy,
-    diagonal_displacements,
+    extreme_displacements,
 )
+from app.geometry.box_extremes import BoxExtremes, box_extremes, ends_of_pieces, error_extremes
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
 from app.geometry.error_field import ErrorField
 from app.geometry.line_accuracy import STRAIGHTNESS_CODES, LineAccuracy, line_accuracy
-from app.geometry.polynomial_pieces import cut, degree_along
 from app.geometry.volumetric_error import NO_TOOL
 from app.geometry.work_volume import WorkVolume, points_of
-
-POINTS_AT_ONCE: Final = 100_000
-MOST_POINTS: Final = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +41,25 @@ class Spread:
         Root of the sum of the squares of the ranges (8.128, 8.129) [µm or µrad].
     worst_point_mm
         Where definition 1 finds its largest [mm].
+    within
+        What the true ranges and definitions may be beyond these [µm or µrad]: 0 where
+        extremes are at nodes, else what `box_extremes` proves.
     """
 
     ranges: tuple[float, float, float]
     definition_1: float
     definition_2: float
     worst_point_mm: tuple[float, float, float]
+    within: float
+
+    @classmethod
+    def of(cls, found: BoxExtremes) -> Spread:
+        """Sum up the extremes of a vector over the work volume."""
+        x, y, z = (float(range_) for range_ in found.most - found.least)
+        a, b, c = (float(coordinate) for coordinate in found.where_mm)
+        # A range has an extreme at either end, definition 2 three ranges.
+        within = 2.0 * math.sqrt(3.0) * found.within
+        return cls((x, y, z), found.longest, math.hypot(x, y, z), (a, b, c), within)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +102,6 @@ def volumetric_accuracy(
     field: ErrorField,
     volume: WorkVolume,
     tool_offset_mm: ArrayLike = NO_TOOL,
-    points_per_axis: int | None = None,
-    diagonal_steps: int = 20,
 ) -> VolumetricAccuracy:
     """Measure a machine's volumetric accuracy by every definition of the chapter.
 
@@ -109,11 +113,6 @@ def volumetric_accuracy(
         The work volume.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T.
-    points_per_axis
-        Size of an even lattice of points; by default the nodes of the axes' tables in
-        the volume and its ends.
-    diagonal_steps
-        Number of steps on each body diagonal; the tables' nodes are looked at too.
 
     Returns
     -------
@@ -122,31 +121,26 @@ def volumetric_accuracy(
     Raises
     ------
     InvalidContent
-        If the field has several thermal states, or the points would be too many.
+        If the field has several thermal states, or its nodes in the volume are too many.
 
     Notes
     -----
-    With the tables' own nodes `linear` and `angular` are exact: between nodes the sums
-    are straight lines of each coordinate, so ranges and lengths have their extremes at
-    nodes. So is `with_arms` unless an axis turns its own offset (a parabola, of which
-    ends and middle of every piece are looked at).
+    All are true extremes, not those of samples. `linear` and `angular` are straight
+    lines of each coordinate between the tables' nodes, so that their ranges and lengths
+    have their extremes at nodes; `with_arms` may be a parabola there, of which
+    `box_extremes` finds the extremes within a fiftieth of a nanometre. The body
+    diagonals are cubics between nodes, whose extremes are where their slope is 0.
     """
     field.expect_one_state()
-    coordinates = _coordinates(field, volume, points_per_axis)
     translations = field.only(lambda component: not component.is_rotation)
-    linear, angular, with_arms = _Watch(), _Watch(), _Watch()
-    for points in _slabs(coordinates):
-        linear.look(points, translations.at(points)[0])
-        angular.look(points, field.rotation_at(points))
-        with_arms.look(points, field.at(points, tool_offset_mm)[0])
-    displacements = diagonal_displacements(
-        field, volume, diagonal_steps, tool_offset_mm, at_nodes=True
-    )
+    straight = (1, 1, 1)
     return VolumetricAccuracy(
-        linear=linear.spread(),
-        angular=angular.spread(),
-        with_arms=with_arms.spread(),
-        diagonals=diagonal_accuracy(displacements),
+        linear=Spread.of(
+            box_extremes(lambda points: translations.at(points)[0], field, volume, straight)
+        ),
+        angular=Spread.of(box_extremes(field.rotation_at, field, volume, straight)),
+        with_arms=Spread.of(error_extremes(field, volume, tool_offset_mm)),
+        diagonals=diagonal_accuracy(extreme_displacements(field, volume, tool_offset_mm)),
         lines=model_line_accuracy(field, volume, tool_offset_mm),
     )
 
@@ -180,66 +174,15 @@ def model_line_accuracy(
     return line_accuracy(linear, straightness)
 
 
-class _Watch:
-    """Remembers the smallest, the largest and the longest of what it sees."""
-
-    def __init__(self) -> None:
-        self.least = np.full(3, np.inf)
-        self.most = np.full(3, -np.inf)
-        self.longest = -1.0
-        self.where = np.zeros(3)
-
-    def look(self, points_mm: FloatArray, vectors: FloatArray) -> None:
-        self.least = np.minimum(self.least, vectors.min(axis=0))
-        self.most = np.maximum(self.most, vectors.max(axis=0))
-        lengths = np.linalg.norm(vectors, axis=1)
-        i = int(lengths.argmax())
-        if lengths[i] > self.longest:
-            self.longest, self.where = float(lengths[i]), points_mm[i]
-
-    def spread(self) -> Spread:
-        x, y, z = (float(range_) for range_ in self.most - self.least)
-        a, b, c = (float(coordinate) for coordinate in self.where)
-        return Spread((x, y, z), self.longest, math.hypot(x, y, z), (a, b, c))
-
-
-def _coordinates(
-    field: ErrorField, volume: WorkVolume, points_per_axis: int | None
-) -> list[FloatArray]:
-    found = []
-    for axis, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True):
-        if low == high:
-            found.append(np.array([low]))
-        elif points_per_axis is None:
-            ends = np.array([low, high])
-            found.append(cut(ends, field.nodes_mm(axis), degree_along(field, axis)))
-        else:
-            found.append(np.linspace(low, high, points_per_axis))
-    points = math.prod(c.size for c in found)
-    if not 0 < points <= MOST_POINTS:
-        raise InvalidContent.of_field(
-            "points_per_axis", f"expected 1 to {MOST_POINTS} points in all, came {points}"
-        )
-    return found
-
-
-def _slabs(coordinates: list[FloatArray]) -> Iterator[FloatArray]:
-    """Yield all points with these coordinates, some planes of constant x at a time."""
-    x, y, z = coordinates
-    planes = max(POINTS_AT_ONCE // (y.size * z.size), 1)
-    for start in range(0, x.size, planes):
-        yield points_of(x[start : start + planes], y, z)
-
-
 def _edge_deviations(
     field: ErrorField, volume: WorkVolume, i: int, tool_offset_mm: ArrayLike
 ) -> list[float]:
-    """Range of the error in direction i along each of the four edges in direction i [µm]."""
-    axis = LINEAR_LETTERS[i]
-    ends = [np.array(ends) for ends in volume.ranges_mm]
-    coordinates = [*ends]
-    if ends[i][0] < ends[i][1]:
-        coordinates[i] = cut(ends[i], field.nodes_mm(axis), degree_along(field, axis))
+    """Range of the error in direction i along each of the four edges in direction i [µm].
+
+    No rotation moves along its own arm, so that this is a straight line between nodes.
+    """
+    coordinates = [np.array(ends) for ends in volume.ranges_mm]
+    coordinates[i] = ends_of_pieces(field, LINEAR_LETTERS[i], volume.ranges_mm[i])
     errors_um, _ = field.at(points_of(*coordinates), tool_offset_mm)
     along = errors_um[:, i].reshape([c.size for c in coordinates])
     return [float(deviation) for deviation in np.ptp(along, axis=i).ravel()]
@@ -254,9 +197,8 @@ def _straightness(field: ErrorField, volume: WorkVolume, code: str) -> float:
         return component.direction == wanted.direction and (component.code == code or squareness)
 
     i = LINEAR_LETTERS.index(str(wanted.axis))
-    low, high = volume.ranges_mm[i]
-    nodes = field.nodes_mm(str(wanted.axis))
-    points = np.zeros((nodes.size + 2, 3))
-    points[:, i] = np.clip(np.concatenate([[low], nodes, [high]]), low, high)
+    along = ends_of_pieces(field, str(wanted.axis), volume.ranges_mm[i])
+    points = np.zeros((along.size, 3))
+    points[:, i] = along
     errors_um, _ = field.only(belongs).at(points)
     return float(np.ptp(errors_um[:, LINEAR_LETTERS.index(wanted.direction)]))

@@ -35,8 +35,10 @@ SLOPES = {
     "A_z^x(z)": "ECZ^x", "A_z^y(z)": "ECZ^y",
 }  # fmt: skip
 
-# Hsieh 2024: the position-independent errors of a C axis and of an A axis.
-ROTARY = ["XOC", "YOC", "AOC", "BOC", "YOA", "ZOA", "BOA", "COA"]
+# Hsieh 2024: the position-independent errors of a C axis and of an A axis; ISO 230-1: of a B axis.
+ROTARY = [
+    *("XOC", "YOC", "AOC", "BOC"), *("YOA", "ZOA", "BOA", "COA"), *("XOB", "ZOB", "AOB", "COB"),
+]  # fmt: skip
 
 # Section 8.2.9, sentence by sentence.
 FOLLOWS_X_MIDDLE = ["EXX", "EYY", "SXY", "EYX", "EZX", "EXY", "EZY"]
@@ -45,7 +47,7 @@ FOLLOWS_Z_COLUMN = ["EZZ", "SYZ", "SZX", "EXZ", "EYZ"]
 
 def test_the_table_is_the_chapters_and_hsiehs_components_and_no_others():
     expected = [*RIGID_BODY.values(), *SLOPES.values(), *ROTARY]
-    assert len(expected) == 65
+    assert len(expected) == 69
     assert sorted(COMPONENTS) == sorted(expected)
 
 
@@ -57,7 +59,7 @@ def test_the_table_is_the_chapters_and_hsiehs_components_and_no_others():
         (Kind.ANGULAR, 9),
         (Kind.SQUARENESS, 3),
         (Kind.SLOPE, 36),
-        (Kind.ROTARY_LOCATION, 8),
+        (Kind.ROTARY_LOCATION, 12),
     ],
 )
 def test_each_group_has_as_many_as_the_chapter_counts(kind, count):
@@ -169,7 +171,7 @@ def test_fields_end_in_the_unit_as_the_http_contract_has_them(code, given, answe
     assert component.compensation_field == compensation
 
 
-@pytest.mark.parametrize("code", ["XOC", "YOC", "AOC", "BOC", "YOA", "ZOA", "BOA", "COA"])
+@pytest.mark.parametrize("code", ROTARY)
 def test_rotary_axis_locations_are_read_with_isos_zero_too(code):
     assert parse_component(code.replace("O", "0")) == (COMPONENTS[code], 1)
 

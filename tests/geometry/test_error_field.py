@@ -182,6 +182,7 @@ def test_nodes_are_the_union_of_positions_that_matter():
     assert field.nodes_mm("y").size == field.nodes_mm("z").size == 0
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
     st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),

@@ -84,6 +84,7 @@ def test_it_is_scipys_and_outside_the_nearest_point_of_the_surface():
     np.testing.assert_allclose(grid.at(points), expected, atol=1e-11)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0.0, 500.0), min_size=3, max_size=3))
 def test_it_never_leaves_the_range_of_the_eight_corners(point):
     grid = random_grid()

@@ -204,12 +204,12 @@ def test_points_on_the_nominal_axis_see_how_far_it_is_from_the_actual_one(c):
 @pytest.mark.parametrize("code", LOCATIONS)
 def test_small_errors_act_in_proportion(code):
     """The exact motion's part of second order: ten times the error, ten times the effect."""
-    ask = {"a": 33.0, "c": -71.0}
-    small = rotary_location_error({code: 1.0}, POINT, ask, "AC", PIVOTS)
-    large = rotary_location_error({code: 10.0}, POINT, ask, "AC", PIVOTS)
+    ask = {"a": 33.0, "b": 50.0, "c": -71.0}
+    small = rotary_location_error({code: 1.0}, POINT, ask, "ABC", PIVOTS)
+    large = rotary_location_error({code: 10.0}, POINT, ask, "ABC", PIVOTS)
     np.testing.assert_allclose(large, 10.0 * small, atol=1e-4)
     assert np.abs(small).max() > 0.05
-    huge = [rotary_location_error({code: x}, POINT, ask, "AC", PIVOTS) for x in (1e4, 2e4)]
+    huge = [rotary_location_error({code: x}, POINT, ask, "ABC", PIVOTS) for x in (1e4, 2e4)]
     left = [np.abs(h - x * small).max() for h, x in zip(huge, (1e4, 2e4), strict=True)]
     if COMPONENTS[code].is_rotation:
         assert left[1] / left[0] == pytest.approx(4.0, rel=0.1)
@@ -247,13 +247,13 @@ def test_the_order_of_the_axes_matters_and_one_that_stands_still_does_not():
         (
             {},
             {"b": 1.0},
-            "BC",
-            r"order: expected .* AC, CA, A or C \(a B axis is not known\), came 'BC'",
+            "BX",
+            r"order: expected the rotary axes A, B, C .* came 'BX'",
         ),
         ({}, {}, "", "came ''"),
         ({}, {}, "CC", "came 'CC'"),
         ({}, {"a": 1.0}, "C", "angles_deg: expected angles in ° of C, came a"),
-        ({"EXX": 1.0}, {}, "C", r"expected location errors \(XOC, YOC, .*COA\), came 'EXX'"),
+        ({"EXX": 1.0}, {}, "C", r"expected location errors \(XOC, YOC, .*COB\), came 'EXX'"),
     ],
 )
 def test_what_is_no_rotary_axis_is_refused(errors, asked, order, message):
@@ -265,5 +265,34 @@ def test_what_is_no_rotary_axis_is_refused(errors, asked, order, message):
 def test_what_is_no_point_is_refused(point):
     with pytest.raises(InvalidContent, match="points_mm"):
         rotary_location_error(ERRORS, point, {"c": 1.0}, "C")
-    with pytest.raises(InvalidContent, match="expected rotary axes among A and C"):
-        actual_axis("b", {})
+    with pytest.raises(InvalidContent, match="expected rotary axes among A, B and C"):
+        actual_axis("d", {})
+
+
+def test_a_b_axis_is_the_c_axis_with_the_coordinates_moved_on_in_a_circle():
+    """z → x → y: [R] 8 to 13 of the same numbers, in other letters."""
+    along_c = {"XOC": 13.0, "YOC": -7.0, "AOC": 4000.0, "BOC": -6000.0}
+    along_b = {"ZOB": 13.0, "XOB": -7.0, "COB": 4000.0, "AOB": -6000.0}
+    point_zxy, pivot_zxy = np.array([105.0, 20.0, -180.0]), np.array([3.0, -4.0, 0.0])
+    angles = np.arange(0.0, 360.0, 37.0)
+    c = rotary_location_error(along_c, point_zxy, {"c": angles}, "C", {"C": pivot_zxy})
+    b = rotary_location_error(
+        along_b, np.roll(point_zxy, -1), {"b": angles}, "B", {"B": np.roll(pivot_zxy, -1)}
+    )
+    np.testing.assert_allclose(b, np.roll(c, -1, axis=1), rtol=1e-12)
+
+
+def test_each_tilt_of_a_b_axis_is_a_turn_about_its_letter_and_its_place_that_coordinate():
+    """COB turns y towards −x, AOB y towards z; exact product E_A E_C as [R] 7 has E_B E_A."""
+    a, c = 0.02, -0.03
+    axis = actual_axis("b", {"AOB": a * 1e6, "COB": c * 1e6, "XOB": 5.0, "ZOB": -6.0}, (1.0, 2, 3))
+    expected = Rotation.from_euler("x", a) * Rotation.from_euler("z", c)
+    np.testing.assert_allclose(axis.direction, expected.apply([0.0, 1.0, 0.0]), atol=1e-15)
+    np.testing.assert_allclose(axis.point_mm, [1.005, 0.0, 2.994])
+
+
+@pytest.mark.parametrize("order", ["B", "BC", "CB", "AB", "BA"])
+def test_a_b_axis_stands_in_any_order(order):
+    """Half a turn about a B axis that is 3 µm too far in z throws a point by 6 µm in z."""
+    found = rotary_location_error({"ZOB": 3.0}, POINT, {"b": 180.0}, order)
+    np.testing.assert_allclose(found, [[0.0, 0.0, 6.0]], atol=1e-12)

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidContent
-from app.geometry import volumetric_accuracy as module
-from app.geometry.body_diagonal import diagonal_accuracy, diagonal_displacements
+from app.geometry import box_extremes
+from app.geometry.body_diagonal import (
+    diagonal_accuracy,
+    diagonal_displacements,
+    extreme_displacements,
+)
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
 from app.geometry.error_field import ErrorField
@@ -82,26 +86,17 @@ def test_no_random_point_beats_the_sums_and_the_printed_ones_have_no_arms(chain,
 def test_in_slabs_it_is_the_same_as_at_once(monkeypatch):
     field = random_field("XYFZ", RIGID)
     whole = volumetric_accuracy(field, BOX, TOOL)
-    monkeypatch.setattr(module, "POINTS_AT_ONCE", 300)
-    assert volumetric_accuracy(field, BOX, TOOL) == whole
-
-
-def test_an_even_lattice_sees_at_most_as_much_as_the_tables_nodes():
-    field = random_field("FXYZ", RIGID)
-    nodes, lattice = (
-        volumetric_accuracy(field, BOX),
-        volumetric_accuracy(field, BOX, points_per_axis=9),
-    )
-    for name in ("linear", "angular", "with_arms"):
-        assert getattr(lattice, name).definition_1 <= getattr(nodes, name).definition_1 + 1e-9
-        assert getattr(lattice, name).definition_2 <= getattr(nodes, name).definition_2 + 1e-9
+    monkeypatch.setattr(box_extremes, "POINTS_AT_ONCE", 300)
+    parts = volumetric_accuracy(field, BOX, TOOL)
+    assert (parts.linear, parts.angular) == (whole.linear, whole.angular)
+    assert parts.with_arms.definition_1 == pytest.approx(whole.with_arms.definition_1, abs=2e-5)
+    assert parts.with_arms.ranges == pytest.approx(whole.with_arms.ranges, abs=4e-5)
 
 
 def test_body_diagonals_are_the_models():
     field = random_field("XYFZ", RIGID)
-    found = volumetric_accuracy(field, BOX, TOOL, diagonal_steps=13)
-    read = diagonal_displacements(field, BOX, 13, TOOL, at_nodes=True)
-    assert found.diagonals == diagonal_accuracy(read)
+    found = volumetric_accuracy(field, BOX, TOOL)
+    assert found.diagonals == diagonal_accuracy(extreme_displacements(field, BOX, TOOL))
     assert found.diagonals.ed_um <= found.diagonals.esd_um
 
 
@@ -181,12 +176,10 @@ def test_components_that_are_no_rotation_are_the_linear_sums():
     assert found.linear.definition_1 == pytest.approx(np.linalg.norm(by_hand), abs=1e-3)
 
 
-@pytest.mark.parametrize("points", [0, 1000])
-def test_too_many_points_or_none_are_refused(points):
-    with pytest.raises(
-        InvalidContent, match="points_per_axis: expected 1 to 20000000 points in all"
-    ):
-        volumetric_accuracy(random_field(), BOX, points_per_axis=points)
+def test_too_many_nodes_are_refused(monkeypatch):
+    monkeypatch.setattr(box_extremes, "MOST_POINTS", 1000)
+    with pytest.raises(InvalidContent, match="volume: expected tables with at most 1000 nodes"):
+        volumetric_accuracy(random_field(), BOX)
 
 
 def test_accuracy_is_of_one_thermal_state():
@@ -196,12 +189,33 @@ def test_accuracy_is_of_one_thermal_state():
 
 
 @pytest.mark.parametrize("chain", ["FXYZ", "XYFZ"])
-def test_ed_finds_the_extremes_between_even_steps(chain):
-    """A fine walk along the diagonals finds no more than what nodes and middles show."""
-    for seed in range(6):
-        field = random_field(chain, RIGID, seed=seed, positions=5)
-        volume = WorkVolume((0.0, 500.0), (0.0, 500.0), (0.0, 500.0))
-        found = volumetric_accuracy(field, volume, TOOL).diagonals
-        fine = diagonal_accuracy(diagonal_displacements(field, volume, 5000, TOOL))
-        assert found.ed_um == pytest.approx(fine.ed_um, abs=0.02)
-        assert found.esd_um == pytest.approx(fine.esd_um, abs=0.03)
+@pytest.mark.parametrize("kinds", [RIGID, NONRIGID], ids=["rigid", "nonrigid"])
+def test_walks_along_the_diagonals_come_up_to_ed_from_below(chain, kinds):
+    """The finer the walk, the nearer: by the square of its step, as at every vertex."""
+    volume = WorkVolume((0.0, 500.0), (0.0, 500.0), (0.0, 500.0))
+    for seed in range(2):
+        field = random_field(chain, kinds, seed=seed, positions=5)
+        found = diagonal_accuracy(extreme_displacements(field, volume, TOOL))
+        # Nodes are whole mm: every walk of n × 500 steps stops at all of them.
+        for steps, within in ((500, 2e-3), (3000, 6e-5)):
+            walk = diagonal_accuracy(diagonal_displacements(field, volume, steps, TOOL))
+            assert walk.ed_um <= found.ed_um + 1e-9
+            assert walk.ed_um == pytest.approx(found.ed_um, abs=within)
+            assert walk.esd_um <= found.esd_um + 1e-9
+            assert walk.esd_um == pytest.approx(found.esd_um, abs=within)
+
+
+def test_the_diagonals_of_a_parabola_and_of_a_cubic_by_hand():
+    """From (0, 0, 0) to (0.9, 0.3, 0.4) m with an angle of 300 t − 100 at the share t of x.
+
+    ECX [µrad] has x as its arm in y: 0.27 (300 t² − 100 t) along the way's metres, least at
+    t = 1/6, −2.25, and 54 at the end. EAX^y [µrad/m] with y as factor and z as arm in y:
+    −0.036 (300 t³ − 100 t²), most at t = 2/9, 0.036 · 400/243, and −7.2 at the end.
+    """
+    box = WorkVolume((0.0, 900.0), (0.0, 300.0), (0.0, 400.0))
+    way = math.hypot(0.9, 0.3, 0.4)
+    for code, metres in (("ECX", 56.25), ("EAX^y", 7.2 + 0.036 * 400 / 243)):
+        field = field_of("XYFZ", {code: ([0.0, 900.0], [-100.0, 200.0])})
+        read = extreme_displacements(field, box)
+        assert np.ptp(read["ppp"]) == pytest.approx(metres / way, rel=1e-12)
+        assert volumetric_accuracy(field, box).diagonals.ranges_um["ppp"] == np.ptp(read["ppp"])
