@@ -143,4 +143,6 @@ def _of_effect(effect: FoundEffect) -> list[str]:
             f"Measure a new map of {list_names(effect.effect.components, 3)}; until then the "
             "correction may be adopted."
         )
+    if effect.measure_again:
+        found.append(f"{effect.measure_again}.")
     return found

@@ -158,6 +158,8 @@ class FoundEffect:
         The two visits that carry most of the evidence, and their share of it.
     leverage_warning
         Said where most of the evidence stands on two visits.
+    measure_again
+        Of an effect that grows with time: until when it may be used, and what to measure then.
     """
 
     effect: Effect
@@ -172,6 +174,7 @@ class FoundEffect:
     strongest_visits: tuple[StrongVisit, ...]
     leverage: float
     leverage_warning: str | None
+    measure_again: str | None
 
     @property
     def ties(self) -> tuple[Alternative, ...]:
@@ -182,6 +185,7 @@ class FoundEffect:
         """Write it down, with the stored effect beside its parts."""
         own = self.effect.to_json()
         parts = {name: value for name, value in own.items() if name != "terms"}
+        parts["valid"] = self.effect.learnt_in
         rest = {f.name: plain(getattr(self, f.name)) for f in fields(self) if f.name != "effect"}
         return {**plain(parts), **rest, "effect": own}
 

@@ -181,9 +181,12 @@ def _updated(term: Term, change: Change) -> Term | None:
         )
         if of_maps is None:
             return None
+        if term.learnt is not None:
+            term = replace(term, learnt=driver.moved(term.learnt, of_maps))
         driver = of_maps
     elif isinstance(driver, Curvature) and _knows_maps(driver, term.component, change.before):
         driver = replace(driver, temperatures_c=found[0].scales[0].temperatures_c)
+        term = replace(term, learnt=None)  # the temperature's own range holds it
     return replace(term, driver=driver, shape=shape)
 
 

@@ -12,11 +12,21 @@ from app.arrays import FloatArray
 from app.identification.conditions import Conditions
 from app.identification.effects.effect import Effect, acting_on
 from app.identification.faulty_sensors import set_faulty_aside
-from app.identification.live_effects import EFFECTS_ONLY, Missing, contributions
+from app.identification.followed_sensors import statuses_by_others
+from app.identification.held_effects import EFFECTS_ONLY, Remark, with_held
+from app.identification.live_effects import Missing, contributions
 from app.identification.observations import POINT_CHANNELS, ObservationRows
 from app.identification.projection import Projection, places_of
 from app.thermal.compiled_model import CompiledModel
-from app.thermal.prediction import Predicted, predict_component, predict_points
+from app.thermal.prediction import (
+    GRAVITY,
+    NO_READING,
+    OUTSIDE_MAPS,
+    BeyondTables,
+    Predicted,
+    predict_component,
+    predict_points,
+)
 
 EFFECT_MISSING: Final = "effect-missing"
 """Status where an adopted effect lacks its condition and is not in the value."""
@@ -46,14 +56,17 @@ class AskedPlaces:
 
 @dataclass(frozen=True, eq=False)
 class PredictedWithEffects:
-    """Predicted errors, and the effects that are not in all of them.
+    """Predicted errors, the effects that are not in all of them, and why some are held.
 
-    `values` have shape (n,) for a component, (n, 3) at points, NaN where `status` says why.
+    `values` have shape (n,) for a component, (n, 3) at points, NaN where `status` says why;
+    `beyond` says which places the maps in use do not cover.
     """
 
     values: FloatArray
     status: list[str]
     missing: tuple[Missing, ...]
+    beyond: tuple[BeyondTables, ...]
+    held: tuple[Remark, ...] = ()
 
 
 def predict_with_effects(
@@ -84,15 +97,38 @@ def predict_with_effects(
     read_by = set_faulty_aside(model, effects, conditions).conditions
     maps = _of_maps(model, effects, places, read_by)
     if not effects:
-        return PredictedWithEffects(maps.values, maps.status, ())
+        return PredictedWithEffects(maps.values, maps.status, (), maps.beyond)
     columns = 1 if maps.values.ndim == 1 else maps.values.shape[1]
     each = np.repeat(np.arange(len(conditions)), columns)
     rows = _rows(places, conditions.times_s, columns)
     added = contributions(Projection(model, rows, conditions.take(each)), effects)
     values = maps.values + added.errors.reshape(maps.values.shape)
     lacking = set(each[added.is_lacking & np.isfinite(values.ravel())].tolist())
-    status = [EFFECT_MISSING if i in lacking else said for i, said in enumerate(maps.status)]
-    return PredictedWithEffects(values, status, added.missing)
+    by_others = _by_others(model, effects, places, conditions, maps.status)
+    values[[said == OUTSIDE_MAPS for said in by_others]] = np.nan
+    held = set(each[added.is_held].tolist())
+    status = [with_held(said) if i in held else said for i, said in enumerate(by_others)]
+    status = [EFFECT_MISSING if i in lacking else said for i, said in enumerate(status)]
+    return PredictedWithEffects(values, status, added.missing, maps.beyond, added.held)
+
+
+def _by_others(
+    model: CompiledModel,
+    effects: Sequence[Effect],
+    places: AskedPlaces,
+    conditions: Conditions,
+    status: Sequence[str],
+) -> list[str]:
+    """Say the gravest also of the sensors that components follow by an effect."""
+    found = list(status)
+    asked = [(e, c) for e in effects for c in e.components if places.component in (None, c)]
+    for effect, code in asked:
+        for own in statuses_by_others(model, effect, code, conditions):
+            for i, said in enumerate(own):
+                # Without its reading the effect is missing, which is said elsewhere.
+                if said != NO_READING and found[i] in GRAVITY:
+                    found[i] = max(found[i], said, key=GRAVITY.index)
+    return found
 
 
 def _of_maps(

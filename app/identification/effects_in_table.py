@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from app.compensation.table import (
+    Basis,
     CompensationTable,
     ComponentCompensation,
     EffectInTable,
     group_compensation,
+    remarks,
 )
 from app.errors import list_names
 from app.identification.conditions import Conditions
@@ -19,9 +22,18 @@ from app.identification.effects.effect import Effect
 from app.identification.effects.registry import explain
 from app.identification.effects.sensor_fault import BIAS, SensorFault
 from app.identification.faulty_sensors import set_faulty_aside
+from app.identification.followed_sensors import ReadMaps, basis_of_maps, read_maps
+from app.identification.held_effects import (
+    EFFECTS_ONLY,
+    use_until,
+    with_held,
+)
 from app.identification.live_effects import CorrectedTable, corrected_tables, corrections
-from app.thermal.compiled_model import CompiledModel
+from app.thermal.compiled_model import CompiledModel, GroupState
 from app.thermal.sensor_health import Health, SensorState
+
+NO_MAPS: Final = Basis(None, None, None, None, None, EFFECTS_ONLY)
+"""What a component rests on that adopted effects alone give an error."""
 
 
 def faulty_marked(
@@ -80,35 +92,112 @@ def add_effects(
     Returns
     -------
     CompensationTable
-        `complete` only if every effect could be evaluated, on fresh temperatures.
+        `complete` only if every effect could be evaluated, on fresh temperatures, and where it
+        was learnt.
+
+    Raises
+    ------
+    OutsideMaps
+        If a component follows another sensor whose temperature the machine's policy does not
+        allow.
     """
     aside = set_faulty_aside(model, effects, moment).effects
     found = corrections(model, effects, moment)
     missing = {m.effect: m.reason for m in found.missing}
     dealt_with = {*aside, *missing}
-    said = [_in_table(effect, missing.get(i, "")) for i, effect in enumerate(effects)]
+    said = [
+        _in_table(effect, missing.get(i, ""), [r.sentence for r in found.held if r.effect == i])
+        for i, effect in enumerate(effects)
+    ]
     old = [
         f"{said[i].kind} of {list_names(effect.components)} rests on an old temperature of {sensor}"
         for i, effect in enumerate(effects)
         for sensor in effect.sensors
         if sensor in stale and i not in missing
     ]
-    corrected = [
-        _corrected(c, effects)
-        for c in corrected_tables(table.states, found.corrections)
-        if c.effects
-    ]
+    own = [c for c in corrected_tables(table.states, found.corrections) if c.effects]
+    read = _read_maps(model, own, effects, moment)
+    by_others = _by_others(table, read)
+    shortened = [words for state in by_others for words in state.maps.shortened]
+    corrected = [_corrected(c, effects, read.get(c.component.code)) for c in own]
+    outside = [r.sentence for r in (*found.held, *found.unknown)]
     return replace(
         table,
-        complete=table.complete and not missing and not old,
-        warnings=[*table.warnings, *old, *_left_out(said), *_read_on(effects, moment, dealt_with)],
+        complete=table.complete and not missing and not old and not outside and not shortened,
+        warnings=[
+            *_warnings_of_maps(table, read, by_others),
+            *shortened,
+            *old,
+            *_left_out(said),
+            *outside,
+            *_read_on(effects, moment, dealt_with),
+        ],
         corrected=_with_stand_ins(table, effects, aside, corrected),
         effects=said,
     )
 
 
-def _in_table(effect: Effect, missing: str) -> EffectInTable:
-    return EffectInTable(effect.kind, effect.components, effect.sensors, explain(effect), missing)
+def _in_table(effect: Effect, missing: str, held: Sequence[str]) -> EffectInTable:
+    return EffectInTable(
+        effect.kind,
+        effect.components,
+        effect.sensors,
+        explain(effect),
+        missing,
+        held,
+        effect.learnt_in,
+        use_until(effect),
+    )
+
+
+def _read_maps(
+    model: CompiledModel,
+    own: Iterable[CorrectedTable],
+    effects: Sequence[Effect],
+    moment: Conditions,
+) -> dict[str, list[ReadMaps]]:
+    """Say of components whose sensor an effect exchanges by which sensors their maps are read."""
+    found = {
+        one.component.code: read_maps(
+            model, one.origin, one.component.code, [effects[i] for i in one.effects], moment
+        )
+        for one in own
+        if one.origin is not None
+    }
+    return {code: read for code, read in found.items() if read}
+
+
+def _by_others(
+    table: CompensationTable, read: Mapping[str, Sequence[ReadMaps]]
+) -> list[GroupState]:
+    """List where components lie by sensors that they are not assigned to."""
+    plain = {id(state) for state in table.states}
+    return [one.state for own in read.values() for one in own if id(one.state) not in plain]
+
+
+def _warnings_of_maps(
+    table: CompensationTable,
+    read: Mapping[str, Sequence[ReadMaps]],
+    by_others: Sequence[GroupState],
+) -> list[str]:
+    """Say what is the matter with the maps by the sensors by which they really are read."""
+    if not read:
+        return list(table.warnings)
+    kept = {id(one.state) for own in read.values() for one in own}
+    by_assigned = [
+        state._replace(group=replace(state.group, members=members))
+        for state in table.states
+        if (
+            members := tuple(
+                m for m in state.group.members if id(state) in kept or m.component.code not in read
+            )
+        )
+    ]
+    said = set(remarks(table.states))
+    return [
+        *(warning for warning in table.warnings if warning not in said),
+        *remarks([*by_assigned, *by_others]),
+    ]
 
 
 def _left_out(effects: Iterable[EffectInTable]) -> list[str]:
@@ -133,7 +222,10 @@ def _read_on(
     ]
 
 
-def _corrected(found: CorrectedTable, effects: Sequence[Effect]) -> ComponentCompensation:
+def _corrected(
+    found: CorrectedTable, effects: Sequence[Effect], read: Sequence[ReadMaps] | None
+) -> ComponentCompensation:
+    basis = basis_of_maps(read) if read else found.origin or NO_MAPS
     return ComponentCompensation(
         component=found.component,
         positions_mm=found.positions_mm,
@@ -141,8 +233,22 @@ def _corrected(found: CorrectedTable, effects: Sequence[Effect]) -> ComponentCom
         backward_errors=found.backward_errors,
         standard_errors=None,
         backward_standard_errors=None,
-        origin=found.origin,
+        basis=_held(basis) if found.is_held else basis,
         effects=tuple(dict.fromkeys(effects[i].kind for i in found.effects)),
+    )
+
+
+def _held(basis: GroupState | Basis) -> Basis:
+    """Say that an effect in a row is held."""
+    return Basis(
+        basis.sensor,
+        basis.temperature_c,
+        basis.lower_map,
+        basis.upper_map,
+        basis.weight,
+        with_held(basis.status),
+        basis.stand_in_for,
+        basis.follows if isinstance(basis, Basis) else (),
     )
 
 

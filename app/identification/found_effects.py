@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -15,6 +15,8 @@ from app.identification.before_after import lengths, unknown_zeros, without_zero
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Estimate, Hypothesis
 from app.identification.effects.registry import explain, separating_measurement
+from app.identification.held_effects import use_until
+from app.identification.learnt_ranges import use_until_s, with_ranges
 from app.identification.projection import sum_of_terms
 from app.identification.reading_faults import ReadingFaults
 from app.identification.residuals import Residuals, channel_unit
@@ -61,12 +63,30 @@ class Found:
 
     def effects(self) -> list[Effect]:
         """Make the effects that adoption would store, in the order of the terms."""
-        return [
-            self.hypotheses[t.key].fitted(
-                Estimate(t.theta, t.theta_error, t.amplitudes, t.covariance)
+        return [self._effect(term) for term in self.findings.terms]
+
+    def with_ranges(self, effect: Effect) -> Effect:
+        """Set beside an effect where these rows show it."""
+        return with_ranges(effect, self.residuals.projection, self.use)
+
+    def _effect(self, term: FoundTerm) -> Effect:
+        hypothesis = self.hypotheses[term.key]
+        effect = self.with_ranges(
+            hypothesis.fitted(
+                Estimate(term.theta, term.theta_error, term.amplitudes, term.covariance)
             )
-            for t in self.findings.terms
-        ]
+        )
+        if effect.valid is None:
+            return effect
+        until_s = use_until_s(
+            effect.valid,
+            hypothesis.unit_terms(term.theta),
+            term.amplitudes,
+            term.covariance,
+            self.residuals.projection,
+            {channel: noise.fitted for channel, noise in self.findings.noise.items()},
+        )
+        return replace(effect, valid=replace(effect.valid, use_until_s=until_s))
 
     def explained(self, effect: Effect) -> FloatArray:
         """Say what an effect adds to each row, shape (n,) [the channels' units]."""
@@ -125,7 +145,7 @@ def faults_of_readings(
         ]
         described.append(
             FoundEffect(
-                effect=effect,
+                effect=found.with_ranges(effect),
                 before_rms_um=sizes[0],
                 after_rms_um=sizes[1],
                 unit=channel_unit(str(names[own][0])).symbol,
@@ -137,6 +157,7 @@ def faults_of_readings(
                 strongest_visits=(),
                 leverage=0.0,
                 leverage_warning=None,
+                measure_again=None,
             )
         )
     return described
@@ -173,6 +194,7 @@ def _found_effect(found: Found, effect: Effect, term: FoundTerm) -> FoundEffect:
         strongest_visits=tuple(_visit(found, v) for v in term.strongest_visits),
         leverage=term.leverage,
         leverage_warning=_leverage_warning(found, term),
+        measure_again=use_until(effect) or None,
     )
 
 

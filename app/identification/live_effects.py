@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.geometry.axis_table import CLOSEST_MM
 from app.geometry.components import COMPONENTS, ORDER, Component
 from app.identification.conditions import Conditions
@@ -17,13 +17,19 @@ from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Places
 from app.identification.effects.site import travel_of
 from app.identification.effects.term import Term
+from app.identification.effects.valid import Valid
 from app.identification.faulty_sensors import set_faulty_aside
+from app.identification.held_effects import (
+    Beyond,
+    Remark,
+    conditions_beyond,
+    held_sentence,
+    positions_beyond,
+    unknown_range,
+)
 from app.identification.map_tables import positions_of
 from app.identification.projection import Projection, sum_of_terms
 from app.thermal.compiled_model import CompiledModel, GroupState
-
-EFFECTS_ONLY: Final = "effects-only"
-"""Status where no two maps have the component, and effects alone give it an error."""
 
 NO_NUMBER: Final = "what drives it gives no number here"
 
@@ -51,6 +57,8 @@ class Correction:
         What is to be added to the errors of either approach [the component's unit].
     effects
         Numbers of the effects that take part.
+    is_held
+        Whether any of them is held at the edge of where it was learnt.
     """
 
     component: Component
@@ -58,14 +66,20 @@ class Correction:
     forward: FloatArray
     backward: FloatArray
     effects: tuple[int, ...]
+    is_held: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class LiveEffects:
-    """All corrections at one moment, and the effects that could not be evaluated."""
+    """All corrections at one moment, the effects that lack something, and why some are held.
+
+    `unknown` are those that take part although it is not known where they were learnt.
+    """
 
     corrections: tuple[Correction, ...]
     missing: tuple[Missing, ...]
+    held: tuple[Remark, ...] = ()
+    unknown: tuple[Remark, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +95,17 @@ class Contributions:
         Where some effect's condition is not known.
     missing
         The effects that lack a condition at some row.
+    is_held : ndarray, shape (n,)
+        Where some effect is held at the edge of where it was learnt.
+    held
+        Why, effect by effect; and which take part though it is not known where they were learnt.
     """
 
     errors: FloatArray
     is_lacking: BoolArray
     missing: tuple[Missing, ...]
+    is_held: BoolArray
+    held: tuple[Remark, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +126,8 @@ class CorrectedTable:
         Numbers of the effects in it.
     origin
         The group's state without effects; None for a component that no map has.
+    is_held
+        Whether any of the effects is held at the edge of where it was learnt.
     """
 
     component: Component
@@ -114,6 +136,7 @@ class CorrectedTable:
     backward_errors: FloatArray | None
     effects: tuple[int, ...]
     origin: GroupState | None
+    is_held: bool = False
 
 
 def corrections(model: CompiledModel, effects: Sequence[Effect], moment: Conditions) -> LiveEffects:
@@ -147,13 +170,47 @@ def corrections(model: CompiledModel, effects: Sequence[Effect], moment: Conditi
         for term in effect.terms:
             terms[term.component].append((number, term))
     evaluated = [
-        _evaluated(model, COMPONENTS[code], terms[code], moment)
+        _evaluated(model, COMPONENTS[code], terms[code], moment, effects)
         for code in sorted(terms, key=ORDER.__getitem__)
     ]
     lost = {part.effect for one in evaluated for part in one.parts if not part.is_finite}
     missing += [Missing(number, effects[number].kind, NO_NUMBER) for number in sorted(lost)]
-    found = (_correction(one, lost) for one in evaluated)
-    return LiveEffects(tuple(c for c in found if c.effects), tuple(missing))
+    found = [c for one in evaluated if (c := _correction(one, lost)).effects]
+    taking_part = sorted({number for c in found for number in c.effects})
+    held, places_of_code = [], {c.component.code: c.positions_mm for c in found}
+    for number in taking_part:
+        beyond = _beyond(model, effects[number], moment, places_of_code)
+        held += [(number, one) for one in beyond]
+    return LiveEffects(
+        tuple(replace(c, is_held=_is_held(c, held)) for c in found),
+        tuple(missing),
+        tuple(Remark(number, held_sentence(effects[number], one)) for number, one in held),
+        tuple(Remark(n, said) for n in taking_part if (said := unknown_range(effects[n]))),
+    )
+
+
+def _beyond(
+    model: CompiledModel,
+    effect: Effect,
+    moment: Conditions,
+    positions_mm: Mapping[str, FloatArray],
+) -> list[Beyond]:
+    """List what lies outside where an effect was learnt, at a moment and in its tables."""
+    if effect.adds_nothing:
+        return []
+    found = list(conditions_beyond(model, effect, moment))
+    for code in effect.components:
+        at = positions_mm.get(code, np.empty(0))
+        found += positions_beyond(effect, code, Places(at, np.zeros(at.shape)))
+    return found
+
+
+def _is_held(correction: Correction, held: Sequence[tuple[int, Beyond]]) -> bool:
+    """Whether what is held is in a component's correction."""
+    return any(
+        number in correction.effects and beyond.component in ("", correction.component.code)
+        for number, beyond in held
+    )
 
 
 def corrected_tables(
@@ -176,7 +233,7 @@ def corrected_tables(
     by_code = {correction.component.code: correction for correction in found}
     tables = []
     for state in states:
-        for member in state.group.members:
+        for member in state.members:
             own = CorrectedTable(
                 member.component,
                 member.positions_mm,
@@ -211,10 +268,11 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     """
     total = np.zeros(len(projection.rows))
     lacking = np.zeros(len(projection.rows), dtype=np.bool_)
-    missing = []
+    is_held = np.zeros(len(projection.rows), dtype=np.bool_)
+    missing, held = [], []
     aside = set_faulty_aside(projection.model, effects, projection.conditions).effects
     for number, effect in enumerate(effects):
-        own = sum_of_terms(projection, effect.terms)
+        own = sum_of_terms(projection, effect.terms, effect.valid)
         own = np.where(aside.get(number, False), 0.0, own)
         unknown = np.flatnonzero(~np.isfinite(own))
         if unknown.size:
@@ -224,7 +282,44 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
             missing.append(Missing(number, effect.kind, f"{reason} ({unknown.size} values)"))
             lacking[unknown] = True
         total += np.where(np.isfinite(own), own, 0.0)
-    return Contributions(total, lacking, tuple(missing))
+        takes_part = np.isfinite(own) & ~np.asarray(aside.get(number, False))
+        takes_part &= _shows(projection, effect)
+        if takes_part.any() and (said := unknown_range(effect)):
+            held.append(Remark(number, said))
+        for beyond, rows in _rows_beyond(projection, effect, takes_part):
+            is_held[rows] = True
+            held.append(Remark(number, f"{held_sentence(effect, beyond)} ({rows.size} values)"))
+    return Contributions(total, lacking, tuple(missing), is_held, tuple(held))
+
+
+def _shows(projection: Projection, effect: Effect) -> BoolArray:
+    """Say in which rows the components of an effect show."""
+    found = np.zeros(len(projection.rows), dtype=np.bool_)
+    for code in effect.components:
+        found[projection.view(code).rows] = True
+    return found
+
+
+def _rows_beyond(
+    projection: Projection, effect: Effect, takes_part: BoolArray
+) -> list[tuple[Beyond, IntArray]]:
+    """List what lies outside where an effect was learnt, with the rows in which it does."""
+    if effect.valid is None or effect.adds_nothing:
+        return []
+    found = []
+    for code in effect.components:
+        view = projection.view(code)
+        found += [
+            (beyond, view.rows[beyond.is_beyond & takes_part[view.rows]])
+            for beyond in positions_beyond(effect, code, view.places)
+        ]
+    rows = np.flatnonzero(takes_part)
+    there = projection.conditions.take(rows)
+    found += [
+        (beyond, rows[beyond.is_beyond])
+        for beyond in conditions_beyond(projection.model, effect, there)
+    ]
+    return [one for one in found if one[1].size]
 
 
 class _Part(NamedTuple):
@@ -261,13 +356,15 @@ def _evaluated(
     component: Component,
     terms: Sequence[tuple[int, Term]],
     moment: Conditions,
+    effects: Sequence[Effect],
 ) -> _Evaluated:
-    positions = _positions(model, component, [term for _, term in terms])
+    learnt = [(n, term, effects[n].valid) for n, term in terms]
+    positions = _positions(model, component, [(term, valid) for _, term, valid in learnt])
     at = positions if component.is_table else np.full(1, np.nan)
     up, down = (Places(at, np.full(at.shape, side)) for side in (1.0, -1.0))
     parts = [
-        _Part(n, term.everywhere_at(model, up, moment), term.everywhere_at(model, down, moment))
-        for n, term in terms
+        _Part(n, *(term.everywhere_at(model, side, moment, valid) for side in (up, down)))
+        for n, term, valid in learnt
     ]
     return _Evaluated(component, positions, parts)
 
@@ -294,14 +391,16 @@ def _ends(model: CompiledModel, component: Component) -> tuple[float, float]:
     return low, high
 
 
-def _positions(model: CompiledModel, component: Component, terms: Sequence[Term]) -> FloatArray:
+def _positions(
+    model: CompiledModel, component: Component, terms: Sequence[tuple[Term, Valid | None]]
+) -> FloatArray:
     """Unite the table's positions and those that the shapes need."""
     if not component.is_table:
         return np.empty(0)
     found = model.find(component.code)
     own = positions_of(found[1] if found else None)
     low, high = _ends(model, component)
-    needed = [own, *(term.shape.nodes_mm(low, high) for term in terms)]
+    needed = [own, *(term.nodes_mm(low, high, valid) for term, valid in terms)]
     positions = _distinct(np.unique(np.concatenate(needed)))
     return positions if positions.size else np.array([(low + high) / 2.0])
 
@@ -328,6 +427,7 @@ def _added(own: CorrectedTable, correction: Correction) -> CorrectedTable:
         None if same else backward,
         correction.effects,
         own.origin,
+        correction.is_held,
     )
 
 

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
-from app.thermal.compiled_model import CompiledModel, Group, Member
+from app.thermal.compiled_model import CompiledModel, Group, Member, common_range_of_rows
 from app.thermal.error_map import ErrorMap
-from app.thermal.machine import OutOfRange
 
 TOGETHER = " + "
 """Between the labels of maps that a model takes as one thermal state."""
@@ -32,7 +31,9 @@ class TemperatureTable:
         One or none where the error does not depend on position.
     forward, backward : ndarray, shape (M, k) [the component's unit]
         Equal where the maps do not tell directions apart.
-    start_margin_c
+    ranges_mm : ndarray, shape (M, 2) [mm]
+        First and last position that each map covers; infinite where that limits nothing.
+    start_below_c, start_above_c
         How far beyond the maps the table itself is extrapolated [°C].
     reach_margin_c
         How far beyond the maps a temperature may be moved [°C].
@@ -42,7 +43,9 @@ class TemperatureTable:
     positions_mm: FloatArray
     forward: FloatArray
     backward: FloatArray
-    start_margin_c: float
+    ranges_mm: FloatArray
+    start_below_c: float
+    start_above_c: float
     reach_margin_c: float
 
     def at(
@@ -90,8 +93,8 @@ class TemperatureTable:
         """
         start = self._start(temperatures_c)
         low, high = self.temperatures_c[[0, -1]]
-        lowest = np.minimum(low - self.start_margin_c, start + by_k)
-        highest = np.maximum(high + self.start_margin_c, start + by_k)
+        lowest = np.minimum(low - self.start_below_c, start + by_k)
+        highest = np.maximum(high + self.start_above_c, start + by_k)
         target = np.clip(
             np.clip(temperatures_c + by_k, lowest, highest),
             low - self.reach_margin_c,
@@ -115,6 +118,7 @@ class TemperatureTable:
         ndarray, shape (n,) [the component's unit per K]
         """
         lower, span = self._bracket(temperatures_c)
+        positions_mm = self._inside(lower, lower + 1, positions_mm)
         rise = self._in_table(lower + 1, positions_mm, directions)
         rise = rise - self._in_table(lower, positions_mm, directions)
         found: FloatArray = np.where(np.isnan(temperatures_c), np.nan, rise / span)
@@ -123,7 +127,7 @@ class TemperatureTable:
     def _start(self, temperatures_c: FloatArray) -> FloatArray:
         low, high = self.temperatures_c[[0, -1]]
         found: FloatArray = np.clip(
-            temperatures_c, low - self.start_margin_c, high + self.start_margin_c
+            temperatures_c, low - self.start_below_c, high + self.start_above_c
         )
         return found
 
@@ -132,10 +136,19 @@ class TemperatureTable:
     ) -> FloatArray:
         lower, span = self._bracket(temperatures_c)
         weight = (temperatures_c - self.temperatures_c[lower]) / span
+        positions_mm = self._inside(
+            np.where(weight == 1.0, lower + 1, lower),
+            np.where(weight == 0.0, lower, lower + 1),
+            positions_mm,
+        )
         below = self._in_table(lower, positions_mm, directions)
         above = self._in_table(lower + 1, positions_mm, directions)
         found: FloatArray = (1.0 - weight) * below + weight * above
         return found
+
+    def _inside(self, lower: IntArray, upper: IntArray, positions_mm: FloatArray) -> FloatArray:
+        """Hold positions at the ends of what the maps in use cover."""
+        return np.clip(positions_mm, *common_range_of_rows(self.ranges_mm, lower, upper))
 
     def _bracket(self, temperatures_c: FloatArray) -> tuple[IntArray, FloatArray]:
         scale = self.temperatures_c
@@ -210,18 +223,18 @@ def temperature_table(
     if found is None:
         return None
     group, member = found
-    scale = _scale(group, map_temperatures_c)
+    scale = scale_of(group, map_temperatures_c)
     if scale is None:
         return None
     temperatures, rows = scale
     machine = model.machine
-    beyond = machine.out_of_range is OutOfRange.EXTRAPOLATE
     return TemperatureTable(
         temperatures,
         member.positions_mm,
         group.nodes[rows, member.forward],
         group.nodes[rows, member.backward or member.forward],
-        machine.extrapolation_margin_c if beyond else 0.0,
+        member.ranges_mm[rows],
+        *model.extrapolation_reach_c(group, temperatures.tolist(), rows.tolist()),
         machine.extrapolation_margin_c,
     )
 
@@ -260,9 +273,23 @@ def maps_of_label(maps: Sequence[ErrorMap], label: str) -> list[ErrorMap]:
     return exact or [m for m in maps if m.label in label.split(TOGETHER)]
 
 
-def _scale(
+def scale_of(
     group: Group, map_temperatures_c: Mapping[str, float] | None
 ) -> tuple[FloatArray, IntArray] | None:
+    """Find a sensor's temperatures of a group's maps, increasing, and the row of each map.
+
+    Parameters
+    ----------
+    group
+        The group.
+    map_temperatures_c
+        Map label to another sensor's temperature [°C]; without it the assigned sensor's.
+
+    Returns
+    -------
+    temperatures, rows : ndarray of shape (M,), or None
+        None where a map's temperature is not stated, or two are equal.
+    """
     if map_temperatures_c is None:
         own = group.scales[0]
         return np.array(own.temperatures_c), np.array(own.rows, dtype=np.intp)

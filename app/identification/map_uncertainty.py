@@ -1,17 +1,22 @@
 """The maps' own uncertainty as something that the residuals may follow.
 
 Each entry of each map was measured with a standard error. An entry acts on all rows between
-its neighbours, in position and in temperature, with the weights of the interpolation.
+its neighbours, in position and in temperature, with the weights of the interpolation. A row
+lies between two maps and two positions, so of all entries at most four of each component act
+on it: they are kept sparse, and memory follows the observations, not the maps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy import sparse
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, SparseArray
+from app.errors import InvalidContent
 from app.identification.map_tables import hat_weights, maps_of_label
 from app.identification.observations import POINT_CHANNELS
 from app.identification.projection import Projection, View
@@ -25,6 +30,69 @@ UNSTATED: Final = 0.5
 
 NEGLIGIBLE: Final = 0.5
 """Squares, summed over all rows, that combined entries may leave out: of one row's variance."""
+
+MOST_NUMBERS: Final = 100_000_000
+"""Numbers that the columns of a search may have: of all that an analysis holds it is these that
+grow as observations times entries, and the search keeps a few copies of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelEntries:
+    """How much the tables' entries enter the rows of one channel.
+
+    Parameters
+    ----------
+    channel
+        Number of the channel.
+    rows : ndarray, shape (m,)
+        Its rows.
+    columns : sparse array, shape (m, e)
+        Change of each row for one standard error of each entry, by entries of all components:
+        the same e for all channels.
+    """
+
+    channel: int
+    rows: IntArray
+    columns: SparseArray
+
+    @property
+    def touched(self) -> IntArray:
+        """The entries that enter some row."""
+        return np.unique(self.columns.indices).astype(np.intp)
+
+
+def channel_entries(projection: Projection, maps: Sequence[ErrorMap]) -> list[ChannelEntries]:
+    """Lay the maps' entries out over the rows of each channel.
+
+    Parameters
+    ----------
+    projection
+        The rows.
+    maps
+        The error maps that the model was made of.
+
+    Returns
+    -------
+    list of ChannelEntries
+        Of each channel in which some entry shows.
+    """
+    model, rows = projection.model, projection.rows
+    codes = [c for group in model.groups for c in group.codes]
+    if not codes:
+        return []
+    scaled = {code: _in_standard_errors(projection, maps, code) for code in codes}
+    starts = dict(zip(codes, np.cumsum([0, *(s.shape[1] for s in scaled.values())]), strict=False))
+    width = sum(s.shape[1] for s in scaled.values())
+    found = []
+    for number, channel in enumerate(rows.channels):
+        own = rows.of_channel(channel)
+        shown = codes if channel in POINT_CHANNELS else [c for c in codes if c == channel]
+        parts = [
+            _placed(scaled[c], projection.view(c).rows, own, int(starts[c]), width) for c in shown
+        ]
+        if own.size and any(part.nnz for part in parts):
+            found.append(ChannelEntries(number, own, _sum(parts)))
+    return found
 
 
 def map_uncertainty(projection: Projection, maps: Sequence[ErrorMap]) -> list[Nuisance]:
@@ -41,37 +109,27 @@ def map_uncertainty(projection: Projection, maps: Sequence[ErrorMap]) -> list[Nu
     -------
     list of Nuisance
         One for each channel: entry by entry for a component; for points all components'
-        entries, combined to as few columns as say the same.
+        entries, combined to as few columns as say the same. Entries that enter no row are
+        left out.
+
+    Raises
+    ------
+    InvalidContent
+        If the columns would not fit into the memory that an analysis may take.
     """
-    model, rows = projection.model, projection.rows
-    all_codes = [c for group in model.groups for c in group.codes]
-    starts = np.cumsum([0, *(_entry_count(model, code) for code in all_codes)])
-    found = []
-    for number, channel in enumerate(rows.channels):
-        own = rows.of_channel(channel)
-        codes = all_codes if channel in POINT_CHANNELS else [c for c in all_codes if c == channel]
-        if not codes or not own.size:
-            continue
-        blocks = [_in_channel(projection, maps, code, own) for code in codes]
-        entries = np.hstack(blocks)
-        columns = combined(entries) if channel in POINT_CHANNELS else entries
-        columns = columns[:, columns.any(axis=0)]
-        if not columns.size:
-            continue
-        first = starts[all_codes.index(codes[0])]
-        shared = np.zeros((starts[-1], columns.shape[1]))
-        # The columns are orthogonal, or single entries: both come back by projection.
-        weights = entries.T @ columns / np.sum(columns**2, axis=0)
-        if channel not in POINT_CHANNELS:
-            weights = np.eye(entries.shape[1])[:, entries.any(axis=0)]
-        shared[first : first + len(weights)] = weights
-        found.append(Nuisance(number, own, columns, np.ones(columns.shape[1]), shared))
+    entries = channel_entries(projection, maps)
+    if not entries:
+        return []
+    touched = np.unique(np.concatenate([one.touched for one in entries]))
+    found: list[Nuisance] = []
+    for one in entries:
+        taken = sum(n.columns.size for n in found)
+        _refuse_too_large(projection, one, taken)
+        found.append(_nuisance(projection, one, touched))
     return found
 
 
-def entry_columns(
-    model: CompiledModel, code: str, view: View
-) -> tuple[FloatArray, FloatArray | None]:
+def entry_columns(model: CompiledModel, code: str, view: View) -> SparseArray:
     """Say how much each entry of a component's tables enters each row.
 
     Parameters
@@ -85,27 +143,42 @@ def entry_columns(
 
     Returns
     -------
-    forward, backward : ndarray, shape (m, M k)
-        Weights, by map and position; None where directions share their entries. Zero where
-        the temperature is not known.
+    sparse array, shape (m, d M k)
+        Weights by direction, map and position: d is 2 where directions have entries of their
+        own, those of the positive approach first. Zero where the temperature is not known.
     """
     found = model.find(code)
     assert found is not None
     group, member = found
-    weights = _map_weights(group, view)
-    left, right, share = hat_weights(member.positions_mm, view.places.positions_mm)
-    count = max(member.positions_mm.size, 1)
-    hats = np.zeros((len(left), count))
-    np.add.at(hats, (np.arange(len(left)), left), 1.0 - share)
-    np.add.at(hats, (np.arange(len(left)), right), share)
-    columns = (weights[:, :, None] * hats[:, None, :]).reshape(
-        len(left), weights.shape[1] * hats.shape[1]
+    weights = _map_weights(model, group, view)
+    # Beyond what the maps with a weight cover, the end values of that range hold.
+    lows, highs = (
+        np.where(weights != 0.0, ends, beyond)
+        for ends, beyond in zip(member.ranges_mm.T, (-np.inf, np.inf), strict=True)
     )
-    columns = columns * view.gains[:, None]
-    if member.backward is None:
-        return columns, None
-    ahead = (1.0 + np.sign(view.places.directions))[:, None] / 2.0
-    return columns * ahead, columns * (1.0 - ahead)
+    inside = np.clip(view.places.positions_mm, lows.max(axis=1), highs.min(axis=1))
+    left, right, share = hat_weights(member.positions_mm, inside)
+    count = max(member.positions_mm.size, 1)
+    width = weights.shape[1] * count
+    rows, at_map = np.nonzero(weights)
+    of_map = weights[rows, at_map] * view.gains[rows]
+    placed = [
+        (at_map * count + position[rows], of_map * part[rows])
+        for position, part in ((left, 1.0 - share), (right, share))
+    ]
+    if member.backward is not None:
+        # Of an unknown approach half of each direction.
+        ahead = (1.0 + np.sign(view.places.directions))[rows] / 2.0
+        placed = [
+            *((entry, value * ahead) for entry, value in placed),
+            *((entry + width, value * (1.0 - ahead)) for entry, value in placed),
+        ]
+        width *= 2
+    entries, values = (np.concatenate(column) for column in zip(*placed, strict=True))
+    of_rows = np.tile(rows, len(placed))
+    columns = sparse.csr_array((values, (of_rows, entries)), shape=(len(left), width))
+    columns.eliminate_zeros()
+    return columns
 
 
 def entry_errors(
@@ -141,12 +214,12 @@ def entry_errors(
     return errors.ravel()
 
 
-def combined(scaled: FloatArray) -> FloatArray:
+def combined(scaled: SparseArray) -> FloatArray:
     """Replace many columns by few that give the rows the same covariance.
 
     Parameters
     ----------
-    scaled : ndarray, shape (m, p)
+    scaled : sparse array, shape (m, p)
         Columns times their standard deviations.
 
     Returns
@@ -155,57 +228,104 @@ def combined(scaled: FloatArray) -> FloatArray:
         q ≤ p; all that is left out, summed over the rows, is half the variance of one.
     """
     if scaled.shape[1] < 2:
-        return scaled
-    if len(scaled) < scaled.shape[1]:
-        # scaled scaledᵀ = U S² Uᵀ: the columns U S have the same.
-        squares, left = np.linalg.eigh(scaled @ scaled.T)
-        parts = (left * np.sqrt(np.maximum(squares, 0.0)))[:, ::-1]
-    else:
-        # As scaled = U S Vᵀ, the columns U S are the columns themselves, turned by V.
-        _, turned = np.linalg.eigh(scaled.T @ scaled)
-        parts = scaled @ turned[:, ::-1]
+        return scaled.toarray()
+    # scaled = U S Vᵀ. The columns U S have the same covariance, and their squares' sums are S².
+    # They come from the smaller product: U itself, or the columns turned by V.
+    is_wide = scaled.shape[0] < scaled.shape[1]
+    product = scaled @ scaled.T if is_wide else scaled.T @ scaled
+    squares, turned = np.linalg.eigh(product.toarray())
+    squares = np.maximum(squares, 0.0)
     # However small in each row, what many rows share is seen: so their sum counts.
-    left_out = np.cumsum(np.sum(parts**2, axis=0)[::-1])
-    largest = float(np.sum(scaled**2, axis=1).max())
-    dropped = int(np.searchsorted(left_out, NEGLIGIBLE * largest, side="right"))
-    kept: FloatArray = parts[:, : parts.shape[1] - dropped]
-    return kept
+    largest = float(np.asarray(scaled.power(2).sum(axis=1)).max())
+    dropped = int(np.searchsorted(np.cumsum(squares), NEGLIGIBLE * largest, side="right"))
+    kept = turned[:, dropped:][:, ::-1]
+    if is_wide:
+        found: FloatArray = kept * np.sqrt(squares[dropped:][::-1])
+        return found
+    return np.asarray(scaled @ kept)
 
 
-def _entry_count(model: CompiledModel, code: str) -> int:
-    """Count the entries of a component's tables, those of both directions."""
-    found = model.find(code)
-    assert found is not None
-    group, member = found
-    directions = 1 if member.backward is None else 2
-    return len(group.labels) * max(member.positions_mm.size, 1) * directions
+def _nuisance(projection: Projection, own: ChannelEntries, touched: IntArray) -> Nuisance:
+    """Make one channel's columns; the unit errors that channels share are those of `touched`."""
+    mine = own.touched
+    entries = own.columns[:, mine]
+    if projection.rows.channels[own.channel] in POINT_CHANNELS:
+        columns = combined(entries)
+        # The columns are orthogonal: entries come back by projection.
+        weights = sparse.csr_array(entries.T @ columns / np.sum(columns**2, axis=0))
+    else:
+        columns = entries.toarray()
+        weights = sparse.eye_array(len(mine), format="csr")
+    places = np.searchsorted(touched, mine)
+    back = sparse.csr_array(
+        (np.ones(len(mine)), (places, np.arange(len(mine)))), shape=(len(touched), len(mine))
+    )
+    return Nuisance(own.channel, own.rows, columns, np.ones(columns.shape[1]), back @ weights)
 
 
-def _in_channel(
-    projection: Projection, maps: Sequence[ErrorMap], code: str, own: IntArray
-) -> FloatArray:
-    """Columns of one component's entries on a channel's rows, in standard errors."""
-    view = projection.view(code)
-    here = np.isin(view.rows, own)
-    forward, backward = entry_columns(projection.model, code, view)
-    blocks = [forward * entry_errors(projection.model, maps, code)]
-    if backward is not None:
-        blocks.append(backward * entry_errors(projection.model, maps, code, backward=True))
-    every = np.hstack(blocks)
-    found = np.zeros((len(own), every.shape[1]))
-    found[np.searchsorted(own, view.rows[here])] = every[here]
-    return found
+def _refuse_too_large(projection: Projection, own: ChannelEntries, taken: int) -> None:
+    """Refuse what would need more memory than is stated, before it is taken."""
+    channel = projection.rows.channels[own.channel]
+    m, p = len(own.rows), own.touched.size
+    # Points' columns are combined from a product of the smaller side with itself.
+    numbers = taken + (min(m, p) ** 2 if channel in POINT_CHANNELS else m * p)
+    if numbers > MOST_NUMBERS:
+        raise InvalidContent(
+            f"expected observations for which the maps' uncertainty takes at most "
+            f"{MOST_NUMBERS:,} numbers, came {numbers:,} for {m:,} values of {channel} that lie "
+            f"between {p:,} entries of the maps: analyse fewer verifications at once, measure at "
+            "the same positions again, or store maps with fewer positions"
+        )
 
 
-def _map_weights(group: Group, view: View) -> FloatArray:
+def _in_standard_errors(projection: Projection, maps: Sequence[ErrorMap], code: str) -> SparseArray:
+    """Columns of one component's entries on the rows of its view, in standard errors."""
+    model = projection.model
+    columns = entry_columns(model, code, projection.view(code))
+    errors = [entry_errors(model, maps, code)]
+    if columns.shape[1] > errors[0].size:
+        errors.append(entry_errors(model, maps, code, backward=True))
+    scaled = columns.copy()
+    scaled.data *= np.concatenate(errors)[columns.indices]
+    return scaled
+
+
+def _placed(
+    columns: SparseArray, rows: IntArray, own: IntArray, start: int, width: int
+) -> SparseArray:
+    """Keep the rows that are a channel's, at their places there, and the columns at theirs."""
+    found = columns.tocoo()
+    place = np.full(int(max(rows.max(initial=-1), own.max(initial=-1))) + 1, -1, dtype=np.intp)
+    place[own] = np.arange(len(own))
+    at, entry = place[rows[found.coords[0]]], found.coords[1]
+    here = at >= 0
+    return sparse.csr_array(
+        (found.data[here], (at[here], entry[here] + start)), shape=(len(own), width)
+    )
+
+
+def _sum(parts: Sequence[SparseArray]) -> SparseArray:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
+def _map_weights(model: CompiledModel, group: Group, view: View) -> FloatArray:
     """Weight of each map in each row, shape (m, M): by rows of the group's matrix."""
     scale = group.scales[0]
+    scale_c = np.array(scale.temperatures_c)
+    below_c, above_c = model.extrapolation_reach_c(group, scale.temperatures_c, scale.rows)
     t = np.clip(
-        view.conditions.temperature(scale.sensor),
-        scale.temperatures_c[0],
-        scale.temperatures_c[-1],
+        view.conditions.temperature(scale.sensor), scale_c[0] - below_c, scale_c[-1] + above_c
     )
-    left, right, share = hat_weights(np.array(scale.temperatures_c), np.nan_to_num(t))
+    left, right, share = hat_weights(scale_c, np.nan_to_num(t))
+    # Beyond the maps the line through two of them: with a share below 0 or above 1.
+    share = np.where(
+        (t < scale_c[0]) | (t > scale_c[-1]),
+        (t - scale_c[left]) / (scale_c[right] - scale_c[left]),
+        share,
+    )
     order = np.array(scale.rows, dtype=np.intp)
     weights = np.zeros((len(t), len(order)))
     known = ~np.isnan(t)

@@ -7,20 +7,24 @@ gain is what the rule makes of one unit of it there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray, IntArray
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.geometry.measuring_line import MeasuringLines
+from app.geometry.needed_components import needed_components
 from app.geometry.volumetric_error import volumetric_error
 from app.identification.conditions import Conditions
+from app.identification.effects.effect import Effect, acting_on
 from app.identification.effects.shape import Places
 from app.identification.effects.term import Term
+from app.identification.effects.valid import Valid
 from app.identification.observations import POINT_CHANNELS, ObservationRows
 from app.identification.search.candidate import Part
 from app.thermal.compiled_model import CompiledModel
@@ -80,13 +84,15 @@ class Projection:
             self._views[code] = self._make_view(code)
         return self._views[code]
 
-    def errors(self, term: Term) -> tuple[View, FloatArray]:
+    def errors(self, term: Term, valid: Valid | None = None) -> tuple[View, FloatArray]:
         """Evaluate a term where it shows.
 
         Parameters
         ----------
         term
             A term of an effect.
+        valid
+            The effect's ranges, outside which it is held (`Term.at`).
 
         Returns
         -------
@@ -94,15 +100,19 @@ class Projection:
             In the rows' unit: µm for points.
         """
         view = self.view(term.component)
-        return view, view.gains * term.at(self.model, view.places, view.conditions)
+        return view, view.gains * term.at(self.model, view.places, view.conditions, valid)
 
-    def columns(self, amplitudes: Sequence[Sequence[Term]]) -> FloatArray:
+    def columns(
+        self, amplitudes: Sequence[Sequence[Term]], valid: Valid | None = None
+    ) -> FloatArray:
         """Lay the unit errors of amplitudes out over all rows.
 
         Parameters
         ----------
         amplitudes
             For each of k amplitudes the terms that it scales together.
+        valid
+            As for `errors`.
 
         Returns
         -------
@@ -112,7 +122,7 @@ class Projection:
         found = np.zeros((len(self.rows), len(amplitudes)))
         for j, terms in enumerate(amplitudes):
             for term in terms:
-                view, errors = self.errors(term)
+                view, errors = self.errors(term, valid)
                 found[view.rows, j] += errors
         return found
 
@@ -220,7 +230,9 @@ def places_of(code: str, points_mm: FloatArray, directions: FloatArray) -> Place
     return Places(points_mm[:, column], directions[:, column])
 
 
-def sum_of_terms(projection: Projection, terms: Sequence[Term]) -> FloatArray:
+def sum_of_terms(
+    projection: Projection, terms: Sequence[Term], valid: Valid | None = None
+) -> FloatArray:
     """Add terms up over all rows.
 
     Parameters
@@ -229,10 +241,36 @@ def sum_of_terms(projection: Projection, terms: Sequence[Term]) -> FloatArray:
         The rows.
     terms
         Terms with their coefficients.
+    valid
+        The ranges outside which they are held.
 
     Returns
     -------
     ndarray, shape (n,)
         NaN where a condition is missing.
     """
-    return projection.columns([terms])[:, 0]
+    return projection.columns([terms], valid)[:, 0]
+
+
+def missing_at_points(
+    model: CompiledModel, effects: Iterable[Effect], tool_offsets_mm: ArrayLike
+) -> list[str]:
+    """List the components that the error at points needs and nothing gives.
+
+    Parameters
+    ----------
+    model, effects
+        The compiled model and its adopted effects.
+    tool_offsets_mm : array-like, shape (n, 3) [mm]
+        Tool offsets: without a lever arm a rotation is not needed.
+
+    Returns
+    -------
+    list of str
+        Codes; at points these components count as zero.
+    """
+    have = {code for group in model.groups for code in group.codes} | acting_on(effects)
+    needed = needed_components(
+        model.machine.chain, tool_offsets_mm, model.measuring_lines, orientation=False
+    )
+    return [code for code in needed if code not in have]

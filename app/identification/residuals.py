@@ -16,9 +16,10 @@ from app.identification.conditions import Conditions
 from app.identification.effects.effect import Effect, acting_on
 from app.identification.faulty_sensors import set_faulty_aside
 from app.identification.frozen_observations import FROZEN, frozen_rows
-from app.identification.live_effects import EFFECTS_ONLY, contributions
+from app.identification.held_effects import EFFECTS_ONLY
+from app.identification.live_effects import contributions
 from app.identification.observations import POINT_CHANNELS, ObservationRows, repeated_rows
-from app.identification.projection import Projection, places_of
+from app.identification.projection import Projection, missing_at_points, places_of
 from app.identification.search.figures import rms
 from app.identification.search.rows import DeclaredNoise, Nuisance, Rows
 from app.thermal.bracket import Status
@@ -78,12 +79,16 @@ class Residuals:
         What was left out.
     kept : ndarray, shape (all rows,)
         Which of the original rows are left.
+    counted_as_zero
+        Components that the model lacks and rows at points need: what was measured is not
+        refused for that, but a residual there contains them whole.
     """
 
     projection: Projection
     predicted: FloatArray
     left_out: tuple[LeftOut, ...]
     kept: BoolArray
+    counted_as_zero: tuple[str, ...]
 
     @property
     def rows(self) -> ObservationRows:
@@ -170,7 +175,16 @@ def compute_residuals(
         )
     _refuse_wrong_unit(rows.take(kept), own[kept])
     projection = Projection(model, rows.take(kept), conditions.take(np.flatnonzero(kept)))
-    return Residuals(projection, own[kept], left_out, kept)
+    missing = _counted_as_zero(model, projection.rows, effects)
+    return Residuals(projection, own[kept], left_out, kept, missing)
+
+
+def _counted_as_zero(
+    model: CompiledModel, rows: ObservationRows, effects: Sequence[Effect]
+) -> tuple[str, ...]:
+    points = [number for number, name in enumerate(rows.channels) if name in POINT_CHANNELS]
+    tools_mm = rows.tool_offsets_mm[np.isin(rows.channel, points)]
+    return tuple(missing_at_points(model, effects, tools_mm)) if len(tools_mm) else ()
 
 
 def zero_columns(rows: ObservationRows) -> list[Nuisance]:

@@ -15,16 +15,17 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
+from scipy import sparse
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, SparseArray
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.identification.analysis import plain
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.e_process import EProcess, likelihood_ratio
-from app.identification.map_uncertainty import map_uncertainty
+from app.identification.map_uncertainty import ChannelEntries, channel_entries
 from app.identification.residuals import Residuals, channel_unit
-from app.identification.search.rows import Datum, Nuisance, Rows
+from app.identification.search.rows import Datum, Rows
 
 FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""
@@ -328,25 +329,26 @@ class _Sheet:
     residuals: Residuals
     rows: Rows
     tilt: FloatArray
-    nuisance: Mapping[int, Nuisance]
+    entries: Mapping[int, ChannelEntries]
 
     @classmethod
     def of(cls, campaign: Campaign) -> _Sheet:
         residuals = residuals_of(campaign)
-        nuisance = map_uncertainty(residuals.projection, campaign.maps)
+        entries = channel_entries(residuals.projection, campaign.maps)
         return cls(
             residuals,
             residuals.as_rows(),
             _along_travels(residuals),
-            {one.channel: one for one in nuisance},
+            {one.channel: one for one in entries},
         )
 
-    def maps(self, channel: int, own: IntArray) -> FloatArray:
+    def maps(self, channel: int, own: IntArray) -> SparseArray:
         """Give what the maps' uncertainty may do to some rows of a channel, shape (m, p)."""
-        if channel not in self.nuisance:
-            return np.zeros((len(own), 0))
-        nuisance = self.nuisance[channel]
-        return nuisance.columns[np.searchsorted(nuisance.rows, own)] * nuisance.prior
+        if channel not in self.entries:
+            return sparse.csr_array((len(own), 0))
+        entries = self.entries[channel]
+        here = entries.columns[np.searchsorted(entries.rows, own)]
+        return here[:, np.unique(here.indices)]
 
 
 def _after_channel(
@@ -439,10 +441,10 @@ class _Fit:
             len(values) - len(kept),
         )
 
-    def numbers(self, variance: float, maps: FloatArray, is_zeroed: bool) -> list[VisitNumber]:
+    def numbers(self, variance: float, maps: SparseArray, is_zeroed: bool) -> list[VisitNumber]:
         """Give each number with its scatter by observations; of an unknown zero not the level."""
         scatter = variance * np.sum(self.inverse**2, axis=1)
-        known = np.sum((self.inverse @ maps) ** 2, axis=1)
+        known = np.sum(np.asarray(self.inverse @ maps) ** 2, axis=1)
         return [
             VisitNumber(name, *(float(x) for x in numbers))
             for name, *numbers in zip(self.names, self.values, scatter, known, strict=True)

@@ -3,6 +3,7 @@
 import json
 import pickle
 from dataclasses import replace
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -92,6 +93,48 @@ def test_what_is_adopted_explains_the_residuals(with_lag):
     assert np.sqrt(np.mean((removed - true) ** 2)) < 0.3 * np.sqrt(np.mean(true**2))
 
 
+@pytest.mark.slow
+def test_a_drift_says_where_it_was_learnt_and_until_when_it_may_be_used():
+    """Growth that is left out after the last visit reaches one standard deviation then."""
+    _, campaign = campaign_with("drift")
+    found = answer_of(campaign, kinds=["drift"])
+    (effect,) = found["effects"]
+    valid, code = effect["valid"], effect["components"][0]
+    first, last, until = (
+        datetime.fromisoformat(valid[name]).timestamp() for name in ("from", "to", "use_until")
+    )
+    rows = residuals_of(campaign).rows
+    assert rows.times_s.min() <= first < last <= rows.times_s.max()
+    assert last - first > 0.8 * np.ptp(rows.times_s)
+    days = (until - last) / 86400.0
+    own = [c for c in found["components"] if c["component"] == code]
+    slopes = [abs(v) for v in effect["parameters"].values()]
+    errors = list(effect["standard_errors"].values())
+    if own:  # no faster than all of it at once, no slower than its larger part for sure
+        scatter = own[0]["noise"]
+        assert 0.5 * scatter / (sum(slopes) + 2 * sum(errors)) < days
+        assert days < 2.0 * scatter / max(slopes)
+    else:
+        assert days > 0.0
+    assert code in effect["measure_again"]
+    assert f"{effect['measure_again']}." in found["what_next"]
+    assert effect_from_json(effect["effect"]).valid.use_until_s == until
+
+
+def test_a_lag_knows_the_temperatures_and_how_far_behind_they_were(with_lag):
+    _, campaign, found = with_lag
+    (effect,) = found["effects"]
+    (sensor,) = effect["sensors"]
+    low, high = effect["valid"]["temperatures_c"][sensor]
+    seen = campaign.readings.temperatures_c[sensor]
+    assert np.nanmin(seen) - 0.1 <= low < high <= np.nanmax(seen) + 0.1
+    (behind,) = effect["valid"]["made_of"].items()
+    assert behind[0].endswith(f"late minus {sensor} [K]")
+    assert low - high < behind[1][0] < 0.0 < behind[1][1] < high - low
+    assert effect["valid"]["use_until"] is None
+    assert effect["measure_again"] is None
+
+
 def test_without_an_effect_nothing_is_found():
     _, campaign = campaign_with()
     found = answer_of(campaign)
@@ -103,12 +146,14 @@ def test_without_an_effect_nothing_is_found():
     assert "Nothing was found" in found["summary"]
 
 
+@pytest.mark.slow
 def test_the_same_campaign_gives_the_same_answer_in_another_process_too():
     _, campaign = campaign_with("backlash:constant")
     sent = pickle.loads(pickle.dumps(campaign))
     assert answer_of(campaign) == answer_of(sent)
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_counted():
     _, campaign = campaign_with()
     first = campaign.verifications[0]
@@ -142,6 +187,7 @@ def test_an_unknown_kind_is_refused():
         analyse(campaign, kinds=["wear"])
 
 
+@pytest.mark.slow
 def test_few_visits_are_no_error():
     _, campaign = campaign_with("backlash:constant")
     found = answer_of(replace(campaign, verifications=campaign.verifications[:5]))
@@ -151,6 +197,7 @@ def test_few_visits_are_no_error():
     assert one["before"]["holdout_rms_um"] is None
 
 
+@pytest.mark.slow
 def test_it_tells_how_far_it_is():
     _, campaign = campaign_with()
     told = []
@@ -159,6 +206,7 @@ def test_it_tells_how_far_it_is():
     assert (told[0], told[-1]) == (0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_an_unknown_zero_hides_what_changes_from_visit_to_visit():
     _, campaign = campaign_with("backlash:constant", datum="free")
     assert all(v.datum is Datum.FREE for v in campaign.verifications)
@@ -170,6 +218,7 @@ def test_an_unknown_zero_hides_what_changes_from_visit_to_visit():
 # Faults that the readings themselves show.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["stuck", "spikes"])
 def test_a_faulty_sensor_is_named(variant):
     made, campaign = campaign_with(f"sensor-fault:{variant}", 2.0, seed=3, days=8)
@@ -211,6 +260,7 @@ def only(campaign, components, **changes):
     return replace(campaign, verifications=kept)
 
 
+@pytest.mark.slow
 def test_angles_alone_are_told_in_their_unit():
     _, campaign = campaign_with("backlash:constant", seed=7)
     found = answer_of(only(campaign, ("EAX", "EBX", "ECX")), kinds=["backlash"])
@@ -220,6 +270,7 @@ def test_angles_alone_are_told_in_their_unit():
     assert "among the kinds looked for (backlash)" in found["summary"] or found["effects"]
 
 
+@pytest.mark.slow
 def test_what_would_have_been_seen_does_not_hang_on_what_was_declared():
     """The same data, called twice as scattered or half: the fitted scatter decides."""
     _, campaign = campaign_with(seed=8)

@@ -11,12 +11,6 @@ from app.identification.effects.driver import Always
 from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Everywhere
 from app.identification.effects.term import Term
-from app.identification.map_uncertainty import (
-    combined,
-    entry_columns,
-    entry_errors,
-    map_uncertainty,
-)
 from app.identification.observations import Observation, Verification, observation_rows
 from app.identification.residual_summary import summarise
 from app.identification.residuals import compute_residuals
@@ -182,78 +176,6 @@ def test_rows_for_the_search():
     assert np.abs(rows.tilt).max() == 1.0
     assert rows.noise[own.rows.channels.index("EXX")].repeatability == pytest.approx(0.8)
     assert own.rows.channels.index("SXY") not in rows.noise
-
-
-# The maps' own uncertainty.
-
-
-def test_entries_of_the_maps_are_linear_in_the_prediction():
-    """Moving one entry of one map by 1 µm moves the predictions by its column."""
-    where = site()
-    for code, label, at in (("EXX", "Run #3", 2), ("EZZ", "Run #6", 4), ("SXY", "Run #1", 0)):
-        moved = []
-        for m in where.maps:
-            tables = dict(m.tables)
-            if m.label == label:
-                errors = tables[code].errors.copy()
-                errors[at] += 1.0
-                tables[code] = replace(tables[code], errors=errors)
-            moved.append(replace(m, tables=tables))
-        other = compile_model(where.machine, moved, ASSIGNMENT)
-        change = (
-            compute_residuals(other, where.rows, where.conditions).predicted
-            - compute_residuals(where.model, where.rows, where.conditions).predicted
-        )
-        view = where.projection.view(code)
-        forward, backward = entry_columns(where.model, code, view)
-        assert backward is None
-        group, member = where.model.find(code)
-        width = max(member.positions_mm.size, 1)
-        column = group.labels.index(label) * width + at
-        found = np.zeros(len(where.rows))
-        found[view.rows] = forward[:, column]
-        np.testing.assert_allclose(found, change, atol=1e-9)
-        assert found.any()
-
-
-def test_entry_errors_are_stated_or_assumed():
-    where = site()
-    assert set(entry_errors(where.model, where.maps, "EXX").tolist()) == {0.5}
-    precise = [replace(m, repeatability_um=0.2) for m in where.maps]
-    assert set(entry_errors(where.model, precise, "EXX").tolist()) == {0.2}
-    # Repeatability in µm says nothing about µm/m.
-    assert set(entry_errors(where.model, precise, "SXY").tolist()) == {0.5}
-    stated = [
-        replace(
-            m, tables={**m.tables, "EXX": replace(m.tables["EXX"], covariance=np.full(5, 0.09))}
-        )
-        for m in where.maps
-    ]
-    model = compile_model(where.machine, stated, ASSIGNMENT)
-    assert entry_errors(model, stated, "EXX").tolist() == pytest.approx([0.3] * 15)
-    assert entry_errors(model, stated, "EYX").tolist() == [0.5] * 15
-
-
-def test_combined_columns_give_the_rows_the_same_covariance():
-    rng = np.random.default_rng(3)
-    smooth = np.cos(np.outer(np.linspace(0, 3, 80), np.arange(200) % 7)) * rng.uniform(0.1, 1, 200)
-    few = combined(smooth)
-    assert few.shape[1] <= 7
-    largest = np.sum(smooth**2, axis=1).max()
-    difference = np.diag(few @ few.T - smooth @ smooth.T)
-    assert np.abs(difference).sum() <= 0.5 * largest * 1.001
-
-
-def test_points_carry_all_components():
-    where = site()
-    by_channel = {
-        where.rows.channels[n.channel]: n for n in map_uncertainty(where.projection, where.maps)
-    }
-    assert set(by_channel) == set(where.rows.channels)
-    own = by_channel["EXX"]
-    # Each row lies between two maps and two positions: the weights add up to one.
-    np.testing.assert_allclose(own.columns.sum(axis=1) / 0.5, 1.0)
-    assert by_channel["points z"].columns.shape[0] == where.rows.of_channel("points z").size
 
 
 # Summed up for a page.

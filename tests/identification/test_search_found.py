@@ -99,6 +99,7 @@ def test_two_effects_on_one_channel():
     assert evidence == sorted(evidence, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_fingerprint_and_an_effect_on_one_of_its_channels():
     campaign = make_campaign(25, visits=20)
     planted = scaled(campaign.direction, campaign, 1, 1.5)

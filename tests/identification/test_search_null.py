@@ -1,6 +1,7 @@
 """On pure noise nothing is found, where taking points as independent always finds something."""
 
 import numpy as np
+import pytest
 
 from app.identification.search.draws import Draws
 from app.identification.search.findings import Verdict
@@ -17,6 +18,7 @@ from tests.identification.search_campaigns import (
 CAMPAIGNS = 60
 
 
+@pytest.mark.slow
 def test_noise_with_visit_scatter_is_nothing():
     """At one per cent a false finding in 60 campaigns is expected 0.6 times."""
     false = unexplained = 0

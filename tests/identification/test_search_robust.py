@@ -238,6 +238,7 @@ def test_detectable_without_values_and_against_a_twin():
     assert [d.smallest for d in again] == [d.smallest for d in found.values()]
 
 
+@pytest.mark.slow
 def test_what_is_detectable_is_detected_nine_times_in_ten():
     """The planning figure against searches: at its size found, at a third of it not."""
     found = weak = 0

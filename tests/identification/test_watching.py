@@ -35,6 +35,7 @@ def test_the_ratio_is_a_density_ratio(variances, weights):
     assert np.trapezoid(weights @ parts * ratios, z) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_known_scatter_alarms_as_rarely_as_stated():
     """300 sequences of 40 visits, ten numbers each, alarm limit 20: at most 5 %, expected less."""
     random = np.random.default_rng(1)
@@ -64,6 +65,7 @@ def streams_of(random, numbers, setup, visits, change=0.0, changed_at=0):
         yield np.mean([s.process.evidence for s in streams])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", [0.0, 0.75, 1.5, 3.0, 6.0])
 def test_unchanged_machines_alarm_rarely_whatever_their_set_ups_scatter(setup):
     """80 machines of twelve numbers and 25 visits: 1 % is stated; three alarms are chance."""
@@ -105,6 +107,7 @@ def watched(campaign):
     return judgements
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_machine_as_its_model_says_stays_within(seed):
     _, campaign = verifications_of(seed)
@@ -127,6 +130,7 @@ def test_a_step_is_noticed_with_its_component():
     json.dumps(first.to_json(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_all_at_once_and_one_by_one_give_the_same():
     _, campaign = verifications_of(5)
     judgement, _ = watch(campaign, WatchState())

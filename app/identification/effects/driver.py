@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
 from app.arrays import FloatArray
 from app.identification.conditions import Conditions, Signal
-from app.units import SECONDS_PER_DAY
+from app.units import SECONDS_PER_DAY, SECONDS_PER_MIN, unit_of_field
+
+
+class Quantity(NamedTuple):
+    """A driver in words: what it is, its unit, and what is to be added to it before it is told."""
+
+    name: str
+    unit: str
+    zero: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -18,6 +26,7 @@ class Driver(ABC):
     """Something that changes with the conditions; equal drivers are the same."""
 
     name: ClassVar[str]
+    grows_with_time: ClassVar[bool] = False
 
     @abstractmethod
     def at(self, conditions: Conditions) -> FloatArray:
@@ -27,6 +36,11 @@ class Driver(ABC):
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:
         """What it is made of, and with which time constant [s]."""
         return ()
+
+    @property
+    def quantity(self) -> Quantity | None:
+        """What it is where that is more than one signal as it is now; else None."""
+        return None
 
     def why_missing(self, conditions: Conditions) -> str:
         """Say which condition is missing where the driver is NaN."""
@@ -86,6 +100,12 @@ class Behind(Driver):
         signal = Signal("temperature", self.sensor)
         return ((signal, None), (signal, self.time_constant_s))
 
+    @property
+    def quantity(self) -> Quantity:
+        """The lag."""
+        minutes = self.time_constant_s / SECONDS_PER_MIN
+        return Quantity(f"{self.sensor} {minutes:.3g} min late minus {self.sensor}", "K")
+
 
 @dataclass(frozen=True)
 class Difference(Driver):
@@ -108,6 +128,11 @@ class Difference(Driver):
             (Signal("temperature", self.sensor), None),
             (Signal("temperature", self.minus), None),
         )
+
+    @property
+    def quantity(self) -> Quantity:
+        """The difference itself."""
+        return Quantity(f"{self.sensor} minus {self.minus}", "K", self.reference_k)
 
 
 @dataclass(frozen=True)
@@ -148,6 +173,23 @@ class BeyondMaps(Driver):
         """All sensors."""
         names = filter(None, (self.sensor, self.minus, self.own))
         return tuple((Signal("temperature", name), None) for name in names)
+
+    @property
+    def quantity(self) -> Quantity:
+        """How far from the maps."""
+        what = f"{self.sensor} minus {self.minus}" if self.minus else self.sensor
+        return Quantity(f"{what} above what it was in the maps", "K")
+
+    def moved(self, learnt: tuple[float, float], other: BeyondMaps) -> tuple[float, float]:
+        """Say where another one lies wherever this one lay in a range: what the maps moved by.
+
+        Both are straight between their nodes, so their difference is largest at one of them.
+        """
+        nodes, own = np.array(self.in_maps_c).T
+        others, there = np.array(other.in_maps_c).T
+        at = np.union1d(nodes, others)
+        by = np.interp(at, nodes, own) - np.interp(at, others, there)
+        return learnt[0] + float(by.min()), learnt[1] + float(by.max())
 
 
 @dataclass(frozen=True)
@@ -199,6 +241,17 @@ class State(Driver):
         return ((self._signal, self.time_constant_s),)
 
     @property
+    def quantity(self) -> Quantity | None:
+        """The low-pass, if that matters."""
+        if self.time_constant_s is None:
+            return None
+        minutes = self.time_constant_s / SECONDS_PER_MIN
+        square = "the square of " if self.power == 2 else ""
+        unit = unit_of_field(self.state) or ""
+        unit = f"({unit})²" if unit and self.power == 2 else unit
+        return Quantity(f"{square}{self.state} with a time constant of {minutes:.3g} min", unit)
+
+    @property
     def _signal(self) -> Signal:
         return Signal("state", self.state, self.power)
 
@@ -208,6 +261,7 @@ class SinceReference(Driver):
     """Time since a fixed moment [days]."""
 
     name: ClassVar[str] = "since-reference"
+    grows_with_time: ClassVar[bool] = True
     reference_time_s: float
 
     def at(self, conditions: Conditions) -> FloatArray:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from app.errors import InvalidContent
 from app.identification.effects.term import Term, term_from_json
+from app.identification.effects.valid import Valid, valid_from_json
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,9 @@ class Effect:
         parameter that was not estimated has no standard error.
     terms
         What it adds to the model.
+    valid
+        The ranges in which it was learnt; None where an older version of this software adopted
+        it, which did not keep them.
     """
 
     kind: str
@@ -39,6 +44,25 @@ class Effect:
     parameters: Mapping[str, float] = field(default_factory=dict)
     standard_errors: Mapping[str, float] = field(default_factory=dict)
     terms: tuple[Term, ...] = ()
+    valid: Valid | None = None
+
+    @property
+    def adds_nothing(self) -> bool:
+        """Whether it only tells of a sensor, and corrects no error."""
+        return all(term.coefficient == 0.0 for term in self.terms)
+
+    @cached_property
+    def learnt_in(self) -> Mapping[str, Any] | None:
+        """The ranges in which it was learnt, as answers show them."""
+        if self.valid is None:
+            return None
+        quantities = {term.driver.quantity: term.learnt for term in self.terms}
+        made_of = {
+            f"{q.name} [{q.unit}]" if q.unit else q.name: [q.zero + end for end in learnt]
+            for q, learnt in quantities.items()
+            if q is not None and learnt is not None
+        }
+        return self.valid.to_json() | {"made_of": made_of}
 
     def to_json(self) -> dict[str, Any]:
         """Write it down as a model version stores it."""
@@ -51,6 +75,7 @@ class Effect:
             "parameters": dict(self.parameters),
             "standard_errors": dict(self.standard_errors),
             "terms": [term.to_json() for term in self.terms],
+            "valid": None if self.valid is None else self.valid.to_json(),
         }
 
 
@@ -88,8 +113,9 @@ def effect_from_json(stored: Mapping[str, Any]) -> Effect:
             parameters=dict(stored["parameters"]),
             standard_errors=dict(stored["standard_errors"]),
             terms=_terms(stored["terms"]),
+            valid=valid_from_json(stored["valid"]) if stored.get("valid") else None,
         )
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InvalidContent.of_field(
             "effects", f"expected a stored effect, came one that lacks or mistakes {error}"
         ) from None

@@ -44,6 +44,8 @@ class Shape(ABC):
     """A dependence on position, and for fingerprints on temperature."""
 
     name: ClassVar[str]
+    changes_along: ClassVar[bool] = False
+    """Whether it was learnt along the axis: not where it is the same everywhere, or the maps'."""
 
     @abstractmethod
     def along(
@@ -111,6 +113,7 @@ class Rising(Shape):
     """A straight line: −1 at one end of the travel, 0 in its middle, +1 at the other end."""
 
     name: ClassVar[str] = "rising"
+    changes_along: ClassVar[bool] = True
     middle_mm: float
     half_mm: float
 
@@ -135,6 +138,7 @@ class Wave(Shape):
     """A sine or a cosine over position, counted from position 0."""
 
     name: ClassVar[str] = "wave"
+    changes_along: ClassVar[bool] = True
     pitch_mm: float
     is_cosine: bool
 
@@ -177,6 +181,7 @@ class Profile(Shape):
     """A polygon over positions, its end values beyond them."""
 
     name: ClassVar[str] = "profile"
+    changes_along: ClassVar[bool] = True
     positions_mm: tuple[float, ...]
     heights: tuple[float, ...]
 

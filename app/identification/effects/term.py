@@ -21,6 +21,7 @@ from app.identification.effects.shape import (
     Sensitivity,
     Shape,
 )
+from app.identification.effects.valid import Range, Valid
 from app.thermal.compiled_model import CompiledModel
 
 EVERYWHERE: Final = Everywhere()
@@ -43,6 +44,9 @@ class Term:
         How strong it is [the component's unit for each unit of driver and shape].
     is_reversing
         Whether its sign is that of the approach: plus coming from below, minus from above.
+    learnt
+        Where it was learnt, the driver's smallest and largest value; None for drivers that are
+        made of no signal, and where it is not known.
     """
 
     component: str
@@ -50,12 +54,19 @@ class Term:
     shape: Shape = EVERYWHERE
     coefficient: float = 1.0
     is_reversing: bool = False
+    learnt: Range | None = None
 
     def times(self, factor: float) -> Term:
         """Scale the term."""
         return replace(self, coefficient=factor * self.coefficient)
 
-    def at(self, model: CompiledModel, places: Places, conditions: Conditions) -> FloatArray:
+    def at(
+        self,
+        model: CompiledModel,
+        places: Places,
+        conditions: Conditions,
+        valid: Valid | None = None,
+    ) -> FloatArray:
         """Give the error at n places, each at its own moment.
 
         Parameters
@@ -66,6 +77,9 @@ class Term:
             Positions and directions of the component's axis.
         conditions
             What held at these moments.
+        valid
+            The ranges of its effect: outside them the term is held at their edge. Without, it
+            is evaluated as it stands.
 
         Returns
         -------
@@ -73,13 +87,24 @@ class Term:
             NaN where a condition is missing; 0 for a reversing term where the direction is
             not known, as the tables then give the mean of both.
         """
-        driver = self.driver.at(conditions)
+        if valid is None:
+            driver = self.driver.at(conditions)
+        else:
+            held = valid.held(conditions)
+            driver = self.driver.at(valid.for_driver(self.driver, conditions, held))
+            driver = driver if self.learnt is None else np.clip(driver, *self.learnt)
+            places = (
+                valid.held_places(self.component, places) if self.shape.changes_along else places
+            )
+            conditions = held
         found = self.coefficient * self.shape.along(
             model, self.component, places, conditions, driver
         )
         return found * np.sign(places.directions) if self.is_reversing else found
 
-    def everywhere_at(self, model: CompiledModel, places: Places, moment: Conditions) -> FloatArray:
+    def everywhere_at(
+        self, model: CompiledModel, places: Places, moment: Conditions, valid: Valid | None = None
+    ) -> FloatArray:
         """Give the error at k places, all at one moment.
 
         Parameters
@@ -90,19 +115,28 @@ class Term:
             Positions and directions, shape (k,).
         moment
             Conditions of one moment.
+        valid
+            As for `at`.
 
         Returns
         -------
         ndarray, shape (k,) [the component's unit]
         """
         # One moment's driver stands for all places: n = 1 broadcasts against k.
-        return np.broadcast_to(self.at(model, places, moment), places.positions_mm.shape)
+        return np.broadcast_to(self.at(model, places, moment, valid), places.positions_mm.shape)
+
+    def nodes_mm(self, low_mm: float, high_mm: float, valid: Valid | None = None) -> FloatArray:
+        """Give the positions that a table needs to show the term [mm], and where it is held."""
+        nodes = self.shape.nodes_mm(low_mm, high_mm)
+        edges = valid.edges_mm(self.component) if valid and self.shape.changes_along else None
+        held_from = [at for at in edges or () if low_mm < at < high_mm]
+        return np.concatenate([nodes, held_from]) if held_from else nodes
 
     def why_missing(self, model: CompiledModel, conditions: Conditions) -> str:
         """Say which condition is missing where the term is NaN, empty where none."""
         said = self.driver.why_missing(conditions)
         said = said or self.shape.why_missing(model, self.component)
-        for sensor in () if said else self._sensors_of_tables(model):
+        for sensor in () if said else self.sensors_of_tables(model):
             if np.isnan(conditions.temperature(sensor)).any():
                 return conditions.why_missing(Signal("temperature", sensor))
         return said
@@ -113,11 +147,13 @@ class Term:
             "component": self.component,
             "coefficient": self.coefficient,
             "reversing": self.is_reversing,
+            "learnt": None if self.learnt is None else list(self.learnt),
             "driver": {"name": self.driver.name, **asdict(self.driver)},
             "shape": {"name": self.shape.name, **asdict(self.shape)},
         }
 
-    def _sensors_of_tables(self, model: CompiledModel) -> list[str]:
+    def sensors_of_tables(self, model: CompiledModel) -> list[str]:
+        """Name the sensors by which it reads the model's own tables."""
         found = model.find(self.component)
         if found is None or not isinstance(self.shape, Sensitivity | Exchange):
             return []
@@ -147,6 +183,7 @@ def term_from_json(stored: Mapping[str, Any]) -> Term:
         shape=_part("shape", SHAPES, stored["shape"]),
         coefficient=float(stored["coefficient"]),
         is_reversing=bool(stored["reversing"]),
+        learnt=_tuples(stored.get("learnt")),
     )
 
 

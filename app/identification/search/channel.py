@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy import sparse
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, SparseArray
 from app.identification.search.rows import Datum, DeclaredNoise, Nuisance, Rows
 from app.identification.search.visit_scatter import UNLIMITED, log_prior, multipliers
 
@@ -44,7 +45,7 @@ class Channel:
         Residuals, in repeatabilities.
     nuisance : ndarray, shape (n, p)
         The tables' columns, each times its prior standard deviation: unit prior.
-    shared : ndarray, shape (e, p)
+    shared : sparse array, shape (e, p)
         The columns' amplitudes as combinations of unit errors that channels share; columns
         that are zero have errors of their own.
     shapes : ndarray, shape (n, 1 + q)
@@ -72,7 +73,7 @@ class Channel:
     scale: float
     values: FloatArray
     nuisance: FloatArray
-    shared: FloatArray
+    shared: SparseArray
     shapes: FloatArray
     starts: IntArray
     visits: IntArray
@@ -225,14 +226,15 @@ def _without_free_constants(values: FloatArray, starts: IntArray, free: BoolArra
     return np.asarray(values - np.repeat(np.where(free, means, 0.0), counts))
 
 
-def _shared(nuisance: Sequence[Nuisance], number: int) -> FloatArray:
+def _shared(nuisance: Sequence[Nuisance], number: int) -> SparseArray:
     """Set the shared errors of a channel's columns side by side."""
     own = [one for one in nuisance if one.channel == number]
-    count = max((len(one.shared) for one in nuisance if one.shared is not None), default=0)
+    count = max((one.shared.shape[0] for one in nuisance if one.shared is not None), default=0)
     blocks = [
-        np.zeros((count, len(one.prior))) if one.shared is None else one.shared for one in own
+        sparse.csr_array((count, len(one.prior))) if one.shared is None else one.shared
+        for one in own
     ]
-    return np.hstack([np.zeros((count, 0)), *blocks])
+    return sparse.hstack([sparse.csr_array((count, 0)), *blocks], format="csr")
 
 
 def _unit_prior_columns(

@@ -125,11 +125,12 @@ class Draws:
 
     def _maps(self, channel: Channel, own: FloatArray) -> FloatArray:
         """Draw the maps' errors: where channels share a map, one and the same for all."""
-        if not channel.shared.any():
+        if not channel.shared.nnz:
             return own
         random = np.random.default_rng([self.seed, 2])
-        drawn = channel.shared.T @ random.standard_normal((len(channel.shared), self.count))
-        is_shared = np.asarray(channel.shared.any(axis=0))
+        of_entries = random.standard_normal((channel.shared.shape[0], self.count))
+        drawn = np.asarray(channel.shared.T @ of_entries)
+        is_shared = np.bincount(channel.shared.indices, minlength=channel.shared.shape[1]) > 0
         return np.where(is_shared[:, None], drawn, own)
 
     def _combined(

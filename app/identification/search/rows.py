@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, SparseArray
 from app.errors import InvalidContent
 
 
@@ -112,7 +112,7 @@ class Nuisance:
         The channel's change for each unit of each table entry.
     prior : ndarray, shape (p,)
         Standard deviation of each entry; infinite: entirely free.
-    shared : ndarray, shape (e, p), or None
+    shared : sparse array, shape (e, p), or None
         Each column's amplitude as a combination of e unit errors that several channels share:
         one and the same map is wrong in all of them. None: each channel has its own.
     """
@@ -121,7 +121,7 @@ class Nuisance:
     rows: IntArray
     columns: FloatArray
     prior: FloatArray
-    shared: FloatArray | None = None
+    shared: SparseArray | None = None
 
     def __post_init__(self) -> None:
         if self.columns.shape != (len(self.rows), len(self.prior)):

@@ -1,0 +1,151 @@
+"""The maps' own uncertainty over the rows: linear, sparse, and no larger than it must be."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from app.errors import InvalidContent
+from app.geometry.components import COMPONENTS
+from app.identification import map_uncertainty as module
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.map_uncertainty import (
+    channel_entries,
+    combined,
+    entry_columns,
+    entry_errors,
+    map_uncertainty,
+)
+from app.identification.residuals import compute_residuals
+from app.identification.watching import WatchState, watch
+from app.thermal.compile_model import compile_model
+from app.thermal.error_map import ComponentTable
+from tests.identification.example_site import ASSIGNMENT, observations, readings, site
+
+MEBI = 2**20
+
+
+def test_entries_of_the_maps_are_linear_in_the_prediction():
+    """Moving one entry of one map by 1 µm moves the predictions by its column."""
+    where = site()
+    for code, label, at in (("EXX", "Run #3", 2), ("EZZ", "Run #6", 4), ("SXY", "Run #1", 0)):
+        moved = []
+        for m in where.maps:
+            tables = dict(m.tables)
+            if m.label == label:
+                errors = tables[code].errors.copy()
+                errors[at] += 1.0
+                tables[code] = replace(tables[code], errors=errors)
+            moved.append(replace(m, tables=tables))
+        other = compile_model(where.machine, moved, ASSIGNMENT)
+        change = (
+            compute_residuals(other, where.rows, where.conditions).predicted
+            - compute_residuals(where.model, where.rows, where.conditions).predicted
+        )
+        view = where.projection.view(code)
+        columns = entry_columns(where.model, code, view).toarray()
+        group, member = where.model.find(code)
+        width = max(member.positions_mm.size, 1)
+        column = group.labels.index(label) * width + at
+        found = np.zeros(len(where.rows))
+        assert columns.shape[1] == len(group.labels) * width
+        found[view.rows] = columns[:, column]
+        np.testing.assert_allclose(found, change, atol=1e-9)
+        assert found.any()
+
+
+def test_entry_errors_are_stated_or_assumed():
+    where = site()
+    assert set(entry_errors(where.model, where.maps, "EXX").tolist()) == {0.5}
+    precise = [replace(m, repeatability_um=0.2) for m in where.maps]
+    assert set(entry_errors(where.model, precise, "EXX").tolist()) == {0.2}
+    # Repeatability in µm says nothing about µm/m.
+    assert set(entry_errors(where.model, precise, "SXY").tolist()) == {0.5}
+    stated = [
+        replace(
+            m, tables={**m.tables, "EXX": replace(m.tables["EXX"], covariance=np.full(5, 0.09))}
+        )
+        for m in where.maps
+    ]
+    model = compile_model(where.machine, stated, ASSIGNMENT)
+    assert entry_errors(model, stated, "EXX").tolist() == pytest.approx([0.3] * 15)
+    assert entry_errors(model, stated, "EYX").tolist() == [0.5] * 15
+
+
+def test_combined_columns_give_the_rows_the_same_covariance():
+    rng = np.random.default_rng(3)
+    smooth = np.cos(np.outer(np.linspace(0, 3, 80), np.arange(200) % 7)) * rng.uniform(0.1, 1, 200)
+    few = combined(csr_array(smooth))
+    assert few.shape[1] <= 7
+    largest = np.sum(smooth**2, axis=1).max()
+    difference = np.diag(few @ few.T - smooth @ smooth.T)
+    assert np.abs(difference).sum() <= 0.5 * largest * 1.001
+
+
+def test_points_carry_all_components():
+    where = site()
+    by_channel = {
+        where.rows.channels[n.channel]: n for n in map_uncertainty(where.projection, where.maps)
+    }
+    assert set(by_channel) == set(where.rows.channels)
+    own = by_channel["EXX"]
+    # Each row lies between two maps and two positions: the weights add up to one.
+    np.testing.assert_allclose(own.columns.sum(axis=1) / 0.5, 1.0)
+    assert by_channel["points z"].columns.shape[0] == where.rows.of_channel("points z").size
+
+
+def test_channels_share_the_errors_of_one_map():
+    """Columns times shared unit errors give back each channel's own entries."""
+    where = site()
+    entries = {one.channel: one for one in channel_entries(where.projection, where.maps)}
+    nuisance = {one.channel: one for one in map_uncertainty(where.projection, where.maps)}
+    assert set(nuisance) == set(entries)
+    touched = np.unique(np.concatenate([one.touched for one in entries.values()]))
+    largest = max(one.columns.toarray().max() for one in entries.values())
+    for channel, one in nuisance.items():
+        back = one.columns @ one.shared.T.toarray()
+        own = entries[channel].columns[:, touched].toarray()
+        np.testing.assert_allclose(back, own, atol=largest)
+        np.testing.assert_allclose(back @ back.T, own @ own.T, atol=0.5 * largest**2)
+
+
+def dense_maps(where, positions):
+    """The same lines through the ends, but with many positions along each axis."""
+    along = np.linspace(0.0, 500.0, positions)
+    found = []
+    for m in where.maps[:2]:
+        slope = float(m.tables["EXX"].errors[-1]) / 500.0
+        table = ComponentTable.make(COMPONENTS["EXX"], slope * along, along)
+        found.append(replace(m, tables={**m.tables, "EXX": table}))
+    return found
+
+
+def test_a_small_verification_takes_little_memory_however_fine_the_maps_are():
+    """20 observations on two maps of 20,000 positions: a matrix of all entries takes 12.8 GB."""
+    where = site()
+    maps = dense_maps(where, 20_000)
+    model = compile_model(where.machine, maps, ASSIGNMENT)
+    history, states = readings()
+    line = [o for v in observations() for o in v.observations if o.component == "EXX"][:20]
+    small = replace(observations()[0], observations=tuple(line), repeatability_um=0.5)
+    assert len(line) == 20
+    campaign = Campaign(model, maps, [small], history, states)
+    tracemalloc.start()
+    try:
+        watch(campaign, WatchState())
+        map_uncertainty(residuals_of(campaign).projection, maps)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 60 * MEBI
+
+
+def test_more_columns_than_the_stated_memory_holds_are_refused(monkeypatch):
+    where = site()
+    monkeypatch.setattr(module, "MOST_NUMBERS", 1000)
+    with pytest.raises(
+        InvalidContent, match=r"at most 1,000 numbers, came [0-9,]+ for [0-9,]+ values of"
+    ):
+        map_uncertainty(where.projection, where.maps)
