@@ -14,8 +14,8 @@ from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session, undefer
 
 from app.errors import UnknownThing, list_names
-from app.storage.records import AnalysisStatus, AnalysisTask, StoredAnalysis
-from app.storage.tables import LARGEST_INTEGER, AnalysisRow
+from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
+from app.storage.tables import AnalysisRow
 
 
 def insert_analysis(

@@ -1,15 +1,15 @@
-"""The connection to SQLite or PostgreSQL, and transactions that say when they commit."""
+"""The database, SQLite or PostgreSQL, and transactions that say when they commit."""
 
 from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Final
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+import psycopg
+from sqlalchemy import URL, Connection, Engine, make_url, text
 from sqlalchemy.exc import (
     ArgumentError,
     DatabaseError,
@@ -20,19 +20,21 @@ from sqlalchemy.exc import (
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
-from app.errors import InvalidContent, StorageBusy, StorageUnavailable
+from app.errors import Conflict, InvalidContent, StorageBusy, StorageUnavailable
+from app.storage.limits import UNLIMITED, Limits
+from app.storage.postgresql import APPLICATION_NAME, PostgresqlConnections
+from app.storage.sqlite import SqliteConnections
 
-BUSY_TIMEOUT_S = 15.0
-CONNECT_TIMEOUT_S = 5
+MOMENT: Final = Limits(lock_s=0.2)
+"""To see whether something can be written at all."""
 
-_GIVE_UP = {
-    "connect_timeout": CONNECT_TIMEOUT_S,
-    "tcp_user_timeout": CONNECT_TIMEOUT_S * 1000,
-    "keepalives_idle": CONNECT_TIMEOUT_S,
-    "keepalives_interval": 1,
-    "keepalives_count": CONNECT_TIMEOUT_S,
-}
-"""A network that swallows everything, without this, keeps a request for a quarter of an hour."""
+ALONE: Final = Limits(statement_s=None)
+"""To restore a backup."""
+
+_OTHERS: Final = text(
+    "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
+    "AND application_name = :name AND pid <> pg_backend_pid()"
+)
 
 
 class Database:
@@ -42,30 +44,69 @@ class Database:
     at the beginning, so that writers queue instead of failing; on PostgreSQL the use cases
     lock the machine's row. Nothing is committed but by leaving `writing()` without an
     exception.
+
+    Parameters
+    ----------
+    url
+        `sqlite:///FILE` or `postgresql://USER@HOST/DATABASE`.
+    limits
+        How long it may take, where a transaction does not say otherwise.
+    may_be_new
+        Whether a SQLite file that is not there is made.
+
+    Raises
+    ------
+    InvalidContent
+        If the URL is none of a lasting database.
+    StorageUnavailable
+        If a SQLite file is not there, or its folder.
     """
 
-    def __init__(self, url: str) -> None:
-        self.engine = _make_engine(url)
-        on_sqlite = self.engine.dialect.name == "sqlite"
-        self._writer = Lock() if on_sqlite else None
+    def __init__(self, url: str, limits: Limits | None = None, *, may_be_new: bool = True) -> None:
+        self._limits = limits or Limits()
+        made = _connections(_parse(url), self._limits, may_be_new=may_be_new)
+        self._connections = made
+        self.engine = made.engine
+        self._file = made.file if isinstance(made, SqliteConnections) else None
+        self._writer = None if self._file is None else Lock()
 
     @contextmanager
-    def reading(self) -> Iterator[Session]:
+    def reading(self, limits: Limits | None = None) -> Iterator[Session]:
         """Open a session that changes nothing."""
-        with _saying_when_away(), Session(self.engine, expire_on_commit=False) as session:
+        engine = self._limited(limits)
+        with _saying_when_away(), Session(engine, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
-    def writing(self) -> Iterator[Session]:
+    def writing(self, limits: Limits | None = None) -> Iterator[Session]:
         """Open a session that is committed at the end, or rolled back whole."""
-        writer = self.engine.execution_options(thermap_writes=True)
-        with (
-            self._turn(),
-            _saying_when_away(),
-            Session(writer, expire_on_commit=False) as session,
-            session.begin(),
-        ):
-            yield session
+        writer = self._limited(limits).execution_options(thermap_writes=True)
+        with self._turn(limits), _saying_when_away():
+            with Session(writer, expire_on_commit=False) as session, session.begin():
+                yield session
+            if self._file is not None:
+                self._file.check()  # else it is committed to a file that nobody will find
+
+    def takes_writes(self) -> bool:
+        """Whether something could be written now: on SQLite, others may hold the file's lock.
+
+        False too where this process writes without a pause. Servers are always asked in vain:
+        their locks are on tables and rows, and whoever waits for one is told.
+
+        Raises
+        ------
+        StorageUnavailable
+            If the file cannot be written at all.
+        """
+        if self._writer is None:
+            return True
+        writer = self.engine.execution_options(thermap_writes=True, thermap_limits=MOMENT)
+        try:
+            with self._turn(MOMENT), _saying_when_away(), writer.connect() as connection:
+                connection.begin().rollback()
+        except StorageBusy:
+            return False
+        return True
 
     @contextmanager
     def migrating(self) -> Iterator[Connection]:
@@ -73,10 +114,10 @@ class Database:
 
         SQLite changes a table by making another and dropping the old one, which with
         foreign keys on would take all rows that refer to it along. So they are off
-        here, and checked before the commit.
+        here, and checked before the commit. It takes as long as it takes.
         """
-        writer = self.engine.execution_options(thermap_writes=True)
-        with self._turn(), _saying_when_away(), writer.connect() as connection:
+        writer = self._limited(UNLIMITED).execution_options(thermap_writes=True)
+        with self._turn(UNLIMITED), _saying_when_away(), writer.connect() as connection:
             on_sqlite = connection.dialect.name == "sqlite"
             driver: Any = connection.connection.dbapi_connection
             if on_sqlite:
@@ -93,13 +134,80 @@ class Database:
                     driver.execute("PRAGMA foreign_keys = ON")
 
     @contextmanager
-    def _turn(self) -> Iterator[None]:
+    def snapshot(self) -> Iterator[Connection]:
+        """Read everything as it is at one moment, however long it takes."""
+        with (
+            _saying_when_away(),
+            self._limited(UNLIMITED).connect() as connection,
+            connection.begin(),
+        ):
+            if not self.is_sqlite:
+                snapshot = "SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"
+                connection.exec_driver_sql(snapshot)
+            yield connection
+
+    @contextmanager
+    def alone(self) -> Iterator[Connection]:
+        """Open a write transaction while no service runs: its memory would not follow.
+
+        Raises
+        ------
+        Conflict
+            If others have connections.
+        """
+        writer = self._limited(ALONE).execution_options(thermap_writes=True)
+        self._expect_no_service()
+        with self._turn(ALONE), _saying_when_away(), writer.begin() as connection:
+            if not self.is_sqlite:
+                connection.exec_driver_sql("LOCK TABLE machine IN EXCLUSIVE MODE")
+            yield connection
+
+    def _expect_no_service(self) -> None:
+        if self.is_sqlite:
+            with self.driver() as driver:
+                driver.execute("PRAGMA busy_timeout = 0")
+                try:
+                    # Nobody leaves the log as long as others are connected.
+                    driver.execute("PRAGMA journal_mode = DELETE")
+                    return
+                except sqlite3.OperationalError as error:
+                    if "locked" not in str(error):
+                        raise StorageUnavailable(f"the database is away: {error}") from error
+        else:
+            with self.reading() as session:
+                if not session.execute(_OTHERS, {"name": APPLICATION_NAME}).scalar_one():
+                    return
+        raise Conflict(f"a service is running on the database {self.name}: stop it first")
+
+    @contextmanager
+    def driver(self) -> Iterator[Any]:
+        """Give the driver's own connection, outside of any transaction."""
+        with _saying_when_away():
+            lent = self.engine.raw_connection()
+        try:
+            yield lent.driver_connection
+        finally:
+            lent.close()
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether it is a SQLite file."""
+        return self._file is not None
+
+    def _limited(self, limits: Limits | None) -> Engine:
+        if limits is None:
+            return self.engine
+        return self.engine.execution_options(thermap_limits=limits)
+
+    @contextmanager
+    def _turn(self, limits: Limits | None) -> Iterator[None]:
         """Wait for this process's other writers, on SQLite; StorageBusy when it takes too long."""
         if self._writer is None:
             yield
             return
-        if not self._writer.acquire(timeout=BUSY_TIMEOUT_S):
-            raise StorageBusy(f"the database is busy: others wrote for {BUSY_TIMEOUT_S:g} s")
+        patience_s = (limits or self._limits).lock_s
+        if not self._writer.acquire(timeout=-1 if patience_s is None else patience_s):
+            raise StorageBusy(f"the database is busy, try again: others wrote for {patience_s:g} s")
         try:
             yield
         finally:
@@ -111,39 +219,28 @@ class Database:
         return self.engine.url.render_as_string(hide_password=True)
 
     def close(self) -> None:
-        """Give up all connections."""
-        self.engine.dispose()
+        """Give up all connections; whoever waits for an answer of PostgreSQL is let go."""
+        self._connections.close()
 
 
-def _make_engine(url: str) -> Engine:
-    parsed = _parse(url)
-    if parsed.drivername in ("postgresql", "postgres"):
-        parsed = parsed.set(drivername="postgresql+psycopg")
-    if parsed.get_backend_name() == "postgresql":
-        return create_engine(
-            parsed,
-            pool_pre_ping=True,
-            pool_size=10,
-            max_overflow=30,
-            pool_timeout=CONNECT_TIMEOUT_S,
-            connect_args=_GIVE_UP,
-        )
-    if parsed.get_backend_name() != "sqlite":
+def _connections(
+    url: URL, limits: Limits, *, may_be_new: bool
+) -> PostgresqlConnections | SqliteConnections:
+    if url.drivername in ("postgresql", "postgres"):
+        url = url.set(drivername="postgresql+psycopg")
+    if url.get_backend_name() == "postgresql":
+        return PostgresqlConnections(url, limits)
+    if url.get_backend_name() != "sqlite":
         raise InvalidContent.of_field(
             "database_url",
             "expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, "
-            f"came {parsed.drivername}://…",
+            f"came {url.drivername}://…",
         )
-    if parsed.database in (None, "", ":memory:"):
+    if url.database in (None, "", ":memory:"):
         raise InvalidContent.of_field(
             "database_url", "expected a SQLite file, came none: what is stored has to last"
         )
-    file = Path(str(parsed.database)).expanduser()
-    _make_folder(file.parent)
-    engine = create_engine(parsed.set(database=str(file)), connect_args={"timeout": BUSY_TIMEOUT_S})
-    event.listen(engine, "connect", _prepare_sqlite)
-    event.listen(engine, "begin", _begin_sqlite)
-    return engine
+    return SqliteConnections(url, limits, may_be_new=may_be_new)
 
 
 def _parse(url: str) -> URL:
@@ -157,30 +254,12 @@ def _parse(url: str) -> URL:
         ) from None
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageUnavailable(
-            f"the database is away: the folder {folder} cannot be made ({error.strerror})"
-        ) from error
-
-
-def _prepare_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
-    """Make SQLite keep what was answered: log, foreign keys, and a sync at each commit."""
-    connection.isolation_level = None  # we say BEGIN ourselves, see _begin_sqlite
-    for pragma in (
-        "journal_mode = WAL",
-        "foreign_keys = ON",
-        "synchronous = FULL",
-        "journal_size_limit = 67108864",
-    ):
-        connection.execute(f"PRAGMA {pragma}")
-
-
-def _begin_sqlite(connection: Connection) -> None:
-    writes = connection.get_execution_options().get("thermap_writes", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+_WAITED_IN_VAIN: Final = (
+    psycopg.errors.LockNotAvailable,
+    psycopg.errors.QueryCanceled,
+    psycopg.errors.DeadlockDetected,
+)
+"""What PostgreSQL says where it is there, but others hold what is needed."""
 
 
 @contextmanager
@@ -189,9 +268,11 @@ def _saying_when_away() -> Iterator[None]:
     try:
         yield
     except (OperationalError, InterfaceError, DisconnectionError, PoolTimeout) as error:
-        lines = str(getattr(error, "orig", None) or error).strip().splitlines()
+        cause = getattr(error, "orig", None) or error
+        lines = str(cause).strip().splitlines()
         reason = lines[0] if lines else type(error).__name__
-        if any(word in reason for word in ("locked", "deadlock", "QueuePool")):
+        waited = isinstance(cause, (PoolTimeout, *_WAITED_IN_VAIN))
+        if waited or "locked" in reason:
             raise StorageBusy(f"the database is busy, try again: {reason}") from error
         raise StorageUnavailable(f"the database is away: {reason}") from error
     except DatabaseError as error:

@@ -59,23 +59,25 @@ def count_machines(session: Session) -> int:
 def sum_of_machines(session: Session) -> tuple[int, int, datetime | None]:
     """Sum machines up into what changes whenever any of them does, goes or comes.
 
-    Number, sum of the revisions, latest birth: the last because a machine that is
-    deleted and made again counts for as much as before.
+    Number, sum of the revisions and withdrawals, latest birth: the last because a machine
+    that is deleted and made again counts for as much as before.
     """
     count, total, latest = session.execute(
         select(
             func.count(MachineRow.id),
-            func.coalesce(func.sum(MachineRow.revision), 0),
+            func.coalesce(func.sum(MachineRow.revision + MachineRow.withdrawals), 0),
             func.max(MachineRow.created_at),
         )
     ).one()
     return int(count), int(total), latest
 
 
-def revisions(session: Session) -> dict[str, tuple[datetime, int]]:
-    """Give every machine's birth and revision, which together identify its present shape."""
-    rows = session.execute(select(MachineRow.id, MachineRow.created_at, MachineRow.revision))
-    return {machine_id: (created_at, revision) for machine_id, created_at, revision in rows}
+def revisions(session: Session) -> dict[str, tuple[datetime, int, int]]:
+    """Give every machine's birth, revision and withdrawals: they identify its present shape."""
+    rows = session.execute(
+        select(MachineRow.id, MachineRow.created_at, MachineRow.revision, MachineRow.withdrawals)
+    )
+    return {machine_id: (born, revised, withdrawn) for machine_id, born, revised, withdrawn in rows}
 
 
 def stored_machine(row: MachineRow) -> StoredMachine:
@@ -88,9 +90,16 @@ def stored_machine(row: MachineRow) -> StoredMachine:
         sensors={sensor["name"]: Sensor(**sensor) for sensor in row.sensors},
         out_of_range=OutOfRange(row.out_of_range),
         extrapolation_margin_c=row.extrapolation_margin_c,
+        extrapolation_error_ratio=row.extrapolation_error_ratio,
         same_temperature=SameTemperature(row.same_temperature),
     )
-    return StoredMachine(machine, row.created_at, row.active_version, row.revision)
+    return StoredMachine(
+        machine,
+        row.created_at,
+        row.active_version,
+        row.revision,
+        waiting_version=row.waiting_version,
+    )
 
 
 def _write(row: MachineRow, machine: Machine) -> None:
@@ -100,4 +109,5 @@ def _write(row: MachineRow, machine: Machine) -> None:
     row.sensors = [asdict(sensor) for sensor in machine.sensors.values()]
     row.out_of_range = machine.out_of_range.value
     row.extrapolation_margin_c = machine.extrapolation_margin_c
+    row.extrapolation_error_ratio = machine.extrapolation_error_ratio
     row.same_temperature = machine.same_temperature.value

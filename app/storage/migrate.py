@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from alembic import command
 from alembic.config import Config
@@ -18,30 +19,57 @@ UPGRADE_LOCK = 7_483_621
 """PostgreSQL advisory lock: two servers that start together upgrade one after the other."""
 
 
-def upgrade(database: Database) -> str:
-    """Upgrade an empty or older database in one transaction; return its revision.
+class Upgraded(NamedTuple):
+    """A database's revisions before, None of an empty one, and now."""
+
+    before: str | None
+    now: str
+
+    @property
+    def was_empty(self) -> bool:
+        """Whether there was nothing before."""
+        return self.before is None
+
+
+def upgrade(database: Database) -> Upgraded:
+    """Upgrade an empty or older database in one transaction; return its revisions.
 
     Raises
     ------
     StorageTooNew
         If the database has migrations that this version does not know.
     """
-    scripts = ScriptDirectory.from_config(alembic_config())
-    newest = scripts.get_current_head() or ""
+    newest = newest_revision()
     with database.migrating() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:k)"), {"k": UPGRADE_LOCK})
-        found = current_revision(connection)
-        known = {script.revision for script in scripts.walk_revisions()}
-        if found is not None and found not in known:
-            raise StorageTooNew(
-                f"the database {database.name} was written by a newer thermap (its revision is "
-                f"{found}, the newest known here is {newest}): install that version, "
-                "or give another --database-url"
-            )
+        found = check_not_newer(connection, f"the database {database.name}")
         if found != newest:
             command.upgrade(alembic_config(connection), "head")
-    return newest
+    return Upgraded(found, newest)
+
+
+def newest_revision() -> str:
+    """Name the newest revision that this version knows."""
+    return ScriptDirectory.from_config(alembic_config()).get_current_head() or ""
+
+
+def check_not_newer(connection: Connection, what: str) -> str | None:
+    """Read a database's revision, None where it is empty.
+
+    Raises
+    ------
+    StorageTooNew
+        If this version does not know it.
+    """
+    scripts = ScriptDirectory.from_config(alembic_config())
+    found = current_revision(connection)
+    if found is not None and found not in {script.revision for script in scripts.walk_revisions()}:
+        raise StorageTooNew(
+            f"{what} was written by a newer thermap (its revision is {found}, the newest known "
+            f"here is {newest_revision()}): install that version, or give another one"
+        )
+    return found
 
 
 def current_revision(connection: Connection) -> str | None:

@@ -11,8 +11,8 @@ from sqlalchemy.orm import Session
 
 from app.errors import UnknownThing, list_names
 from app.storage.error_maps import stored_map
-from app.storage.records import ModelVersion, StoredMap
-from app.storage.tables import LARGEST_INTEGER, MachineRow, ModelVersionMapRow, ModelVersionRow
+from app.storage.records import LARGEST_INTEGER, ModelVersion, StoredMap
+from app.storage.tables import MachineRow, ModelVersionMapRow, ModelVersionRow
 
 
 def insert_version(
@@ -24,7 +24,7 @@ def insert_version(
     reason: str,
     now: datetime,
 ) -> ModelVersion:
-    """Add the next version of a locked machine and make it the active one."""
+    """Add the next version of a locked machine; tables go on with the active one."""
     newest = session.scalar(
         select(func.max(ModelVersionRow.version)).where(ModelVersionRow.machine_id == machine.id)
     )
@@ -45,14 +45,19 @@ def insert_version(
         for map_id in map_ids
     )
     session.flush()
-    activate_version(machine, version)
     return find_version(session, machine.id, version)
 
 
 def activate_version(machine: MachineRow, version: int) -> None:
-    """Make a version the active one; live tables follow."""
+    """Make a version the active one; live tables follow, and none waits any more."""
     machine.active_version = version
+    machine.waiting_version = None
     machine.revision += 1
+
+
+def let_wait(machine: MachineRow, version: int | None) -> None:
+    """Let a version wait for its activation, or none; live tables stay as they are."""
+    machine.waiting_version = version
 
 
 def find_version(session: Session, machine_id: str, version: int) -> ModelVersion:
@@ -83,6 +88,13 @@ def active_version(session: Session, machine: MachineRow) -> ModelVersion | None
     if machine.active_version is None:
         return None
     return find_version(session, machine.id, machine.active_version)
+
+
+def waiting_version(session: Session, machine: MachineRow) -> ModelVersion | None:
+    """Read the version that waits for its activation, None where none does."""
+    if machine.waiting_version is None:
+        return None
+    return find_version(session, machine.id, machine.waiting_version)
 
 
 def list_versions(session: Session, machine_id: str) -> list[ModelVersion]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Sequence
 from datetime import datetime, timedelta
+from typing import NamedTuple
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import delete, func, insert, literal, or_, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
-from app.storage.tables import ReadingRow
+from app.storage.tables import MachineRow, ReadingRow, WithdrawnReadingRow
 from app.thermal.reading import Reading
 
 SEARCHED = 2000
@@ -21,13 +22,22 @@ BATCH = 2000
 _ONE_TIME = ["machine_id", "time"]
 
 
+class NumberedReading(NamedTuple):
+    """A reading with its number, its machine, and how often that had had some withdrawn."""
+
+    number: int
+    machine_id: str
+    withdrawals: int
+    reading: Reading
+
+
 def insert_readings(
     session: Session, machine_id: str, readings: Sequence[Reading]
 ) -> set[datetime]:
     """Add readings whose times are not there yet; return the times that were added."""
     on_sqlite = session.get_bind().dialect.name == "sqlite"
-    insert = sqlite.insert(ReadingRow) if on_sqlite else postgresql.insert(ReadingRow)
-    statement = insert.on_conflict_do_nothing(index_elements=_ONE_TIME).returning(ReadingRow.time)
+    adding = sqlite.insert(ReadingRow) if on_sqlite else postgresql.insert(ReadingRow)
+    statement = adding.on_conflict_do_nothing(index_elements=_ONE_TIME).returning(ReadingRow.time)
     rows = [
         {
             "machine_id": machine_id,
@@ -78,16 +88,20 @@ def list_readings(
 
 
 def recent_readings(
-    session: Session, machine_id: str, window: timedelta, sensors: Iterable[str]
+    session: Session,
+    machine_id: str,
+    until: datetime,
+    window: timedelta,
+    sensors: Iterable[str],
 ) -> list[Reading]:
-    """List the newest readings, oldest first.
+    """List the newest readings up to a time, oldest first.
 
     They go back over a window before the newest one, and, for sensors that none of
     those has, over at most `SEARCHED` more.
     """
     query = (
         select(ReadingRow)
-        .where(ReadingRow.machine_id == machine_id)
+        .where(ReadingRow.machine_id == machine_id, ReadingRow.time <= until)
         .order_by(ReadingRow.time.desc())
         .execution_options(yield_per=1000)
     )
@@ -108,11 +122,53 @@ def recent_readings(
     return found[::-1]
 
 
-def newest_time(session: Session, machine_id: str) -> datetime | None:
-    """Give the time of a machine's newest reading, None before the first."""
-    of_machine = ReadingRow.machine_id == machine_id
-    query = select(ReadingRow.time).where(of_machine).order_by(ReadingRow.time.desc()).limit(1)
+def readings_after(session: Session, machine_id: str, time: datetime, limit: int) -> list[Reading]:
+    """List the first readings after a time, in order of time."""
+    query = (
+        select(ReadingRow)
+        .where(ReadingRow.machine_id == machine_id, ReadingRow.time > time)
+        .order_by(ReadingRow.time)
+        .limit(limit)
+    )
+    return [_reading(row) for row in session.scalars(query)]
+
+
+def newest_time(session: Session, machine_id: str, until: datetime) -> datetime | None:
+    """Give the time of a machine's newest reading up to a time, None where there is none."""
+    query = (
+        select(ReadingRow.time)
+        .where(ReadingRow.machine_id == machine_id, ReadingRow.time <= until)
+        .order_by(ReadingRow.time.desc())
+        .limit(1)
+    )
     return session.scalar(query)
+
+
+def withdraw_stored(
+    session: Session, machine: MachineRow, since: datetime, until: datetime, now: datetime
+) -> int:
+    """Take a locked machine's readings between two times, both included, out of use.
+
+    They move to a table of their own; how many is returned.
+    """
+    kept = (ReadingRow.id, ReadingRow.machine_id, ReadingRow.time)
+    content = (ReadingRow.temperatures_c, ReadingRow.state)
+    between = (ReadingRow.machine_id == machine.id, ReadingRow.time.between(since, until))
+    at = literal(now, WithdrawnReadingRow.withdrawn_at.type)
+    names = [column.key for column in (*kept, *content)]
+    moved = select(*kept, *content, at).where(*between)
+    session.connection().execute(
+        insert(WithdrawnReadingRow).from_select([*names, "withdrawn_at"], moved)
+    )
+    # Those that were copied, and none that came in between: no number is used twice.
+    copied = select(WithdrawnReadingRow.id).where(WithdrawnReadingRow.machine_id == machine.id)
+    gone = session.connection().execute(
+        delete(ReadingRow).where(*between, ReadingRow.id.in_(copied))
+    )
+    count = gone.rowcount
+    if count:
+        machine.withdrawals += 1
+    return count
 
 
 def newest_id(session: Session) -> int:
@@ -122,11 +178,15 @@ def newest_id(session: Session) -> int:
 
 def numbered_readings(
     session: Session, above: int, gaps: Iterable[tuple[int, int]]
-) -> list[tuple[int, str, Reading]]:
-    """List readings with a number above this one or in a gap (first, last), with their machines."""
+) -> list[NumberedReading]:
+    """List readings with a number above this one or in a gap (first, last)."""
     wanted = or_(ReadingRow.id > above, *(ReadingRow.id.between(*gap) for gap in gaps))
-    rows = session.scalars(select(ReadingRow).where(wanted))
-    return [(row.id, row.machine_id, _reading(row)) for row in rows]
+    # With the withdrawals in one statement: they say of which readings this is the whole.
+    query = select(ReadingRow, MachineRow.withdrawals).join(MachineRow).where(wanted)
+    return [
+        NumberedReading(row.id, row.machine_id, withdrawals, _reading(row))
+        for row, withdrawals in session.execute(query)
+    ]
 
 
 def _reading(row: ReadingRow) -> Reading:

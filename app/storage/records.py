@@ -6,17 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 from app.identification.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
+
+LARGEST_INTEGER: Final = 2**31 - 1
+"""The largest number of a column of type Integer; databases refuse to be asked for more."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredMachine:
     """A machine, which model version is active, how often it has changed, and its watch.
 
+    `waiting_version` is stored and not activated, because its tables would lose something;
     `watch` says `within` or `beyond`, None where no verification was judged.
     """
 
@@ -25,6 +29,7 @@ class StoredMachine:
     active_version: int | None
     revision: int
     watch: str | None = None
+    waiting_version: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,9 +28,6 @@ from sqlalchemy.types import TypeDecorator
 
 from app.arrays import FloatArray
 
-LARGEST_INTEGER = 2**31 - 1
-"""The largest number of a column of type Integer; databases refuse to be asked for more."""
-
 
 class UtcDateTime(TypeDecorator[datetime]):
     """A time, stored and returned as UTC; a time without a zone is refused."""
@@ -90,7 +87,13 @@ class Base(DeclarativeBase):
 
 
 class MachineRow(Base):
-    """A machine and its settings; `revision` counts every change that live tables follow."""
+    """A machine and its settings.
+
+    `revision` counts every change of it that live tables follow, `withdrawals` how often
+    readings were withdrawn: who holds readings in memory then reads them again.
+    `waiting_version` is made of all that was stored, and is not active because its tables would
+    lose something.
+    """
 
     __tablename__ = "machine"
 
@@ -101,9 +104,12 @@ class MachineRow(Base):
     sensors: Mapped[list[Any]]
     out_of_range: Mapped[str] = mapped_column(String(16))
     extrapolation_margin_c: Mapped[float]
+    extrapolation_error_ratio: Mapped[float] = mapped_column(default=3.0, server_default="3.0")
     same_temperature: Mapped[str] = mapped_column(String(16))
     active_version: Mapped[int | None]
+    waiting_version: Mapped[int | None]
     revision: Mapped[int] = mapped_column(default=1)
+    withdrawals: Mapped[int] = mapped_column(default=0, server_default=text("0"))
     created_at: Mapped[datetime]
 
 
@@ -212,6 +218,24 @@ class ReadingRow(Base):
     time: Mapped[datetime]
     temperatures_c: Mapped[dict[str, Any]]
     state: Mapped[dict[str, Any]]
+
+
+class WithdrawnReadingRow(Base):
+    """A reading that somebody withdrew, under its old number, so that no query meets it.
+
+    The same time may have a new reading, and that may be withdrawn as well.
+    """
+
+    __tablename__ = "withdrawn_reading"
+
+    id: Mapped[int] = mapped_column(
+        BigInteger().with_variant(Integer(), "sqlite"), primary_key=True, autoincrement=False
+    )
+    machine_id: Mapped[str] = mapped_column(ForeignKey("machine.id", ondelete="CASCADE"))
+    time: Mapped[datetime]
+    temperatures_c: Mapped[dict[str, Any]]
+    state: Mapped[dict[str, Any]]
+    withdrawn_at: Mapped[datetime]
 
 
 class VerificationRow(Base):

@@ -15,8 +15,8 @@ from app.errors import UnknownThing, list_names
 from app.geometry.components import ORDER
 from app.identification.observations import Observation, Triple, Verification
 from app.identification.search.rows import Datum
-from app.storage.records import StoredVerification
-from app.storage.tables import LARGEST_INTEGER, VerificationRow
+from app.storage.records import LARGEST_INTEGER, StoredVerification
+from app.storage.tables import VerificationRow
 
 POINTS: Final = "points"
 """Name among a verification's components of what was measured at points."""

@@ -15,7 +15,7 @@ from app.storage.database import Database
 from app.storage.error_maps import find_error_map, insert_error_map, withdraw_error_map
 from app.storage.machines import find_machine, insert_machine
 from app.storage.model_versions import insert_version
-from app.storage.readings import insert_readings, newest_id
+from app.storage.readings import insert_readings, newest_id, withdraw_stored
 from app.storage.records import AnalysisTask
 from app.storage.tables import (
     Base,
@@ -115,6 +115,7 @@ def fill(database, machine_id):
         insert_version(session, row, [m.id for m in maps], {"EXX": "a"}, [], "test", START)
         readings = [Reading(START + timedelta(seconds=s), {"a": 1.0}, {}) for s in range(3)]
         insert_readings(session, machine_id, readings)
+        withdraw_stored(session, row, START, START, START)
         seen = Verification("seen", [Observation(START.timestamp(), (1.0,), "EXX", 5.0)])
         stored = insert_verification(session, machine_id, seen, {"status": "within"}, START)
         write_watch(session, machine_id, 1, {"streams": {}, "beyond_since_s": None}, START)

@@ -8,8 +8,8 @@ from sqlalchemy import text
 
 from app.errors import InvalidContent, StorageUnavailable
 from app.geometry.chain import Chain
-from app.storage import database as module
 from app.storage.database import Database
+from app.storage.limits import Limits
 from app.storage.machines import find_machine, insert_machine, list_machines
 from app.thermal.machine import Machine
 from tests.service_examples import START
@@ -84,7 +84,7 @@ def test_every_connection_of_sqlite_keeps_what_was_answered(sqlite):
                 session.execute(text(f"PRAGMA {name}")).scalar()
                 for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
             ]
-            assert found == ["wal", 2, 1, 15_000]  # 2 is FULL
+            assert found == ["wal", 2, 1, 10_000]  # 2 is FULL
 
 
 def test_readers_of_sqlite_are_not_in_the_writers_way(sqlite):
@@ -95,10 +95,9 @@ def test_readers_of_sqlite_are_not_in_the_writers_way(sqlite):
         assert list_machines(reader) == []  # one moment through the whole transaction
 
 
-def test_a_writer_of_sqlite_waits_for_its_turn_and_gives_up_in_time(sqlite_url, monkeypatch):
+def test_a_writer_of_sqlite_waits_for_its_turn_and_gives_up_in_time(sqlite_url):
     """Here a writer of another process, which only the file's own lock keeps waiting."""
-    monkeypatch.setattr(module, "BUSY_TIMEOUT_S", 0.05)
-    database, other = Database(sqlite_url), Database(sqlite_url)
+    database, other = Database(sqlite_url), Database(sqlite_url, Limits(lock_s=0.05))
     with database.writing() as first:
         assert list_machines(first) == []  # only reads, but means to write
         with pytest.raises(StorageUnavailable, match="locked"), other.writing() as second:
@@ -174,12 +173,17 @@ def test_every_spelling_of_postgresql_is_understood_and_its_password_hidden(sche
     database.close()
 
 
-def test_folders_of_a_sqlite_file_are_made(tmp_path):
-    database = Database(f"sqlite:///{tmp_path}/a/b c/thermap.db")
+def test_the_folder_of_a_sqlite_file_has_to_be_there(tmp_path):
+    """A misspelt one would hold a new, empty database, and nobody would know."""
+    with pytest.raises(StorageUnavailable, match=r"no folder .*/misspelt; make it first"):
+        Database(f"sqlite:///{tmp_path}/misspelt/thermap.db")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "b c % #").mkdir()
+    database = Database(f"sqlite:///{tmp_path}/b c % #/thermap.db")
     with database.reading() as session:
         session.execute(text("SELECT 1"))
     database.close()
-    assert (tmp_path / "a" / "b c" / "thermap.db").is_file()
+    assert (tmp_path / "b c % #" / "thermap.db").stat().st_size > 0
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path):

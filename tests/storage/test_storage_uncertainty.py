@@ -21,7 +21,9 @@ FORMER = "869265db76ba"
 """The version before error maps had uncertainty."""
 
 ADDED = {"covariance", "backward_covariance"}
-LATER = ("verification", "analysis", "watch")
+NEW_SETTINGS = {"withdrawals": 0, "extrapolation_error_ratio": 3.0, "waiting_version": None}
+"""Columns of a machine that came after it, and what they hold then."""
+LATER = ("verification", "analysis", "watch", "withdrawn_reading")
 """Tables that came after it too."""
 
 RNG = np.random.default_rng(4)
@@ -148,6 +150,8 @@ def test_a_database_of_the_former_version_is_upgraded_without_loss(former):
     after = rows_of(former)
     for row in after["error_map_component"]:
         assert {name: row.pop(name) for name in ADDED} == dict.fromkeys(ADDED)
+    for row in after["machine"]:
+        assert {name: row.pop(name) for name in NEW_SETTINGS} == NEW_SETTINGS
     assert {table: after.pop(table) for table in LATER} == {table: [] for table in LATER}
     assert after == before
 
@@ -182,6 +186,9 @@ def test_going_back_to_the_former_version_keeps_all_but_the_uncertainty(furnishe
         command.downgrade(alembic_config(connection), FORMER)
     for table in LATER:
         del before[table]
+    for row in before["machine"]:
+        for name in NEW_SETTINGS:
+            del row[name]
     for row in before["error_map_component"]:
         for name in ADDED:
             del row[name]

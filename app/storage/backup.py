@@ -1,0 +1,324 @@
+"""Backups: one SQLite file with everything, whatever kind of database it comes from.
+
+So a backup can be read and checked with any SQLite, served as it is, and restored into
+either kind of database. A seal at its end, behind what SQLite reads, holds the checksum of
+all before it: a copy that was cut off, or of which a byte has changed, is known as such.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+from urllib.parse import quote
+
+from sqlalchemy import Connection, Table, create_engine, func, inspect, select, text
+
+from app.errors import Conflict, InvalidContent, StorageUnavailable, counted
+from app.storage.database import Database
+from app.storage.migrate import check_not_newer, newest_revision, upgrade
+from app.storage.tables import Base
+
+SEAL: Final = b"thermap backup 1\n"
+"""What the last bytes of a backup begin with; the SHA-256 of all before follows."""
+
+SEAL_BYTES: Final = len(SEAL) + hashlib.sha256().digest_size
+
+MANY_ROWS: Final = 5000
+"""Readings that are in memory at the same time."""
+
+FEW_ROWS: Final = 10
+"""The same of tables with arrays: one row may have some megabytes."""
+
+COUNTED: Final = {
+    "machines": "machine",
+    "maps": "error_map",
+    "versions": "model_version",
+    "readings": "reading",
+    "verifications": "verification",
+    "analyses": "analysis",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BackupContents:
+    """How much of each there is in a backup, and its size [bytes]."""
+
+    counts: Mapping[str, int]
+    size_bytes: int
+
+
+def write_backup(database_url: str, file: Path) -> BackupContents:
+    """Write everything, as it is at one moment, to a file; others may go on writing meanwhile.
+
+    The file has its name only when it is whole.
+
+    Raises
+    ------
+    Conflict
+        If there is such a file, or the database is of another version than this thermap.
+    StorageTooNew
+        If it is of a newer one.
+    StorageUnavailable
+        If the database cannot be read, or the file not written.
+    """
+    if file.exists():
+        raise Conflict(f"{file} is there already: give another name")
+    part = file.with_name(f".{file.name}.{os.getpid()}.part")
+    with _saying_when_not_written(file):
+        database = Database(database_url, may_be_new=False)
+        try:
+            _require_tables(database)
+            if database.is_sqlite:
+                _copy_file(database, part)
+            else:
+                _copy_server(database, part)
+            counts = _checked(part)
+            _seal(part)
+            _give_name(part, file)
+        finally:
+            database.close()
+            for left in (part, *(Path(f"{part}{end}") for end in ("-wal", "-shm", "-journal"))):
+                left.unlink(missing_ok=True)
+        return BackupContents(counts, file.stat().st_size)
+
+
+def restore_backup(database_url: str, file: Path, *, replace: bool = False) -> BackupContents:
+    """Store everything of a backup: whole, or not at all.
+
+    Parameters
+    ----------
+    database_url
+        The database; its tables are made or upgraded first.
+    file
+        What `write_backup` has written, by this or an older thermap.
+    replace
+        Whether machines that are there are replaced, with all that belongs to them.
+
+    Raises
+    ------
+    InvalidContent
+        If the file is no backup, or damaged.
+    StorageTooNew
+        If it, or the database, is of a newer thermap.
+    Conflict
+        If the database has machines, or a service is running on it.
+    """
+    size_bytes = check_backup(file)
+    with TemporaryDirectory(prefix="thermap-") as folder, _up_to_date(file, Path(folder)) as source:
+        database = Database(database_url)
+        try:
+            upgrade(database)
+            with database.alone() as target:
+                _expect_no_machines(target, database.name, replace)
+                for table in reversed(Base.metadata.sorted_tables):
+                    target.execute(table.delete())
+                for table in Base.metadata.sorted_tables:
+                    _copy_rows(source, target, table)
+                _continue_numbers(target, _last_numbers(source))
+        finally:
+            database.close()
+        return BackupContents(_counts(source), size_bytes)
+
+
+def check_backup(file: Path) -> int:
+    """Say how many bytes a backup has, if it is one and whole.
+
+    Raises
+    ------
+    InvalidContent
+        If it is none, or not as it was written.
+    """
+    try:
+        size_bytes = file.stat().st_size
+        with file.open("rb") as opened:
+            digest = hashlib.sha256()
+            left = max(size_bytes - SEAL_BYTES, 0)
+            while left and (read := opened.read(min(1 << 20, left))):
+                digest.update(read)
+                left -= len(read)
+            seal = opened.read()
+    except OSError as error:
+        raise InvalidContent(f"{file} cannot be read: {error.strerror}") from error
+    if not seal.startswith(SEAL) or len(seal) != SEAL_BYTES:
+        raise InvalidContent(
+            f"{file} is no backup, or not whole: expected a file that `thermap backup` wrote"
+        )
+    if seal != SEAL + digest.digest():
+        raise InvalidContent(f"{file} is damaged: it is not as `thermap backup` wrote it")
+    return size_bytes
+
+
+def _expect_no_machines(target: Connection, name: str, replace: bool) -> None:
+    there = target.execute(text("SELECT count(*) FROM machine")).scalar_one()
+    if there and not replace:
+        raise Conflict(
+            f"the database {name} has {counted(there, 'machine')}: "
+            "--replace deletes what is there and restores the backup in its place"
+        )
+
+
+def _require_tables(database: Database) -> None:
+    """Refuse a database that a newer thermap wrote, or none."""
+    with database.reading() as session:
+        if check_not_newer(session.connection(), f"the database {database.name}") is None:
+            raise Conflict(f"the database {database.name} holds nothing of thermap")
+
+
+def _copy_file(database: Database, part: Path) -> None:
+    """Let SQLite copy a file: readers and writers go on, and the copy is of one moment."""
+    with database.driver() as driver:
+        driver.execute("VACUUM INTO ?", [str(part)])
+
+
+def _copy_server(database: Database, part: Path) -> None:
+    """Copy all tables of a server into a file, as they are at one moment."""
+    target = Database(f"sqlite:///{part.absolute()}")
+    try:
+        upgrade(target)
+        with database.snapshot() as source, target.migrating() as connection:
+            found = check_not_newer(source, f"the database {database.name}")
+            if found != newest_revision():
+                raise Conflict(
+                    f"the database {database.name} is of an older thermap (revision {found}): "
+                    "start `thermap serve` once, which upgrades it, or use the older one"
+                )
+            for table in Base.metadata.sorted_tables:
+                _copy_rows(source, connection, table)
+            _continue_numbers(connection, _last_numbers(source))
+        with target.driver() as driver:
+            driver.execute("PRAGMA journal_mode = DELETE")  # one file, without a log beside it
+    finally:
+        target.close()
+
+
+def _copy_rows(source: Connection, target: Connection, table: Table) -> None:
+    """Copy a table in pieces that fit into memory, in the order of its key."""
+    rows = MANY_ROWS if table.name in ("reading", "model_version_map") else FEW_ROWS
+    reading = source.execution_options(yield_per=rows)
+    insert = table.insert()
+    for some in reading.execute(select(table).order_by(*table.primary_key)).partitions():
+        target.execute(insert, [dict(row._mapping) for row in some])
+
+
+def _numbered() -> list[Table]:
+    return [t for t in Base.metadata.sorted_tables if t.autoincrement_column is not None]
+
+
+def _last_numbers(source: Connection) -> dict[str, int]:
+    """Say which number of each numbered table was given last, also where its row is gone."""
+    on_sqlite = source.dialect.name == "sqlite"
+    given = source.execute(text("SELECT name, seq FROM sqlite_sequence")) if on_sqlite else ()
+    last: dict[str, int] = {row.name: row.seq for row in given}
+    for table in _numbered():
+        in_table = source.execute(select(func.max(table.c.id))).scalar_one() or 0
+        if not on_sqlite:
+            asked = text(f"SELECT last_value FROM {table.name}_id_seq WHERE is_called")
+            last[table.name] = source.execute(asked).scalar() or 0
+        last[table.name] = max(in_table, last.get(table.name, 0))
+    return last
+
+
+def _continue_numbers(target: Connection, last: Mapping[str, int]) -> None:
+    """Let new rows have numbers above all that were ever given."""
+    for table in _numbered():
+        number = last.get(table.name, 0)
+        if target.dialect.name == "postgresql":
+            target.execute(
+                text("SELECT setval(:sequence, :next, false)"),
+                {"sequence": f"{table.name}_id_seq", "next": number + 1},
+            )
+        elif table.dialect_options["sqlite"]["autoincrement"]:
+            row = {"name": table.name, "seq": number}
+            target.execute(text("DELETE FROM sqlite_sequence WHERE name = :name"), row)
+            target.execute(text("INSERT INTO sqlite_sequence VALUES (:name, :seq)"), row)
+
+
+@contextmanager
+def _up_to_date(file: Path, folder: Path) -> Iterator[Connection]:
+    """Open a backup at this version's revision; an older one is upgraded in a copy."""
+    with _opened(file) as connection:
+        if check_not_newer(connection, f"the backup {file}") == newest_revision():
+            yield connection
+            return
+    copy = folder / "upgraded.db"
+    with closing(sqlite3.connect(_uri(file), uri=True)) as older:
+        older.execute("VACUUM INTO ?", [str(copy)])
+    database = Database(f"sqlite:///{copy}")
+    try:
+        upgrade(database)
+        with database.snapshot() as connection:
+            yield connection
+    finally:
+        database.close()
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[Connection]:
+    """Open a SQLite file as it is, without leaving anything beside it."""
+    engine = create_engine("sqlite://", creator=lambda: sqlite3.connect(_uri(file), uri=True))
+    try:
+        with engine.connect() as connection:
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def _uri(file: Path) -> str:
+    return f"file:{quote(str(file.absolute()))}?mode=ro&immutable=1"
+
+
+def _checked(part: Path) -> dict[str, int]:
+    """Count what is in a new backup, once SQLite has looked through all of it."""
+    with _opened(part) as connection:
+        for pragma in ("integrity_check", "foreign_key_check"):
+            found = connection.exec_driver_sql(f"PRAGMA {pragma}").all()
+            if found not in ([], [("ok",)]):
+                raise StorageUnavailable(f"the database is damaged: {pragma} found {found[:3]}")
+        return _counts(connection)
+
+
+def _counts(connection: Connection) -> dict[str, int]:
+    """Count what a person knows of; an older backup has not all tables."""
+    there = inspect(connection).get_table_names()
+    return {
+        name: connection.execute(text(f"SELECT count(*) FROM {table}")).scalar_one()
+        for name, table in COUNTED.items()
+        if table in there
+    }
+
+
+def _seal(part: Path) -> None:
+    """Write the checksum behind a file that is whole, and wait for the disk."""
+    with part.open("r+b") as opened:
+        digest = hashlib.sha256()
+        while read := opened.read(1 << 20):
+            digest.update(read)
+        opened.write(SEAL + digest.digest())
+        opened.flush()
+        os.fsync(opened.fileno())
+
+
+def _give_name(part: Path, file: Path) -> None:
+    """Let a whole file appear under its name, but never in place of another."""
+    try:
+        os.link(part, file)
+    except FileExistsError:
+        raise Conflict(f"{file} is there already: give another name") from None
+    except OSError:  # a file system without links
+        part.rename(file)
+
+
+@contextmanager
+def _saying_when_not_written(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, sqlite3.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise StorageUnavailable(f"the backup {file} cannot be written: {reason}") from error

@@ -1,0 +1,151 @@
+"""Connections to PostgreSQL that give up when no answer comes.
+
+The server is told how long a statement may take. But a server that is frozen, or a
+network that keeps a connection open and delivers nothing, needs a limit at this end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from time import monotonic
+from typing import Any, Final
+from weakref import WeakSet
+
+import psycopg
+from sqlalchemy import URL, Connection, Engine, create_engine, event
+
+from app.storage.limits import QUESTION, Limits
+
+CONNECT_TIMEOUT_S: Final = 5
+
+APPLICATION_NAME: Final = "thermap"
+"""By which PostgreSQL lists our connections."""
+
+MARGIN_S: Final = 1.0
+"""How much longer this end waits than the server, which knows the reason [s]."""
+
+IDLE_S: Final = 120.0
+"""A transaction in which nothing is asked for so long belongs to a process that hangs [s]."""
+
+POOL_SIZE: Final = 10
+MOST_CONNECTIONS: Final = 40
+
+_GIVE_UP: Final = {
+    "connect_timeout": CONNECT_TIMEOUT_S,
+    "tcp_user_timeout": CONNECT_TIMEOUT_S * 1000,
+    "keepalives_idle": CONNECT_TIMEOUT_S,
+    "keepalives_interval": 1,
+    "keepalives_count": CONNECT_TIMEOUT_S,
+}
+"""A network that swallows everything, without this, keeps a request for a quarter of an hour."""
+
+
+class ImpatientConnection(psycopg.Connection[Any]):
+    """A connection that is closed when the server does not answer in time.
+
+    `answer_s` is how long an answer may take [s], None for any time; what is `broken_off`
+    from another thread gives up within a tenth of a second.
+    """
+
+    answer_s: float | None = QUESTION.statement_s
+    broken_off = False
+
+    def wait(self, gen: Generator[Any, Any, Any], *args: Any, **named: Any) -> Any:
+        """Wait for the server, as psycopg does everywhere, but not for ever."""
+        return super().wait(self._impatient(gen), *args, **named)
+
+    def _impatient(self, gen: Generator[Any, Any, Any]) -> Generator[Any, Any, Any]:
+        """Pass on what is waited for; psycopg comes by every tenth of a second at least."""
+        heard_at = monotonic()
+        try:
+            wanted = next(gen)
+            while True:
+                ready = yield wanted
+                if ready:
+                    heard_at = monotonic()
+                elif self.broken_off:
+                    self._give_up(gen, "broken off, the service ends")
+                elif self.answer_s is not None and monotonic() - heard_at > self.answer_s:
+                    self._give_up(gen, f"no answer within {self.answer_s:g} s")
+                wanted = gen.send(ready)
+        except StopIteration as end:
+            return end.value
+
+    def _give_up(self, gen: Generator[Any, Any, Any], reason: str) -> None:
+        gen.close()
+        self.pgconn.finish()
+        raise psycopg.OperationalError(reason)
+
+
+class PostgresqlConnections:
+    """Makes the engine, and can break off all its connections, those at work too."""
+
+    def __init__(self, url: URL, limits: Limits) -> None:
+        self._limits = limits
+        self._made: WeakSet[ImpatientConnection] = WeakSet()
+        self._is_closed = False
+        stated = url.query.get("options", "")
+        options = f"{_options(limits)} {stated if isinstance(stated, str) else ' '.join(stated)}"
+        self.engine: Engine = create_engine(
+            url,
+            pool_pre_ping=True,
+            pool_size=POOL_SIZE,
+            max_overflow=MOST_CONNECTIONS - POOL_SIZE,
+            pool_timeout=CONNECT_TIMEOUT_S,
+            connect_args={
+                **_GIVE_UP,
+                "application_name": APPLICATION_NAME,
+                "options": options.strip(),
+            },
+        )
+        event.listen(self.engine, "do_connect", self._connect)
+        event.listen(self.engine, "begin", self._begin)
+        event.listen(self.engine, "checkin", _checkin)
+
+    def close(self) -> None:
+        """Give up all connections, and let whoever waits for one of them go."""
+        self._is_closed = True
+        for connection in list(self._made):
+            connection.broken_off = True
+        self.engine.dispose()
+
+    def _connect(
+        self, _dialect: Any, _record: Any, arguments: Any, named: Any
+    ) -> ImpatientConnection:
+        if self._is_closed:
+            raise psycopg.OperationalError("the service ends")
+        connection = ImpatientConnection.connect(*arguments, **named)
+        self._made.add(connection)
+        return connection
+
+    def _begin(self, connection: Connection) -> None:
+        limits: Limits = connection.get_execution_options().get("thermap_limits", self._limits)
+        driver: Any = connection.connection.driver_connection
+        driver.answer_s = None if limits.statement_s is None else limits.statement_s + MARGIN_S
+        if limits is not self._limits:
+            stated = "; ".join(f"SET LOCAL {name} = {ms}" for name, ms in _stated_ms(limits))
+            connection.exec_driver_sql(stated)
+
+
+def _checkin(connection: ImpatientConnection | None, _record: Any) -> None:
+    """Let the ping that precedes the next use be answered soon."""
+    if connection is not None:
+        connection.answer_s = QUESTION.statement_s
+
+
+def _options(limits: Limits) -> str:
+    return " ".join(f"-c {name}={ms}" for name, ms in _stated_ms(limits))
+
+
+def _stated_ms(limits: Limits) -> list[tuple[str, int]]:
+    """Name PostgreSQL's settings, with their values [ms]; 0 is no limit."""
+    idle_s = None if limits.statement_s is None else max(IDLE_S, limits.statement_s)
+    return [
+        ("lock_timeout", _ms(limits.lock_s)),
+        ("statement_timeout", _ms(limits.statement_s)),
+        ("idle_in_transaction_session_timeout", _ms(idle_s)),
+    ]
+
+
+def _ms(seconds: float | None) -> int:
+    return 0 if seconds is None else max(1, round(1000 * seconds))

@@ -1,0 +1,123 @@
+"""Connections to a SQLite file that is watched: a file that is gone keeps nothing."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event
+
+from app.errors import StorageUnavailable
+from app.storage.limits import Limits
+
+
+class SqliteFile:
+    """One SQLite file, the same from the beginning to the end.
+
+    A file that is deleted or replaced while it is open goes on taking what is written, and
+    nobody ever finds it again. So the file of that name is compared with the one that was
+    opened, at the beginning of each transaction and after each commit.
+
+    Raises
+    ------
+    StorageUnavailable
+        If the folder is not there, or the file cannot be made.
+    """
+
+    def __init__(self, path: Path, *, may_be_new: bool) -> None:
+        self.path = path
+        if may_be_new:
+            _make(path)
+        elif not path.is_file():
+            raise StorageUnavailable(f"there is no database {path}")
+        self._identity = self._found()
+
+    def check(self) -> None:
+        """Raise StorageUnavailable unless the file is still the one that was opened."""
+        if self._found() != self._identity:
+            raise StorageUnavailable(
+                f"the database is away: {self.path} is another file than the one that was opened; "
+                "start the service again to use it"
+            )
+
+    def _found(self) -> tuple[int, int]:
+        """Identify the file that has the name now."""
+        try:
+            found = self.path.stat()
+        except OSError as error:
+            raise StorageUnavailable(
+                f"the database is away: its file {self.path} was deleted or moved "
+                f"({error.strerror})"
+            ) from error
+        return found.st_dev, found.st_ino
+
+
+class SqliteConnections:
+    """Makes the engine of a file."""
+
+    def __init__(self, url: URL, limits: Limits, *, may_be_new: bool) -> None:
+        self._limits = limits
+        path = Path(str(url.database)).expanduser()
+        self.file = SqliteFile(path, may_be_new=may_be_new)
+        self.engine: Engine = create_engine(url.set(database=str(path)))
+        event.listen(self.engine, "do_connect", self._connect)
+        event.listen(self.engine, "connect", self._prepare)
+        event.listen(self.engine, "begin", self._begin)
+
+    def close(self) -> None:
+        """Give up all connections."""
+        self.engine.dispose()
+
+    def _connect(
+        self, _dialect: Any, _record: Any, _arguments: Any, named: Any
+    ) -> sqlite3.Connection:
+        # rw: a file that is gone must not come back empty.
+        uri = f"file:{quote(str(self.file.path.absolute()))}?mode=rw"
+        opened: sqlite3.Connection = sqlite3.connect(
+            uri, uri=True, timeout=_patience_s(self._limits), **named
+        )
+        return opened
+
+    def _prepare(self, connection: sqlite3.Connection, _record: Any) -> None:
+        """Make SQLite keep what was answered: log, foreign keys, and a sync at each commit."""
+        self.file.check()
+        connection.isolation_level = None  # we say BEGIN ourselves, see _begin
+        for pragma in (
+            "journal_mode = WAL",
+            "foreign_keys = ON",
+            "synchronous = FULL",
+            "journal_size_limit = 67108864",
+        ):
+            connection.execute(f"PRAGMA {pragma}")
+
+    def _begin(self, connection: Connection) -> None:
+        self.file.check()
+        options = connection.get_execution_options()
+        limits: Limits = options.get("thermap_limits", self._limits)
+        driver: Any = connection.connection.driver_connection
+        driver.execute(f"PRAGMA busy_timeout = {round(1000 * _patience_s(limits))}")
+        writes = options.get("thermap_writes", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def _patience_s(limits: Limits) -> float:
+    return 3600.0 if limits.lock_s is None else limits.lock_s
+
+
+def _make(path: Path) -> None:
+    """Make the file unless it is there, but no folder: its name may be misspelt."""
+    try:
+        if path.parent.is_dir():
+            if not path.exists():
+                path.touch()
+            return
+    except OSError as error:
+        raise StorageUnavailable(
+            f"the database is away: the file {path} cannot be made ({error.strerror})"
+        ) from error
+    raise StorageUnavailable(
+        f"the database is away: there is no folder {path.parent.absolute()}; "
+        "make it first, if the name is right"
+    )
