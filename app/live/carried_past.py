@@ -86,9 +86,16 @@ class CarriedPast:
             with self._lock:
                 self._waiting = []
             try:
-                stored = read()
+                stored = _in_order([*read(), *self._arrived_meanwhile()])
+                past = self._of_record(stored)  # outside the lock: arrivals do not wait for it
                 with self._lock:
-                    self._rebuild([*stored, *(self._waiting or [])])
+                    self._begin_with(past, stored)
+                    known = {reading.time for reading in stored}
+                    new = _in_order(r for r in self._waiting if r.time not in known)
+                    self._take(stored, new)
+                    if self.is_behind:
+                        together = _in_order([*stored, *new])
+                        self._begin_with(self._of_record(together), together)
             finally:
                 self._waiting = None
 
@@ -110,14 +117,18 @@ class CarriedPast:
                 past = past.update(time_s, known, reading.state)
         self.now = past
 
-    def _rebuild(self, readings: Sequence[Reading]) -> None:
-        by_time = {reading.time: reading for reading in readings}
-        ordered = [by_time[time] for time in sorted(by_time)]
+    def _arrived_meanwhile(self) -> list[Reading]:
+        with self._lock:
+            return list(self._waiting or ())
+
+    def _of_record(self, ordered: Sequence[Reading]) -> Past:
         states = [(r.time.timestamp(), r.state) for r in ordered]
-        history = self._believed(ordered)
-        self.now = Past.of_record(self._machine.sensors, self._needed, history, states)
+        return Past.of_record(self._machine.sensors, self._needed, self._believed(ordered), states)
+
+    def _begin_with(self, past: Past, readings: Sequence[Reading]) -> None:
+        self.now = past
         self._known.clear()
-        self._remember(ordered)
+        self._remember(readings)
         self.is_behind = False
 
     def _believed(self, ordered: Sequence[Reading]) -> TemperatureHistory:
@@ -131,3 +142,9 @@ class CarriedPast:
         self._known.update(dict.fromkeys(r.time.timestamp() for r in readings[-REMEMBERED:]))
         for oldest in list(self._known)[:-REMEMBERED]:
             del self._known[oldest]
+
+
+def _in_order(readings: Iterable[Reading]) -> list[Reading]:
+    """Set readings in order of time, each time once."""
+    by_time = {reading.time: reading for reading in readings}
+    return [by_time[time] for time in sorted(by_time)]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from math import inf
 from threading import Lock
 
@@ -16,39 +19,94 @@ LIMIT = 720
 for each such spacing."""
 
 
+MOST_AHEAD = 1000
+"""Readings of the future that are kept: those whose time comes first. The database has all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What a window holds at one moment, in order of time.
+
+    `used` can have been measured; `ahead` lies in the future, and is not used until its
+    time comes. `more_ahead` says that later ones are left to the database.
+    """
+
+    used: tuple[Reading, ...] = ()
+    ahead: tuple[Reading, ...] = ()
+    more_ahead: bool = False
+
+    @property
+    def latest(self) -> Reading | None:
+        """The newest reading that can be used."""
+        return self.used[-1] if self.used else None
+
+    def is_as_of(self, until: datetime) -> bool:
+        """Whether none ahead has come by a time, and none in use lies after it."""
+        return not (
+            (self.used and self.used[-1].time > until)
+            or (self.ahead and self.ahead[0].time <= until)
+        )
+
+    def reaches_past(self, until: datetime) -> bool:
+        """Whether a reading in use lies after a time: the clock has been set back."""
+        return bool(self.used and self.used[-1].time > until)
+
+
 class ReadingWindow:
-    """Readings in order of time, as far back as a judgement of the sensors needs them."""
+    """Readings in order of time, as far back as a judgement of the sensors needs them.
+
+    `until` is everywhere the latest time that a reading can have been measured at. `held` is
+    replaced whole, so a reader never sees half of a change.
+    """
 
     def __init__(self) -> None:
-        self._readings: tuple[Reading, ...] = ()
+        self.held = Held()
         self._lock = Lock()
         self._judged: tuple[tuple[Reading, ...], Machine, list[SensorState]] | None = None
 
     @property
     def latest(self) -> Reading | None:
-        """The newest reading."""
-        readings = self._readings
-        return readings[-1] if readings else None
+        """The newest reading that can be used."""
+        return self.held.latest
 
-    @property
-    def kept(self) -> Sequence[Reading]:
-        """The readings that are kept, in order of time."""
-        return self._readings
+    def add(self, machine: Machine, readings: Iterable[Reading], until: datetime) -> list[Reading]:
+        """Take readings in, in any order; those already there are passed over.
 
-    def add(self, machine: Machine, readings: Iterable[Reading]) -> None:
-        """Take readings in, in any order; those already there are passed over."""
+        Returns
+        -------
+        list of Reading
+            Those that can be used from now on: of the ones that came, and of the ones that
+            were ahead.
+        """
         with self._lock:
-            known = {reading.time for reading in self._readings}
-            new = [reading for reading in readings if reading.time not in known]
-            if not new:
-                return
-            by_time = {reading.time: reading for reading in (*new, *self._readings)}
-            ordered = [by_time[time] for time in sorted(by_time)]
-            self._readings = _thinned(ordered, machine)
+            held = self.held
+            came = list(readings)
+            known = {reading.time for part in (held.used, held.ahead) for reading in part}
+            new = [reading for reading in came if reading.time not in known]
+            if not new and held.is_as_of(until):
+                return [reading for reading in came if reading.time <= until]
+            self.held = _split([*new, *held.used, *held.ahead], machine, until, held)
+            released = [reading for reading in held.ahead if reading.time <= until]
+            return [*(reading for reading in came if reading.time <= until), *released]
+
+    def replace(self, machine: Machine, readings: Iterable[Reading], until: datetime) -> None:
+        """Hold these readings and no others."""
+        with self._lock:
+            self.held = _split(readings, machine, until, Held())
+
+    def drop(self, since: datetime, until: datetime) -> None:
+        """Let go of the readings between two times, both included."""
+        with self._lock:
+            held = self.held
+            used, ahead = (
+                tuple(r for r in part if not since <= r.time <= until)
+                for part in (held.used, held.ahead)
+            )
+            self.held = Held(used, ahead, held.more_ahead)
 
     def judge(self, machine: Machine) -> list[SensorState]:
         """Judge every sensor at the time of the latest reading."""
-        readings = self._readings
+        readings = self.held.used
         judged = self._judged
         if judged is None or judged[0] is not readings or judged[1] is not machine:
             history = TemperatureHistory.of_readings(
@@ -57,6 +115,19 @@ class ReadingWindow:
             judged = (readings, machine, assess_sensors(machine, history))
             self._judged = judged
         return judged[2]
+
+
+def _split(readings: Iterable[Reading], machine: Machine, until: datetime, before: Held) -> Held:
+    """Set readings in order, and what can be used apart from what lies ahead."""
+    by_time = {reading.time: reading for reading in readings}
+    ordered = [by_time[time] for time in sorted(by_time)]
+    count = bisect_right(ordered, until, key=lambda reading: reading.time)
+    ahead = ordered[count:]
+    if before.more_ahead and before.ahead:
+        # Beyond its last one there are others in the database: no later one may come first.
+        ahead = [reading for reading in ahead if reading.time <= before.ahead[-1].time]
+    more = before.more_ahead or len(ahead) > MOST_AHEAD
+    return Held(_thinned(ordered[:count], machine), tuple(ahead[:MOST_AHEAD]), more)
 
 
 def kept_spacing_s(sensors: Iterable[Sensor]) -> float:

@@ -7,8 +7,9 @@ half of one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from threading import Lock
@@ -16,7 +17,8 @@ from threading import Lock
 from app.identification.effects.effect import Effect
 from app.identification.past import Needed, needed_past
 from app.live.carried_past import CarriedPast
-from app.live.reading_window import ReadingWindow
+from app.live.database_watch import DatabaseWatch
+from app.live.reading_window import MOST_AHEAD, ReadingWindow
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.reading import Reading
 
@@ -43,30 +45,116 @@ class LiveModel:
         return needed_past(self.effects)
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
+class Arrived:
+    """Readings that came, and how often their machine had had some withdrawn until then."""
+
+    readings: Sequence[Reading]
+    withdrawals: int
+
+
 class LiveMachine:
-    """What is known of one machine now: its model, its latest readings, and their past."""
+    """What is known of one machine now: its model, its latest readings, and their past.
 
-    current: LiveModel
-    readings: ReadingWindow = field(default_factory=ReadingWindow)
-    past: CarriedPast = field(init=False)
+    `until` is everywhere the latest time at which a reading can have been measured.
+    `is_behind` says that the readings have to be read from the database: there may be others
+    than those that are here.
+    """
 
-    def __post_init__(self) -> None:
-        self.past = CarriedPast(self.current.model.machine, self.current.needed)
+    def __init__(self, current: LiveModel) -> None:
+        self.current = current
+        self.readings = ReadingWindow()
+        self.past = CarriedPast(current.model.machine, current.needed)
+        self.withdrawals = 0
+        self.is_behind = True
+        self._lock = Lock()
+        self._notes: dict[int, list[Arrived]] = {}
 
     def replace(self, current: LiveModel) -> None:
-        """Put another model in place; a past that it cannot use has to be restored."""
+        """Put another model in place; what other sensors or effects need has to be read."""
         machine = current.model.machine
-        if not self.past.serves(machine, current.needed):
-            self.past = CarriedPast(machine, current.needed)
-        self.current = current
+        with self._lock:
+            if not self.past.serves(machine, current.needed):
+                self.past = CarriedPast(machine, current.needed)
+            if machine.sensors != self.current.model.machine.sensors:
+                self.is_behind = True
+            self.current = current
 
-    def add(self, readings: Iterable[Reading]) -> None:
+    def expect(self, withdrawals: int) -> None:
+        """Take note of how often readings were withdrawn: if not as here, they are behind."""
+        with self._lock:
+            if withdrawals != self.withdrawals:
+                self.is_behind = True
+
+    def add(self, arrived: Arrived, until: datetime) -> None:
         """Take readings in, in any order; those already there are passed over."""
-        arrived = list(readings)
-        before = self.readings.kept
-        self.readings.add(self.current.model.machine, arrived)
-        self.past.add(before, arrived)
+        with self._lock:
+            for note in self._notes.values():
+                note.append(arrived)
+            if arrived.withdrawals == self.withdrawals:
+                self._take(arrived.readings, until)
+            else:
+                # Some of them may have been withdrawn since, or some of those here.
+                self.is_behind = True
+
+    def keep_up(self, until: datetime) -> None:
+        """Use what lay ahead and has come; if the clock was set back, leave what now lies ahead.
+
+        A comparison, except when there is something to do; it asks no database.
+        """
+        if not self.readings.held.is_as_of(until):
+            with self._lock:
+                self._take((), until)
+
+    def withdraw(self, since: datetime, until: datetime) -> None:
+        """Let go of the readings between two times at once, until they are read again."""
+        with self._lock:
+            self.readings.drop(since, until)
+            self._begin_past_anew()
+            self.is_behind = True
+
+    @contextmanager
+    def noting_arrivals(self) -> Iterator[list[Arrived]]:
+        """Note what arrives while the database is being read."""
+        noted: list[Arrived] = []
+        with self._lock:
+            self._notes[id(noted)] = noted
+        try:
+            yield noted
+        finally:
+            with self._lock:
+                del self._notes[id(noted)]
+
+    def reread(self, stored: Arrived, meanwhile: Iterable[Arrived], until: datetime) -> None:
+        """Hold what the database has, and what arrived while that was read, and no others."""
+        with self._lock:
+            if stored.withdrawals < self.withdrawals:
+                return  # somebody else read later
+            if stored.withdrawals > self.withdrawals:
+                self._begin_past_anew()
+            arrived = list(meanwhile)
+            known = [a for a in arrived if a.withdrawals == stored.withdrawals]
+            readings = [*stored.readings, *(r for a in known for r in a.readings)]
+            self.readings.replace(self.current.model.machine, readings, until)
+            self.withdrawals = stored.withdrawals
+            self.is_behind = len(known) < len(arrived)
+            self.past.add(self.readings.held.used, [r for r in readings if r.time <= until])
+
+    def _take(self, readings: Sequence[Reading], until: datetime) -> None:
+        machine, held = self.current.model.machine, self.readings.held
+        usable = self.readings.add(machine, readings, until)
+        before = held.used
+        if held.reaches_past(until):
+            # The window was that of a time that has not come, and let go of what it needs now.
+            self._begin_past_anew()
+            self.is_behind = True
+            before = self.readings.held.used
+        if held.more_ahead and len(self.readings.held.ahead) < MOST_AHEAD // 2:
+            self.is_behind = True
+        self.past.add(before, usable)
+
+    def _begin_past_anew(self) -> None:
+        self.past = CarriedPast(self.current.model.machine, self.current.needed)
 
 
 class LiveRegistry:
@@ -75,20 +163,23 @@ class LiveRegistry:
     def __init__(self) -> None:
         self._machines: dict[str, LiveMachine] = {}
         self._lock = Lock()
-        self.database_away_since: datetime | None = None
+        self.database = DatabaseWatch()
 
     def get(self, machine_id: str) -> LiveMachine | None:
         """Find a machine that is in memory."""
         return self._machines.get(machine_id)
 
-    def stamps(self) -> dict[str, tuple[datetime, int]]:
-        """Say in which shape each machine is in memory."""
-        return {machine_id: m.current.stamp for machine_id, m in list(self._machines.items())}
+    def stamps(self) -> dict[str, tuple[datetime, int, int]]:
+        """Say in which shape each machine is in memory: birth, revision and withdrawals."""
+        return {
+            machine_id: (*m.current.stamp, m.withdrawals)
+            for machine_id, m in list(self._machines.items())
+        }
 
-    def publish(self, live: LiveModel, readings: Iterable[Reading] = ()) -> LiveMachine:
+    def publish(self, live: LiveModel) -> LiveMachine:
         """Put a machine's model in place, unless a newer one is there already.
 
-        Readings are taken in beside those that are known.
+        It keeps the readings that it has; one that is new here is behind with them.
         """
         machine = live.model.machine
         with self._lock:
@@ -100,7 +191,6 @@ class LiveRegistry:
                 self._machines[machine.id] = known
             elif live.stamp >= known.current.stamp:
                 known.replace(live)
-            known.add(readings)
             return known
 
     def forget(self, machine_id: str) -> None:
@@ -108,15 +198,9 @@ class LiveRegistry:
         with self._lock:
             self._machines.pop(machine_id, None)
 
-    def add_readings(self, machine_id: str, readings: Iterable[Reading]) -> None:
-        """Take readings in for a machine that is in memory; others load theirs later."""
-        known = self._machines.get(machine_id)
-        if known is not None:
-            known.add(readings)
-
     def behind(self) -> list[LiveMachine]:
-        """List the machines whose past has to be restored from stored readings."""
-        return [machine for machine in list(self._machines.values()) if machine.past.is_behind]
+        """List the machines whose readings or past have to be read from the database."""
+        return [m for m in list(self._machines.values()) if m.is_behind or m.past.is_behind]
 
     def __len__(self) -> int:
         return len(self._machines)

@@ -1,15 +1,24 @@
-"""Make any version of a machine's model the active one again."""
+"""Make any version of a machine's model the active one."""
 
 from __future__ import annotations
 
-from app.services.change_model import changing_machine
+from app.identification.model_difference import ModelWithEffects
+from app.services.change_model import (
+    MadeVersion,
+    changing_machine,
+    difference_to_active,
+    looking_at_machine,
+)
 from app.services.context import Context
-from app.storage.model_versions import activate_version, find_version
-from app.storage.records import ModelVersion
+from app.services.load_machine import adopted_effects, compile_version
+from app.services.preview_model import Preview, preview_activation
+from app.storage.model_versions import activate_version, find_version, let_wait
 
 
-def activate_model(context: Context, machine_id: str, version: int) -> ModelVersion:
-    """Activate a version.
+def activate_model(context: Context, machine_id: str, version: int) -> MadeVersion:
+    """Activate a version, whatever its tables lose: the answer says what.
+
+    Another version that waited waits no more, for the next one is made of the active one.
 
     Raises
     ------
@@ -20,6 +29,23 @@ def activate_model(context: Context, machine_id: str, version: int) -> ModelVers
     """
     with changing_machine(context, machine_id) as change:
         found = find_version(change.session, machine_id, version)
+        model = compile_version(change.machine, found)
+        after = ModelWithEffects(model, adopted_effects(found))
+        difference = difference_to_active(context, change, after)
         if change.row.active_version != version:
             activate_version(change.row, version)
-    return found
+        let_wait(change.row, None)
+    return MadeVersion(found, True, version, difference)
+
+
+def look_at_activation(context: Context, machine_id: str, version: int) -> Preview:
+    """Say what activating a version would do, and leave everything as it is.
+
+    Raises
+    ------
+    UnknownThing, InvalidContent, Conflict
+        As `activate_model`.
+    """
+    with looking_at_machine(context, machine_id) as change:
+        found = find_version(change.session, machine_id, version)
+        return preview_activation(context, change, found)

@@ -10,14 +10,26 @@ import orjson
 from app.errors import Conflict, InvalidContent, list_names
 from app.identification.effects.effect import Effect, effect_from_json
 from app.identification.effects.registry import explain
+from app.identification.model_difference import ModelWithEffects
 from app.identification.past import sensors_of
-from app.services.change_model import MachineChange, changing_machine, next_version
+from app.services.change_model import (
+    Draft,
+    MachineChange,
+    MadeVersion,
+    changing_machine,
+    difference_to_active,
+    draft_version,
+    looking_at_machine,
+    make_version,
+    remake_waiting,
+)
 from app.services.choose_version import no_model_yet
 from app.services.context import Context
 from app.services.load_machine import adopted_effects
+from app.services.preview_model import Preview, preview_draft
 from app.storage.analyses import find_analysis
 from app.storage.model_versions import find_version
-from app.storage.records import AnalysisStatus, ModelVersion
+from app.storage.records import AnalysisStatus
 from app.storage.tables import AnalysisRow
 from app.thermal.machine import Machine
 
@@ -29,7 +41,8 @@ def adopt_analysis(
     places: Sequence[int] | None = None,
     *,
     onto_active: bool = False,
-) -> ModelVersion:
+    accept_losses: bool = False,
+) -> MadeVersion:
     """Make the next model version with the effects that an analysis found, once.
 
     Parameters
@@ -40,6 +53,8 @@ def adopt_analysis(
         Places in the result's list of effects; None: all.
     onto_active
         Whether to add them to the active version where another one was analysed.
+    accept_losses
+        Whether the version is activated although it loses something against the active one.
 
     Raises
     ------
@@ -53,24 +68,65 @@ def adopt_analysis(
     """
     with changing_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
-        effects = _effects(row, places)
-        if not onto_active:
-            _check_active(change, row)
-        _check_unlike(change, row, effects)
-        what = ", ".join(f"{e.kind} on {' '.join(e.components)}" for e in effects)
-        reason = f"analysis {analysis_id} adopted: {what}"
-        version = version_with_effects(context, change, effects, reason)
-        row.adopted_version = version.version
-    return version
+        effects = _chosen(change, row, places, onto_active=onto_active)
+        made = version_with_effects(
+            context, change, effects, _reason(row, effects), accept_losses=accept_losses
+        )
+        row.adopted_version = made.version.version
+    return made
+
+
+def preview_adoption(
+    context: Context,
+    machine_id: str,
+    analysis_id: int,
+    places: Sequence[int] | None = None,
+    *,
+    onto_active: bool = False,
+) -> Preview:
+    """Say what adopting effects would do to the tables, and change nothing.
+
+    Raises
+    ------
+    UnknownThing, InvalidContent, Conflict
+        As `adopt_analysis`.
+    """
+    with looking_at_machine(context, machine_id) as change:
+        row = find_analysis(change.session, machine_id, analysis_id, result=True)
+        effects = _chosen(change, row, places, onto_active=onto_active)
+        return preview_draft(context, change, _draft(change, effects, _reason(row, effects)))
+
+
+def _chosen(
+    change: MachineChange, row: AnalysisRow, places: Sequence[int] | None, *, onto_active: bool
+) -> list[Effect]:
+    effects = _effects(row, places)
+    if not onto_active:
+        _check_active(change, row)
+    _check_unlike(change, row, effects)
+    return effects
+
+
+def _reason(row: AnalysisRow, effects: Sequence[Effect]) -> str:
+    what = ", ".join(f"{e.kind} on {' '.join(e.components)}" for e in effects)
+    return f"analysis {row.id} adopted: {what}"
 
 
 def version_with_effects(
-    context: Context, change: MachineChange, effects: Sequence[Effect], reason: str
-) -> ModelVersion:
+    context: Context,
+    change: MachineChange,
+    effects: Sequence[Effect],
+    reason: str,
+    *,
+    accept_losses: bool = False,
+) -> MadeVersion:
     """Make the model version that has these effects beside those of the active one.
 
     From the commit of the change on tables, predictions and everything made of them contain
-    the effects; activating the version before takes them back.
+    the effects, if the version loses nothing; activating the version before takes them back.
+
+    A version that waits is made anew with the effects. Where these lose something themselves,
+    they wait with it.
 
     Parameters
     ----------
@@ -80,11 +136,8 @@ def version_with_effects(
         At least one.
     reason
         What the version's reason says.
-
-    Returns
-    -------
-    ModelVersion
-        The new, active one.
+    accept_losses
+        Whether the version is activated although it loses something against the active one.
 
     Raises
     ------
@@ -93,19 +146,34 @@ def version_with_effects(
     Conflict
         If the machine has no model yet, or the active version has one of the effects.
     """
+    waiting = change.waiting
+    draft = _draft(change, effects, reason)
+    after = ModelWithEffects(draft.model, draft.effects)
+    waits = not accept_losses and difference_to_active(context, change, after).loses
+    if waiting is not None and waits:
+        together = [*adopted_effects(waiting), *effects]
+        draft = draft_version(change, waiting, waiting.maps, reason, effects=together)
+        return make_version(context, change, draft)
+    made = make_version(context, change, draft, accept_losses=accept_losses)
+    remake_waiting(context, change, waiting)
+    return made
+
+
+def _draft(change: MachineChange, effects: Sequence[Effect], reason: str) -> Draft:
+    """Put the version together that has effects beside those of the active one."""
     if not effects:
         raise InvalidContent.of_field("effects", "expected at least one effect, came none")
-    before = change.version
-    if before is None:
+    active = change.version
+    if active is None:
         raise no_model_yet(change.row.id)
-    known = adopted_effects(before)
+    known = adopted_effects(active)
     for effect in effects:
         _check_effect(change.machine, effect)
         if effect in known:
             raise Conflict(
-                f"model version {before.version} has this effect already: {explain(effect)}"
+                f"model version {active.version} has this effect already: {explain(effect)}"
             )
-    return next_version(context, change, before.maps, reason, effects=[*known, *effects])
+    return draft_version(change, active, active.maps, reason, effects=[*known, *effects])
 
 
 def _check_effect(machine: Machine, effect: Effect) -> None:

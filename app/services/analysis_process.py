@@ -17,9 +17,11 @@ import orjson
 from app.errors import Conflict, ThermapError
 from app.identification.analyse import analyse
 from app.services.choose_version import choose_version
+from app.services.context import CLOCKS_DIFFER
 from app.services.load_campaign import load_campaign, read_verifications
 from app.storage.analyses import read_analysis
 from app.storage.database import Database
+from app.storage.limits import LONG
 
 log = logging.getLogger("thermap")
 
@@ -81,7 +83,7 @@ class _Telling:
 
 def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
     progress(0.0, "reading")
-    database = Database(database_url)
+    database = Database(database_url, LONG, may_be_new=False)
     try:
         with database.reading() as session:
             stored = read_analysis(session, analysis_id)
@@ -90,7 +92,10 @@ def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
             machine, version = choose_version(session, stored.machine_id, stored.task.model_version)
             ids = stored.task.verification_ids
             verifications = read_verifications(session, stored.machine_id, ids)
-            campaign = load_campaign(session, machine, version, verifications, searching=True)
+            until = stored.created_at + CLOCKS_DIFFER
+            campaign = load_campaign(
+                session, machine, version, verifications, until, searching=True
+            )
     finally:
         database.close()
     found = analyse(

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 
 from app.compensation.table import CompensationTable
 from app.compensation.table_field import table_field
-from app.errors import FieldError, InvalidContent, list_names
+from app.errors import (
+    FieldError,
+    InvalidContent,
+    StorageUnavailable,
+    UnknownThing,
+    list_names,
+)
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.error_field import ErrorField
 from app.geometry.needed_components import needed_components
@@ -18,6 +25,7 @@ from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at
 from app.services.load_machine import load_machine
+from app.services.restore_past import lacks_reading, restore_past
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine, Travel
 from app.thermal.thermal_field import MEAN_OF_BOTH, Directions
@@ -84,7 +92,7 @@ class FieldAnswer:
 
     @property
     def complete(self) -> bool:
-        """Whether no component and no effect is missing, and none rests on an old temperature."""
+        """Whether nothing counts as zero, and every table is complete."""
         return not self.counted_as_zero and all(table.complete for table in self.tables)
 
 
@@ -133,7 +141,7 @@ def ask_field(
         )
     missing = [code for code in needed if code not in have]
     if missing and not question.missing_as_zero:
-        raise _missing(model, missing)
+        raise missing_refused(model, missing)
     return FieldAnswer(
         model=model,
         field=table_field(model, tables, question.directions),
@@ -211,6 +219,9 @@ def _tables(
 ) -> list[CompensationTable]:
     temperatures_c, state = question.temperatures_c, question.state
     if temperatures_c is None:
+        if lacks_reading(context, live):
+            with suppress(StorageUnavailable, UnknownThing):
+                restore_past(context, live)
         now = current_state(context, machine_id, live, state)
         return [current_table(context, now).table]
     warnings = database_warnings(context, live.current)
@@ -242,8 +253,8 @@ def _without_direction(tables: Sequence[CompensationTable], directions: Directio
     return [f"the reversal of {list_names(reversing)} is left out: no direction is stated"]
 
 
-def _missing(model: CompiledModel, missing: Sequence[str]) -> InvalidContent:
-    """Name what is missing, and how to say that it is zero."""
+def missing_refused(model: CompiledModel, missing: Sequence[str]) -> InvalidContent:
+    """Make the refusal: which components are missing, and how to say that they are zero."""
     unmeasured = [code for code in missing if code not in model.omitted]
     reasons = [f"{code}: {model.omitted[code]}" for code in missing if code in model.omitted]
     if unmeasured:

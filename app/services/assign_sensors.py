@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from app.errors import FieldError, InvalidContent, UnknownThing
-from app.services.change_model import changing_machine, next_version
+from app.services.change_model import (
+    Draft,
+    MachineChange,
+    MadeVersion,
+    activate_waiting,
+    changing_machine,
+    draft_version,
+    looking_at_machine,
+    make_version,
+)
 from app.services.context import Context
+from app.services.preview_model import Preview, preview_draft, preview_latest
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version
 from app.storage.records import ModelVersion
@@ -14,15 +25,32 @@ from app.thermal.machine import Machine
 from app.thermal.sensor_assignment import Proposal, propose_assignment
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Assigned:
+    """The whole assignment as it was stated, and the version that says so.
+
+    `made` is None where the active version says so already.
+    """
+
+    assignment: Mapping[str, str]
+    made: MadeVersion | None
+
+
 def assign_sensors(
-    context: Context, machine_id: str, assignment: Mapping[str, str]
-) -> Mapping[str, str]:
+    context: Context,
+    machine_id: str,
+    assignment: Mapping[str, str],
+    *,
+    accept_losses: bool = False,
+) -> Assigned:
     """Assign sensors to components (codes); the others keep theirs.
 
-    Returns
-    -------
-    mapping
-        The whole assignment, component code to sensor.
+    Parameters
+    ----------
+    context, machine_id, assignment
+        The service, whose sensors, and component code to sensor.
+    accept_losses
+        Whether the version is activated although it loses something against the active one.
 
     Raises
     ------
@@ -32,15 +60,40 @@ def assign_sensors(
         If maps are too close at a sensor.
     """
     with changing_machine(context, machine_id) as change:
-        _check_sensors(change.machine, assignment)
-        before = change.version
-        known = dict(before.assignment) if before else {}
-        if known | dict(assignment) == known:
-            return known
-        named = ", ".join(f"{code} to {sensor}" for code, sensor in assignment.items())
-        maps = before.maps if before else []
-        version = next_version(context, change, maps, f"assigned {named}"[:500], assignment)
-    return version.assignment
+        draft = _draft(change, assignment)
+        if draft is not None:
+            made = make_version(context, change, draft, accept_losses=accept_losses)
+            return Assigned(made.version.assignment, made)
+        waiting = activate_waiting(context, change, accept_losses=accept_losses)
+        version = change.latest
+        return Assigned(version.assignment if version else {}, waiting)
+
+
+def preview_assignment(context: Context, machine_id: str, assignment: Mapping[str, str]) -> Preview:
+    """Say what an assignment would do to the tables, and change nothing.
+
+    Raises
+    ------
+    UnknownThing, InvalidContent, Conflict
+        As `assign_sensors`.
+    """
+    with looking_at_machine(context, machine_id) as change:
+        draft = _draft(change, assignment)
+        if draft is None:
+            return preview_latest(context, change, "it is assigned so already")
+        return preview_draft(context, change, draft)
+
+
+def _draft(change: MachineChange, assignment: Mapping[str, str]) -> Draft | None:
+    """Put the version together that has the assignment; None where there is one already."""
+    _check_sensors(change.machine, assignment)
+    base = change.latest
+    known = dict(base.assignment) if base else {}
+    if known | dict(assignment) == known:
+        return None
+    named = ", ".join(f"{code} to {sensor}" for code, sensor in assignment.items())
+    maps = base.maps if base else []
+    return draft_version(change, base, maps, f"assigned {named}"[:500], assignment)
 
 
 def sensor_assignment(context: Context, machine_id: str) -> Mapping[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from app.errors import Conflict, list_names
@@ -42,7 +42,7 @@ def change_machine(
         before = change.machine
         after = edit(before)
         maps = list_error_maps(change.session, machine_id)
-        _check_sensors_stay(before, after, maps, change.version)
+        _check_sensors_stay(before, after, maps, [change.version, change.waiting])
         _check_axes_stay(after, maps)
         update_machine(change.row, after)
         watched = watch_status(change.session, change.row)
@@ -50,17 +50,22 @@ def change_machine(
 
 
 def _check_sensors_stay(
-    before: Machine, after: Machine, maps: list[StoredMap], version: ModelVersion | None
+    before: Machine,
+    after: Machine,
+    maps: list[StoredMap],
+    versions: Iterable[ModelVersion | None],
 ) -> None:
     gone = set(before.sensors) - set(after.sensors)
     in_maps = {name for m in maps for name in m.error_map.temperatures_c}
-    assigned = set(version.assignment.values()) if version else set()
-    driving = sensors_of(adopted_effects(version))
-    used = sorted(gone & (in_maps | assigned | driving))
-    if used:
+    used = set(in_maps)
+    for version in versions:
+        used |= set(version.assignment.values()) if version else set()
+        used |= sensors_of(adopted_effects(version))
+    still_used = sorted(gone & used)
+    if still_used:
         raise Conflict(
-            f"sensors {list_names(used)} cannot go: error maps, the sensor assignment or adopted "
-            "effects use them"
+            f"sensors {list_names(still_used)} cannot go: error maps, the sensor assignment or "
+            "adopted effects use them"
         )
 
 

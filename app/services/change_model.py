@@ -3,11 +3,16 @@
 Every use case that changes what a machine's tables say goes through
 `changing_machine`: one transaction that holds the machine's lock, and after its
 commit one step that puts the new model in place in memory.
+
+Every new version is held against the active one (`app.identification.model_difference`). One
+that loses nothing is activated. One that loses something is stored and waits, and the versions
+after it are made of it: what is stored meanwhile is in them, and when somebody activates the
+last one, or it loses nothing any more, all of it goes live together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -16,25 +21,36 @@ from sqlalchemy.orm import Session
 from app.errors import StorageUnavailable, UnknownThing
 from app.identification.carry_over import Change, carry_over
 from app.identification.effects.effect import Effect
+from app.identification.model_difference import (
+    ModelDifference,
+    ModelWithEffects,
+    model_difference,
+)
 from app.services.context import Context
 from app.services.load_machine import (
     adopted_effects,
     compile_version,
     live_model,
-    load_machine,
 )
 from app.services.restore_past import restore_past
 from app.storage.machines import find_machine, stored_machine
-from app.storage.model_versions import active_version, insert_version
+from app.storage.model_versions import (
+    activate_version,
+    active_version,
+    insert_version,
+    let_wait,
+    waiting_version,
+)
 from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import MachineRow
 from app.thermal.compile_model import compile_model
+from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
 
 
 @dataclass(frozen=True, slots=True)
 class MachineChange:
-    """A machine under its lock, inside the transaction that changes it."""
+    """A machine inside a transaction: under its lock where that changes it."""
 
     session: Session
     row: MachineRow
@@ -48,6 +64,41 @@ class MachineChange:
     def version(self) -> ModelVersion | None:
         """The active version now."""
         return active_version(self.session, self.row)
+
+    @property
+    def waiting(self) -> ModelVersion | None:
+        """The version that waits to be activated, where there is one."""
+        return waiting_version(self.session, self.row)
+
+    @property
+    def latest(self) -> ModelVersion | None:
+        """The version that contains all that was stored: the waiting one, else the active one."""
+        return self.waiting or self.version
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draft:
+    """The next version before it is written: what it is made of, compiled and so checked."""
+
+    maps: Sequence[StoredMap]
+    assignment: Mapping[str, str]
+    effects: Sequence[Effect]
+    reason: str
+    model: CompiledModel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadeVersion:
+    """A version that was made, whether it is active, and what it lacks.
+
+    `difference` is against the version that was active before, `active_version` the number of
+    the one that is active now.
+    """
+
+    version: ModelVersion
+    is_active: bool
+    active_version: int | None
+    difference: ModelDifference
 
 
 @contextmanager
@@ -69,68 +120,174 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
         yield MachineChange(session, row)
         session.flush()
         live = live_model(context, session, row)
-    if context.live.get(machine_id) is None:
-        # Not in memory yet: with its readings, or it would seem to have had none.
-        with suppress(StorageUnavailable, UnknownThing):
-            load_machine(context, machine_id)
     machine = context.live.publish(live)
-    with suppress(StorageUnavailable):  # the follower tries again
+    with suppress(StorageUnavailable, UnknownThing):  # the follower tries again
         restore_past(context, machine)
 
 
-def next_version(
-    context: Context,
+@contextmanager
+def looking_at_machine(context: Context, machine_id: str) -> Iterator[MachineChange]:
+    """Let the caller see what a change would make, without making it; UnknownThing as above."""
+    with context.database.reading() as session:
+        yield MachineChange(session, find_machine(session, machine_id))
+
+
+def draft_version(
     change: MachineChange,
+    base: ModelVersion | None,
     maps: Iterable[StoredMap],
     reason: str,
     assignment: Mapping[str, str] | None = None,
     effects: Sequence[Effect] | None = None,
-) -> ModelVersion:
-    """Write and activate the version made of these maps.
+) -> Draft:
+    """Put the version together that has these maps.
 
-    The assignment is written out in full: what the last version said or the user
+    The assignment is written out in full: what the version before said or the user
     now says, and the defaults for components that are new. A later change of the
     machine's sensors thus cannot change what a version says.
 
-    Without `effects` those of the last version are carried over as far as they still hold
-    (`app.identification.carry_over`); the version's reason says which are left out, and why.
+    Without `effects` those of the version before are carried over as far as they still hold
+    (`app.identification.carry_over`); the reason says which are left out, and why.
+
+    Parameters
+    ----------
+    change
+        The machine.
+    base
+        The version that it is made from.
+    maps, assignment, effects
+        All its maps; what is assigned otherwise than in the base; its effects.
+    reason
+        What makes it.
+
+    Raises
+    ------
+    InvalidContent, Conflict
+        As `compile_model`.
     """
     stored_maps = list(maps)
-    before = change.version
-    full = dict(before.assignment if before else {}) | dict(assignment or {})
+    machine = change.machine
+    full = dict(base.assignment if base else {}) | dict(assignment or {})
     for stored in stored_maps:
         for code in stored.error_map.tables:
-            default = change.machine.default_sensor(code)
+            default = machine.default_sensor(code)
             if code not in full and default is not None:
                 full[code] = default
+    error_maps = [stored.error_map for stored in stored_maps]
+    model = compile_model(machine, error_maps, full)
     notes: list[str] = []
     if effects is None:
-        effects, notes = _carried_over(change.machine, before, stored_maps, full)
-    return insert_version(
+        effects = adopted_effects(base)
+        if base is not None and effects:
+            known = {stored.id for stored in base.maps}
+            new_maps = [stored.error_map for stored in stored_maps if stored.id not in known]
+            before = compile_version(machine, base)
+            effects, notes = carry_over(effects, Change(before, model, error_maps, new_maps))
+    return Draft(stored_maps, full, effects, "; ".join([reason, *notes]), model)
+
+
+def difference_to_active(
+    context: Context, change: MachineChange, after: ModelWithEffects
+) -> ModelDifference:
+    """Say what a model lacks against the active one, and what it has beyond it."""
+    active = change.version
+    before = ModelWithEffects(compile_version(change.machine, active), adopted_effects(active))
+    return model_difference(before, after, _known_states(context, change.row.id))
+
+
+def _known_states(context: Context, machine_id: str) -> set[str] | None:
+    """Name the states that readings state; None without a reading, or where none is in memory."""
+    live = context.live.get(machine_id)
+    latest = None if live is None else live.readings.latest
+    if live is None or latest is None:
+        return None
+    return {*latest.state, *live.past.now.states_at(latest.time.timestamp())}
+
+
+def make_version(
+    context: Context, change: MachineChange, draft: Draft, *, accept_losses: bool = False
+) -> MadeVersion:
+    """Write a version, and activate it unless it loses something against the active one.
+
+    Parameters
+    ----------
+    context, change
+        The service, and the machine under its lock.
+    draft
+        What it is made of.
+    accept_losses
+        Whether it is activated whatever it loses.
+    """
+    difference = difference_to_active(context, change, ModelWithEffects(draft.model, draft.effects))
+    version = insert_version(
         change.session,
         change.row,
-        [m.id for m in stored_maps],
-        full,
-        [effect.to_json() for effect in effects],
-        "; ".join([reason, *notes]),
+        [stored.id for stored in draft.maps],
+        draft.assignment,
+        [effect.to_json() for effect in draft.effects],
+        draft.reason,
         context.now(),
     )
+    is_active = accept_losses or not difference.loses
+    if is_active:
+        activate_version(change.row, version.version)
+    else:
+        let_wait(change.row, version.version)
+    return MadeVersion(version, is_active, change.row.active_version, difference)
 
 
-def _carried_over(
-    machine: Machine,
-    before: ModelVersion | None,
-    maps: Sequence[StoredMap],
-    assignment: Mapping[str, str],
-) -> tuple[Sequence[Effect], list[str]]:
-    """Keep the last version's effects that hold with these maps and this assignment."""
-    effects = adopted_effects(before)
-    if before is None or not effects:
-        return effects, []
-    error_maps = [stored.error_map for stored in maps]
-    known = {stored.id for stored in before.maps}
-    new_maps = [stored.error_map for stored in maps if stored.id not in known]
-    after = compile_model(machine, error_maps, assignment)
-    return carry_over(
-        effects, Change(compile_version(machine, before), after, error_maps, new_maps)
-    )
+def activate_waiting(
+    context: Context, change: MachineChange, *, accept_losses: bool
+) -> MadeVersion | None:
+    """Say what the version that waits loses, if any does, and activate it if that is wanted."""
+    waiting = change.waiting
+    if waiting is None:
+        return None
+    model = compile_version(change.machine, waiting)
+    after = ModelWithEffects(model, adopted_effects(waiting))
+    difference = difference_to_active(context, change, after)
+    if accept_losses:
+        activate_version(change.row, waiting.version)
+    return MadeVersion(waiting, accept_losses, change.row.active_version, difference)
+
+
+def remake_waiting(
+    context: Context,
+    change: MachineChange,
+    waiting: ModelVersion | None,
+    without: Collection[int] = (),
+) -> MadeVersion | None:
+    """Make the version that waited anew, of the active one that was just changed.
+
+    It has the maps and the assignment that it had, and those of the active version's effects
+    that hold with them. Where nothing is left that the active version lacks, nothing waits.
+
+    Parameters
+    ----------
+    context, change
+        The service, and the machine under its lock, its active version already the new one.
+    waiting
+        The version that waited before.
+    without
+        Numbers of maps that it loses.
+    """
+    active = change.version
+    if waiting is None or active is None:
+        return None
+    maps = [stored for stored in waiting.maps if stored.id not in without]
+    if _is_same(maps, waiting.assignment, active):
+        let_wait(change.row, None)
+        return None
+    reason = f"{waiting.reason} (made anew of version {active.version})"
+    draft = draft_version(change, active, maps, reason, waiting.assignment)
+    return make_version(context, change, draft)
+
+
+def _is_same(
+    maps: Sequence[StoredMap], assignment: Mapping[str, str], version: ModelVersion
+) -> bool:
+    """Whether maps with an assignment are what a version is made of."""
+    if {m.id for m in maps} != {m.id for m in version.maps}:
+        return False
+    codes = {code for m in maps for code in m.error_map.tables}
+    return all(assignment.get(code) == version.assignment.get(code) for code in codes)

@@ -49,7 +49,8 @@ def compare_models(
         machine, active = choose_version(session, machine_id)
         verifications = read_verifications(session, machine_id, verification_ids)
         stored = [choose_version(session, machine_id, number)[1] for number in versions]
-        campaigns = [load_campaign(session, machine, v, verifications) for v in stored]
+        until = context.usable_until()
+        campaigns = [load_campaign(session, machine, v, verifications, until) for v in stored]
     residuals = [residuals_of_version(n, c) for n, c in zip(versions, campaigns, strict=True)]
     common = np.logical_and.reduce([r.kept for r in residuals])
     if not common.any():

@@ -11,7 +11,11 @@ from app.live.registry import LiveRegistry
 from app.storage.database import Database
 
 FUTURE_TOLERANCE: Final = timedelta(minutes=1)
-"""Clocks differ: nothing was measured later than this after the service's now."""
+"""Clocks differ: no map and no observation is stated later than this after the service's now."""
+
+CLOCKS_DIFFER: Final = timedelta(seconds=2)
+"""A reading that is ahead of the service's clock by no more is used at once: a table that
+stays on it for so long is as good. One that is further ahead waits for its time."""
 
 
 def utc_now() -> datetime:
@@ -26,3 +30,7 @@ class Context:
     database: Database
     live: LiveRegistry = field(default_factory=LiveRegistry)
     now: Callable[[], datetime] = utc_now
+
+    def usable_until(self) -> datetime:
+        """Give the latest time at which a reading can have been measured now."""
+        return self.now() + CLOCKS_DIFFER

@@ -5,6 +5,7 @@ from __future__ import annotations
 from sqlalchemy.exc import IntegrityError
 
 from app.errors import Conflict
+from app.live.registry import Arrived
 from app.services.context import Context
 from app.services.load_machine import as_live, compile_version
 from app.storage.machines import insert_machine
@@ -25,7 +26,8 @@ def create_machine(context: Context, machine: Machine) -> StoredMachine:
             stored = insert_machine(session, machine, context.now())
     except IntegrityError:
         raise Conflict(
-            f"there is a machine {machine.id!r} already; PATCH it, or choose another id"
+            f"there is a machine {machine.id!r} already; change it, or choose another id"
         ) from None
-    context.live.publish(as_live(context, stored, None, compile_version(machine, None)))
+    live = context.live.publish(as_live(context, stored, None, compile_version(machine, None)))
+    live.reread(Arrived((), 0), (), context.usable_until())
     return stored

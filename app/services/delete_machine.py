@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from app.services.context import Context
+from app.storage.limits import LONG
 from app.storage.machines import find_machine
 
 
@@ -14,6 +15,6 @@ def delete_machine(context: Context, machine_id: str) -> None:
     UnknownThing
         If there is no such machine.
     """
-    with context.database.writing() as session:
+    with context.database.writing(LONG) as session:
         session.delete(find_machine(session, machine_id, lock=True))
     context.live.forget(machine_id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -34,11 +35,11 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
         session.delete(row)
         session.flush()
         if version is not None:
-            state = _watched(session, machine_id, version)
+            state = _watched(session, machine_id, version, context.usable_until())
             write_watch(session, machine_id, version, state.to_json(), context.now())
 
 
-def _watched(session: Session, machine_id: str, version_number: int) -> WatchState:
+def _watched(session: Session, machine_id: str, version_number: int, until: datetime) -> WatchState:
     """Judge again all verifications that a version has judged, in their order."""
     judged = [
         v.id
@@ -50,7 +51,7 @@ def _watched(session: Session, machine_id: str, version_number: int) -> WatchSta
     machine, version = choose_version(session, machine_id, version_number)
     verifications = read_verifications(session, machine_id, judged)
     try:
-        campaign = load_campaign(session, machine, version, verifications)
+        campaign = load_campaign(session, machine, version, verifications, until)
         return watch(campaign, WatchState())[1]
     except InvalidContent:
         # Nothing of them can be compared any more, as when readings were deleted.

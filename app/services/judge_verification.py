@@ -67,7 +67,9 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
         before = None if known is None else known[0]
         try:
             machine = stored_machine(row).machine
-            campaign = load_campaign(session, machine, version, [verification])
+            campaign = load_campaign(
+                session, machine, version, [verification], context.usable_until()
+            )
             state = WatchState() if before is None else watch_state_from_json(before)
             judgement, after = watch(campaign, state)
         except (WrongUnit, StorageUnavailable):

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from hashlib import blake2s
 
 from app.compensation.table import CompensationTable, compensation_table
-from app.errors import NoReading, SensorUnavailable
+from app.errors import NoReading, SensorUnavailable, counted
 from app.identification.conditions import Conditions, Lags
 from app.identification.effects_in_table import add_effects, faulty_marked
 from app.identification.live_lags import LiveLags
+from app.live.reading_window import Held
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import Health, SensorState, check_temperatures, grow_older
-
-CLOCKS_DIFFER_S = 60.0
-"""A reading may be ahead of the service's clock by this much [s]."""
 
 TAGGED_DIGITS = 9
 """Digits of a filter's output that count for the tag: two services may differ in the last."""
@@ -32,7 +30,8 @@ class CurrentState:
     """The latest reading, every sensor's state now, and a tag that changes when they do.
 
     `current` is the model that holds, and `moment` what drives its adopted effects, at the
-    latest reading; None without any.
+    latest reading; None without any. `ahead` are the readings that lie in the future, in order
+    of time, and are not used yet; with `more_ahead` only the first of them.
     """
 
     current: LiveModel
@@ -40,6 +39,8 @@ class CurrentState:
     age_s: float
     sensors: Sequence[SensorState]
     moment: Conditions | None
+    ahead: Sequence[Reading]
+    more_ahead: bool
     tag: str
 
 
@@ -90,12 +91,14 @@ def current_state(
     Raises
     ------
     NoReading
-        If the machine has had no reading.
+        If the machine has had no reading, or none but such as lie in the future.
     """
-    latest = live.readings.latest
+    live.keep_up(context.usable_until())
+    held = live.readings.held
+    latest = held.latest
     machine = live.current.model.machine
     if latest is None:
-        raise NoReading(f"machine {machine_id!r} has no reading yet: POST one to …/readings")
+        raise _no_reading(context, machine_id, held)
     age_s = (context.now() - latest.time).total_seconds()
     sensors = grow_older(machine, live.readings.judge(machine), max(age_s, 0.0))
     current, past, time_s = live.current, live.past.now, latest.time.timestamp()
@@ -104,11 +107,12 @@ def current_state(
         states = past.states_at(time_s) | dict(stated or {})
         moment = _moment(time_s, sensors, states, past.lags)
         sensors = faulty_marked(current.model, current.effects, moment, sensors)
-    away = context.live.database_away_since
+    trouble = context.live.database.trouble
     facts = [(s.sensor, s.health, s.temperature_c) for s in sensors]
-    stamp = repr((current.stamp, current.version, latest.time, facts, away, _driving(moment)))
+    ahead = (len(held.ahead), held.more_ahead, held.ahead and _between(held.ahead))
+    stamp = repr((current.stamp, current.version, latest, facts, trouble, _driving(moment), ahead))
     tag = blake2s(stamp.encode(), digest_size=12).hexdigest()
-    return CurrentState(current, latest, age_s, sensors, moment, tag)
+    return CurrentState(current, latest, age_s, sensors, moment, held.ahead, held.more_ahead, tag)
 
 
 def current_table(context: Context, state: CurrentState) -> CurrentTable:
@@ -125,7 +129,8 @@ def current_table(context: Context, state: CurrentState) -> CurrentTable:
         As `compensation_table`.
     """
     try:
-        warnings = [*database_warnings(context, state.current), *_clock_warnings(state)]
+        ahead = ahead_warnings(state.ahead, more_ahead=state.more_ahead)
+        warnings = [*database_warnings(context, state.current), *ahead]
         table = _table(state.current, state.sensors, state.moment, context.now(), warnings)
     except SensorUnavailable as error:
         raise NoReading(error.detail) from None
@@ -173,26 +178,47 @@ def _table(
 
 
 def database_warnings(context: Context, current: LiveModel) -> list[str]:
-    """Say since when the database is away, and how old the model is that goes on without it."""
-    away_since = context.live.database_away_since
-    if away_since is None:
+    """Say what is the matter with the database, and how old the model is that goes on."""
+    trouble = context.live.database.trouble
+    if trouble is None:
         return []
     now = context.now()
     return [
-        f"the database has been away for {_seconds(away_since, now):.0f} s: model version "
-        f"{current.version} goes on from memory, where it has been for "
+        f"the database {trouble.matter.value} for {_seconds(trouble.since, now):.0f} s: "
+        f"model version {current.version} goes on from memory, where it has been for "
         f"{_seconds(current.loaded_at, now):.0f} s"
     ]
 
 
-def _clock_warnings(state: CurrentState) -> list[str]:
-    """Say that the latest reading lies in the future: a clock was wrong, or is."""
-    if state.age_s >= -CLOCKS_DIFFER_S:
+def ahead_warnings(ahead: Sequence[Reading], *, more_ahead: bool = False) -> list[str]:
+    """Name readings that lie in the future, in order of time, and say what to do about them."""
+    if not ahead:
         return []
+    number = f"more than {len(ahead):,} readings" if more_ahead else counted(len(ahead), "reading")
     return [
-        f"the latest reading is {-state.age_s:.0f} s in the future: a clock is wrong, and newer "
-        "readings do not count until then"
+        f"{number} from the future, not used before its time comes: {_between(ahead)}; a clock is "
+        "wrong, set it right and withdraw what is stamped wrongly"
     ]
+
+
+def exact_time(time: datetime) -> str:
+    """Write a time in UTC with all the digits that it has."""
+    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def _between(ahead: Sequence[Reading]) -> str:
+    first, last = exact_time(ahead[0].time), exact_time(ahead[-1].time)
+    return first if first == last else f"{first} to {last}"
+
+
+def _no_reading(context: Context, machine_id: str, held: Held) -> NoReading:
+    if not held.ahead:
+        return NoReading(f"machine {machine_id!r} has no reading yet: store one first")
+    (warning,) = ahead_warnings(held.ahead, more_ahead=held.more_ahead)
+    return NoReading(
+        f"machine {machine_id!r} has no reading that can be used yet, at "
+        f"{exact_time(context.now())}: {warning}"
+    )
 
 
 def is_stale(state: CurrentState) -> bool:

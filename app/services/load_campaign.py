@@ -37,6 +37,7 @@ def load_campaign(
     machine: Machine,
     version: ModelVersion,
     verifications: Sequence[Verification],
+    until: datetime,
     *,
     searching: bool = False,
     recorded: tuple[datetime, datetime] | None = None,
@@ -51,6 +52,8 @@ def load_campaign(
         What is held against the verifications.
     verifications
         At least one.
+    until
+        The latest time at which a reading can have been measured: later ones do not count yet.
     searching
         Whether effects are looked for: that takes more of the past than the effects that
         the version has adopted.
@@ -70,7 +73,7 @@ def load_campaign(
     first, last = recorded or first_and_last(verifications)
     readings = [
         (r.time.timestamp(), r)
-        for r in list_readings(session, machine.id, first - past, last + around)
+        for r in list_readings(session, machine.id, first - past, min(last + around, until))
     ]
     return Campaign(
         model=compile_version(machine, version),

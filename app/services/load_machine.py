@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
-
 from sqlalchemy.orm import Session
 
 from app.errors import Conflict, UnknownThing
@@ -13,13 +11,11 @@ from app.services.context import Context
 from app.services.restore_past import restore_past
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version
-from app.storage.readings import recent_readings
 from app.storage.records import ModelVersion, StoredMachine
 from app.storage.tables import MachineRow
 from app.thermal.compile_model import compile_model
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
-from app.thermal.sensor_health import record_needed_s
 
 
 def load_machine(context: Context, machine_id: str) -> LiveMachine:
@@ -35,9 +31,9 @@ def load_machine(context: Context, machine_id: str) -> LiveMachine:
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         live = live_model(context, session, row)
-        window = timedelta(seconds=record_needed_s(live.model.machine.sensors.values()))
-        readings = recent_readings(session, machine_id, window, live.model.machine.sensors)
-    machine = context.live.publish(live, readings)
+        withdrawals = row.withdrawals
+    machine = context.live.publish(live)
+    machine.expect(withdrawals)
     restore_past(context, machine)
     return machine
 

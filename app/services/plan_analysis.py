@@ -71,18 +71,19 @@ def plan_analysis(
             raise InvalidContent.of_field(
                 "planned", f"expected 1 to {MOST_PLANNED} observations in all, came {count}"
             )
-        recorded = _recorded_days(session, machine_id, every)
+        until = context.usable_until()
+        recorded = _recorded_days(session, machine_id, every, until)
         campaign = load_campaign(
-            session, machine, version, every, searching=True, recorded=recorded
+            session, machine, version, every, until, searching=True, recorded=recorded
         )
     return version.version, plan(campaign)
 
 
 def _recorded_days(
-    session: Session, machine_id: str, planned: Sequence[Verification]
+    session: Session, machine_id: str, planned: Sequence[Verification], until: datetime
 ) -> tuple[datetime, datetime] | None:
     """Choose the days that stand for days to come; None where all is in the past."""
-    newest = newest_time(session, machine_id)
+    newest = newest_time(session, machine_id, until)
     first, last = first_and_last(planned)
     if newest is None or last <= newest:
         return None

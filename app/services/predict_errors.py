@@ -8,22 +8,23 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from app.arrays import FloatArray
 from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.geometry.needed_components import needed_components
 from app.identification.conditions import Conditions, recorded_conditions
 from app.identification.effect_prediction import AskedPlaces, predict_with_effects
-from app.identification.effects.effect import Effect
+from app.identification.effects.effect import Effect, acting_on
 from app.identification.live_effects import Missing
 from app.identification.past import needed_past
+from app.identification.projection import missing_at_points
+from app.services.ask_field import missing_refused
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion
-from app.thermal.compiled_model import CompiledModel
+from app.thermal.compiled_model import CompiledModel, from_to_mm
 from app.thermal.machine import Machine
+from app.thermal.prediction import BeyondTables
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import believed, record_needed_s
 from app.thermal.temperature_history import TemperatureHistory
@@ -50,12 +51,16 @@ class AskedError:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """A number or three for each observation, None where its status says why not."""
+    """A number or three for each observation, None where its status says why not.
+
+    `counted_as_zero` are the components that points need and no two maps have.
+    """
 
     model_version: int
     values: list[float | list[float] | None]
     status: list[str]
-    warnings: list[str]
+    warnings: list[str] = field(default_factory=list)
+    counted_as_zero: list[str] = field(default_factory=list)
 
 
 def predict_errors(
@@ -63,33 +68,50 @@ def predict_errors(
     machine_id: str,
     observations: Sequence[AskedError],
     version_number: int | None = None,
+    *,
+    missing_as_zero: bool = False,
 ) -> Predictions:
     """Predict the error of each observation.
+
+    Parameters
+    ----------
+    context, machine_id
+        Whose errors.
+    observations
+        Where and when.
+    version_number
+        The model version; None for the active one.
+    missing_as_zero
+        Whether components that a point needs and no two maps have may count as zero.
 
     Raises
     ------
     UnknownThing
         If there is no such machine or version.
     InvalidContent
-        If a component is not in the model, or a position outside the axis' travel.
+        If a component is not in the model, a position outside the axis' travel, or a point
+        needs a component that no two maps have.
     """
     machine, version, readings = _read(context, machine_id, observations, version_number)
     model, effects = compile_version(machine, version), adopted_effects(version)
     _check_positions(machine, observations)
     conditions = _conditions(machine, readings, observations)
-    answer = Predictions(version.version, [None] * len(observations), [""] * len(observations), [])
+    answer = Predictions(version.version, [None] * len(observations), [""] * len(observations))
     for code in dict.fromkeys(o.component for o in observations):
         chosen = np.array([i for i, o in enumerate(observations) if o.component == code])
         asked = [observations[i] for i in chosen]
         places = _places(code, asked)
         predicted = predict_with_effects(model, effects, places, conditions.take(chosen))
         answer.warnings.extend(_left_out(effects, predicted.missing, code))
+        answer.warnings.extend(remark.sentence for remark in predicted.held)
         if code is None:
-            answer.warnings.extend([*_absent(model, effects, asked), *model.notes])
-            answer.warnings.extend(_points_beyond_tables(model, asked))
-        else:
-            along = LINEAR_LETTERS.find(COMPONENTS[code].axis or "x")
-            answer.warnings.extend(_beyond_table(model, code, places.points_mm[:, along]))
+            tools = [o.tool_offset_mm for o in asked]
+            missing = missing_at_points(model, effects, tools)
+            if missing and not missing_as_zero:
+                raise missing_refused(model, missing)
+            answer.counted_as_zero.extend(missing)
+            answer.warnings.extend([*_said_to_be_zero(model, effects, missing), *model.notes])
+        answer.warnings.extend(map(_beyond_tables, predicted.beyond))
         for i, value, status in zip(chosen, predicted.values, predicted.status, strict=True):
             signed = observations[i].sign * value
             answer.values[i] = None if np.isnan(value).any() else signed.tolist()
@@ -145,7 +167,7 @@ def _read(
             session,
             machine_id,
             min(o.time for o in observations) - around - before,
-            max(o.time for o in observations) + around,
+            min(max(o.time for o in observations) + around, context.usable_until()),
         )
         return machine, version, list(readings)
 
@@ -168,31 +190,14 @@ def _check_positions(machine: Machine, observations: Sequence[AskedError]) -> No
                 )
 
 
-def _beyond_table(model: CompiledModel, code: str, positions_mm: FloatArray) -> list[str]:
-    """Say that positions lie outside a component's table, where its end values hold."""
-    found = model.find(code)
-    if found is None or found[1].positions_mm.size < 2:
-        return []
-    low, high = found[1].positions_mm[[0, -1]]
-    beyond = int(np.count_nonzero((positions_mm < low) | (positions_mm > high)))
-    if not beyond:
-        return []
-    return [
-        f"{counted(beyond, 'position')} of {code} outside its table of {low:g} to {high:g} mm: "
+def _beyond_tables(beyond: BeyondTables) -> str:
+    """Say that positions lie outside a component's tables, where the end values hold."""
+    ranges = list_names([from_to_mm(*range_mm) for range_mm in beyond.ranges_mm], 3)
+    tables = "its table" if len(beyond.ranges_mm) == 1 else "its tables"
+    return (
+        f"{counted(beyond.count, 'position')} of {beyond.code} outside {tables} of {ranges}: "
         "its end values hold there"
-    ]
-
-
-def _points_beyond_tables(model: CompiledModel, asked: Sequence[AskedError]) -> list[str]:
-    """Say the same of points, for each component that has an argument."""
-    points = np.array([o.point_mm for o in asked], dtype=float)
-    return [
-        words
-        for group in model.groups
-        for code in group.codes
-        if (axis := COMPONENTS[code].axis) is not None
-        for words in _beyond_table(model, code, points[:, "xyz".index(axis)])
-    ]
+    )
 
 
 def _left_out(effects: Sequence[Effect], missing: Sequence[Missing], code: str | None) -> list[str]:
@@ -205,17 +210,17 @@ def _left_out(effects: Sequence[Effect], missing: Sequence[Missing], code: str |
     ]
 
 
-def _absent(
-    model: CompiledModel, effects: Sequence[Effect], asked: Sequence[AskedError]
+def _said_to_be_zero(
+    model: CompiledModel, effects: Sequence[Effect], missing: Sequence[str]
 ) -> list[str]:
     """Name the errors that count as zero at points: those that no map or one map only has."""
-    have = {code for group in model.groups for code in group.codes}
-    have |= {term.component for effect in effects for term in effect.terms}
-    tools = [o.tool_offset_mm for o in asked]
-    needed = needed_components(model.machine.chain, tools, model.measuring_lines, orientation=False)
-    unmeasured = [code for code in needed if code not in have and code not in model.omitted]
-    omitted = {code: why for code, why in model.omitted.items() if code not in have}
-    found = [f"counted as zero at points: {code}, {why}" for code, why in omitted.items()]
+    unmeasured = [code for code in missing if code not in model.omitted]
+    acting = acting_on(effects)
+    found = [
+        f"counted as zero at points: {code}, {why}"
+        for code, why in model.omitted.items()
+        if code not in acting
+    ]
     if unmeasured:
         found.append(f"counted as zero at points, no map has them: {', '.join(unmeasured)}")
     return found

@@ -74,12 +74,15 @@ class AnalysisRunner:
         self.start()
         self._news.set()
 
-    def stop(self) -> None:
-        """End: the running job fails with the reason, the others wait for another service."""
+    def stop(self, patience_s: float = 10.0) -> None:
+        """End: the running job fails with the reason, the others wait for another service.
+
+        Where the database hangs, the reason is not stored: another service finds out.
+        """
         self._stop.set()
         self._news.set()
         if self._thread is not None:
-            self._thread.join(timeout=10.0)
+            self._thread.join(patience_s)
 
     def _run(self) -> None:
         while not self._stop.is_set():

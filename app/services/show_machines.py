@@ -7,7 +7,9 @@ from contextlib import closing
 from dataclasses import replace
 from datetime import datetime
 
+from app.identification.model_difference import ModelWithEffects
 from app.services.context import Context
+from app.services.load_machine import adopted_effects, compile_version
 from app.storage.error_maps import find_error_map, list_error_maps, stored_map
 from app.storage.machines import find_machine, list_machines, stored_machine
 from app.storage.model_versions import active_version, find_version, list_versions
@@ -49,18 +51,39 @@ def show_error_map(context: Context, machine_id: str, map_id: int) -> tuple[Stor
         return found, bool(version and any(m.id == map_id for m in version.maps))
 
 
-def show_models(context: Context, machine_id: str) -> tuple[list[ModelVersion], int | None]:
-    """List a machine's model versions, and the number of the active one."""
+def show_models(
+    context: Context, machine_id: str
+) -> tuple[list[ModelVersion], int | None, int | None]:
+    """List a machine's model versions, and the numbers of the active and of the waiting one."""
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
-        return list_versions(session, machine_id), row.active_version
+        return list_versions(session, machine_id), row.active_version, row.waiting_version
 
 
-def show_model(context: Context, machine_id: str, version: int) -> tuple[ModelVersion, int | None]:
-    """Read one model version, and the number of the active one."""
+def show_model(
+    context: Context, machine_id: str, version: int
+) -> tuple[ModelVersion, int | None, int | None]:
+    """Read one model version, and the numbers of the active and of the waiting one."""
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
-        return find_version(session, machine_id, version), row.active_version
+        found = find_version(session, machine_id, version)
+        return found, row.active_version, row.waiting_version
+
+
+def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithEffects:
+    """Compile a version, to see which components its tables have.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such version.
+    InvalidContent, Conflict
+        If the machine's present sensors no longer fit it.
+    """
+    with context.database.reading() as session:
+        machine = stored_machine(find_machine(session, machine_id)).machine
+        found = find_version(session, machine_id, version)
+    return ModelWithEffects(compile_version(machine, found), adopted_effects(found))
 
 
 def show_readings(

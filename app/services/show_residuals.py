@@ -62,4 +62,5 @@ def _read_campaign(
     with context.database.reading() as session:
         machine, version = choose_version(session, machine_id, version_number)
         verifications = read_verifications(session, machine_id, verification_ids)
-        return version.version, load_campaign(session, machine, version, verifications)
+        until = context.usable_until()
+        return version.version, load_campaign(session, machine, version, verifications, until)

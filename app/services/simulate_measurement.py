@@ -13,8 +13,6 @@ from app.measurement.step_diagonal_readings import Target, step_diagonal_reading
 from app.services.ask_field import FieldAnswer, FieldQuestion, Triple, ask_field, work_volume
 from app.services.context import Context
 
-MOST_STEPS = 1000
-
 
 @dataclass(frozen=True, slots=True)
 class StepDiagonalPlan:

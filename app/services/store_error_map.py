@@ -7,10 +7,20 @@ from dataclasses import dataclass
 
 from app.errors import Conflict, FieldError, InvalidContent
 from app.geometry.components import COMPONENTS
-from app.services.change_model import changing_machine, next_version
+from app.services.change_model import (
+    Draft,
+    MachineChange,
+    MadeVersion,
+    activate_waiting,
+    changing_machine,
+    draft_version,
+    looking_at_machine,
+    make_version,
+)
 from app.services.context import FUTURE_TOLERANCE, Context
+from app.services.preview_model import Preview, preview_draft, preview_latest
 from app.storage.error_maps import find_label, insert_error_map, same_content
-from app.storage.records import StoredMap
+from app.storage.records import ModelVersion, StoredMap
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.sensor_health import Health, check_temperatures
@@ -18,20 +28,34 @@ from app.thermal.sensor_health import Health, check_temperatures
 
 @dataclass(frozen=True, slots=True)
 class StoredOnce:
-    """A stored map, its machine, whether it is new and whether the active model has it."""
+    """A stored map, its machine, whether it is new and whether the active model has it.
+
+    `made` is the version that was made with it, or the one that has it and waits; None where a
+    map that was there already is in use, or in neither version.
+    """
 
     stored: StoredMap
     machine: Machine
     is_new: bool
     in_active_model: bool
+    made: MadeVersion | None
 
 
 SHORT = 0.1
 """A table that covers less than this share of its axis' travel is remarkable."""
 
 
-def store_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> StoredOnce:
-    """Store a map, once.
+def store_error_map(
+    context: Context, machine_id: str, error_map: ErrorMap, *, accept_losses: bool = False
+) -> StoredOnce:
+    """Store a map, once, and make the model version that has it.
+
+    Parameters
+    ----------
+    context, machine_id, error_map
+        The service, whose map it is, and the map.
+    accept_losses
+        Whether the version is activated although it loses something against the active one.
 
     Returns
     -------
@@ -47,22 +71,59 @@ def store_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> S
         If the label names another map, or the map is too close to another in temperature.
     """
     with changing_machine(context, machine_id) as change:
-        known = find_label(change.session, machine_id, error_map.label)
+        known = _known(change, error_map)
         if known is not None:
-            if same_content(known.error_map, error_map):
-                active = change.version.maps if change.version else []
-                in_active_model = any(m.id == known.id for m in active)
-                return StoredOnce(known, change.machine, False, in_active_model)
-            raise Conflict(
-                f"machine {machine_id!r} has another error map {error_map.label!r} "
-                f"(number {known.id}); choose another label, or delete that map first"
-            )
-        _check_time(context, error_map)
-        _check_fits(change.machine, error_map)
+            made = None
+            if change.waiting and _has(change.waiting, known) and not _has(change.version, known):
+                made = activate_waiting(context, change, accept_losses=accept_losses)
+            return StoredOnce(known, change.machine, False, _has(change.version, known), made)
+        _check(context, change, error_map)
         stored = insert_error_map(change.session, machine_id, error_map, context.now())
-        before = change.version.maps if change.version else []
-        next_version(context, change, [*before, stored], f"map {error_map.label!r} stored")
-        return StoredOnce(stored, change.machine, True, True)
+        made = make_version(context, change, _draft(change, stored), accept_losses=accept_losses)
+        return StoredOnce(stored, change.machine, True, made.is_active, made)
+
+
+def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> Preview:
+    """Say what storing a map would do to the tables, and store nothing.
+
+    Raises
+    ------
+    UnknownThing, InvalidContent, Conflict
+        As `store_error_map`.
+    """
+    with looking_at_machine(context, machine_id) as change:
+        if _known(change, error_map) is not None:
+            return preview_latest(context, change, f"map {error_map.label!r} is there already")
+        _check(context, change, error_map)
+        # No stored map has the number nought.
+        draft = _draft(change, StoredMap(0, error_map, context.now()))
+        return preview_draft(context, change, draft)
+
+
+def _known(change: MachineChange, error_map: ErrorMap) -> StoredMap | None:
+    """Find the stored map that says the same; Conflict for another of its label."""
+    known = find_label(change.session, change.row.id, error_map.label)
+    if known is None or same_content(known.error_map, error_map):
+        return known
+    raise Conflict(
+        f"machine {change.row.id!r} has another error map {error_map.label!r} "
+        f"(number {known.id}); choose another label, or delete that map first"
+    )
+
+
+def _has(version: ModelVersion | None, stored: StoredMap) -> bool:
+    return version is not None and any(m.id == stored.id for m in version.maps)
+
+
+def _check(context: Context, change: MachineChange, error_map: ErrorMap) -> None:
+    _check_time(context, error_map)
+    _check_fits(change.machine, error_map)
+
+
+def _draft(change: MachineChange, stored: StoredMap) -> Draft:
+    base = change.latest
+    maps = [*(base.maps if base else []), stored]
+    return draft_version(change, base, maps, f"map {stored.error_map.label!r} stored")
 
 
 def remarks(machine: Machine, error_map: ErrorMap) -> list[str]:

@@ -12,8 +12,10 @@ from app.geometry.work_volume import WorkVolume
 from app.measurement.result import MeasurementResult
 from app.services.context import Context
 from app.services.load_machine import load_machine
+from app.services.preview_model import Preview
 from app.services.store_error_map import (
     StoredOnce,
+    preview_error_map,
     remarks,
     store_error_map,
     table_remarks,
@@ -35,13 +37,26 @@ class MapHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """A measurement's result, and the map that was made of it."""
+    """A measurement's result, and the map that was made of it, or what storing it would do."""
 
     machine: Machine
     method: str
     result: MeasurementResult
     stored: StoredOnce | None
     remarks: list[str]
+    preview: Preview | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Storing:
+    """What is to become of a result: nothing, a look at what storing would do, or a map.
+
+    A preview stores nothing, whatever else is stated.
+    """
+
+    store: bool = False
+    preview: bool = False
+    accept_losses: bool = False
 
 
 def measured_machine(context: Context, machine_id: str) -> Machine:
@@ -62,8 +77,7 @@ def store_measurement(
     method: str,
     header: MapHeader,
     result: MeasurementResult,
-    *,
-    store: bool,
+    storing: Storing,
 ) -> Measured:
     """Hand a result on, and store it as an error map if that is asked for.
 
@@ -79,10 +93,13 @@ def store_measurement(
             raise InvalidContent.of_field(
                 "axis", f"expected an axis of {machine.chain.text}, came {axis!r}"
             )
-    if not store:
+    if not (storing.store or storing.preview):
         return Measured(machine, method, result, None, table_remarks(machine, result.tables))
     error_map = _error_map(method, header, result)
-    stored = store_error_map(context, machine.id, error_map)
+    if storing.preview:
+        preview = preview_error_map(context, machine.id, error_map)
+        return Measured(machine, method, result, None, remarks(machine, error_map), preview)
+    stored = store_error_map(context, machine.id, error_map, accept_losses=storing.accept_losses)
     return Measured(stored.machine, method, result, stored, remarks(stored.machine, error_map))
 
 

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from datetime import datetime
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Final
 
-from app.errors import Conflict, FieldError, InvalidContent, StorageUnavailable, UnknownThing
-from app.services.context import FUTURE_TOLERANCE, Context
+from app.errors import (
+    Conflict,
+    FieldError,
+    InvalidContent,
+    StorageUnavailable,
+    UnknownThing,
+)
+from app.live.registry import Arrived
+from app.services.context import Context
+from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine
 from app.services.restore_past import restore_past
 from app.storage.machines import find_machine, stored_machine
@@ -16,52 +26,68 @@ from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import check_temperatures
 
+MOST_AHEAD_OF_CLOCK: Final = timedelta(days=1)
+"""Wrong clocks and zones put a reading less far ahead; what lies further is refused."""
 
-def store_readings(
-    context: Context, machine_id: str, readings: Sequence[Reading]
-) -> tuple[int, int]:
+
+@dataclass(frozen=True, slots=True)
+class StoreOutcome:
+    """How many readings are new, how many were there already, and what is to be said of them.
+
+    `ahead` counts those of both that lie in the future.
+    """
+
+    stored: int
+    duplicates: int
+    ahead: int
+    warnings: Sequence[str]
+
+
+def store_readings(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
     """Store readings whole or not at all.
 
-    Returns
-    -------
-    int, int
-        How many were stored, and how many were there already.
+    Those that lie in the future are stored, said to be so, and used when their time comes.
 
     Raises
     ------
     InvalidContent
-        If a sensor is unknown, a unit mistaken, or a time in the future. A value
+        If a sensor is unknown, a unit mistaken, or a time too far in the future. A value
         out of its sensor's range is stored: it is the sensor's failure, and says so.
     Conflict
         If a time has a reading with other content.
     """
     with context.database.writing() as session:
-        machine = stored_machine(find_machine(session, machine_id)).machine
-        _check(context, machine, readings)
+        row = find_machine(session, machine_id)
+        _check(context, stored_machine(row).machine, readings)
         once = _each_time_once(readings)
         added = insert_readings(session, machine_id, once)
         repeated = [r for r in once if r.time not in added]
         known = find_readings(session, machine_id, [r.time for r in repeated])
         for reading in repeated:
-            if reading.time not in known:  # the machine went in between
+            if reading.time not in known:  # the machine went in between, or the reading did
                 find_machine(session, machine_id)
             elif known[reading.time] != reading:
                 raise _other_content(known[reading.time], reading)
+    until = context.usable_until()
     # They are stored: what goes wrong now is put right later.
     with suppress(StorageUnavailable, UnknownThing):
         live = context.live.get(machine_id) or load_machine(context, machine_id)
-        live.add(r for r in once if r.time in added)
+        live.add(Arrived([r for r in once if r.time in added], row.withdrawals), until)
         restore_past(context, live)
-    return len(added), len(readings) - len(added)
+    ahead = [reading for reading in once if reading.time > until]
+    warnings = ahead_warnings(ahead)
+    return StoreOutcome(len(added), len(readings) - len(added), len(ahead), warnings)
 
 
 def _check(context: Context, machine: Machine, readings: Sequence[Reading]) -> None:
-    latest = context.now() + FUTURE_TOLERANCE
+    now = context.now()
+    latest = now + MOST_AHEAD_OF_CLOCK
     for i, reading in enumerate(readings):
         if reading.time > latest:
             message = (
-                f"expected a time not in the future (it is {context.now():%Y-%m-%dT%H:%M:%SZ}), "
-                f"came {reading.time:%Y-%m-%dT%H:%M:%SZ}"
+                "expected a time not in the future, or at most a day ahead of the service's clock "
+                f"(it is {exact_time(now)}), came {exact_time(reading.time)}: one of the clocks is "
+                "wrong, or the time's zone"
             )
             raise InvalidContent(message, [FieldError(f"{i}.time", message)])
         try:

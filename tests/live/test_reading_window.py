@@ -8,11 +8,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.geometry.chain import Chain
-from app.live.reading_window import LIMIT, ReadingWindow
+from app.live import reading_window
+from app.live.reading_window import LIMIT
 from app.thermal.machine import Machine, Sensor, sensors_by_name
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import Health, record_needed_s
 from tests.service_examples import START
+
+END = START + timedelta(days=365)
+
+
+class ReadingWindow(reading_window.ReadingWindow):
+    """One in which everything has come already, unless something else is stated."""
+
+    def add(self, machine, readings, until=END):
+        return super().add(machine, readings, until)
+
+
+def until(seconds):
+    return START + timedelta(seconds=seconds)
 
 
 def machine(*sensors):
@@ -32,7 +46,7 @@ def only(seconds, sensor, value=20.0):
 
 def kept(window, seconds=range(-100_000, 100_000)):
     """Which of these times [s] a window still has; found by looking, not by its inside."""
-    return [r.time for r in window._readings if r.time >= START + timedelta(seconds=seconds[0])]
+    return [r.time for r in window.held.used if r.time >= START + timedelta(seconds=seconds[0])]
 
 
 def test_an_empty_window_has_no_latest_reading():
@@ -168,3 +182,54 @@ def test_a_stuck_sensor_is_found_however_fast_the_readings_come(step_s):
     count = int(960 / step_s)  # b has moved by 1 °C after 250 s, and 600 s more may pass
     window.add(TWO, [at(step_s * i, a=20.0, b=20.0 + 0.004 * step_s * i) for i in range(count)])
     assert {s.sensor: s.health for s in window.judge(TWO)}["a"] is Health.STUCK
+
+
+# --- what lies in the future ----------------------------------------------------------------
+
+
+def test_what_lies_ahead_is_kept_and_not_used_until_its_time():
+    window = ReadingWindow()
+    assert window.add(TWO, [at(58, a=30.0), at(0)], until(2)) == [at(0)]
+    assert (window.latest, window.held.ahead) == (at(0), (at(58, a=30.0),))
+    assert {s.sensor: s.temperature_c for s in window.judge(TWO)}["a"] == 20.0
+    assert window.held.is_as_of(until(57))
+    assert not window.held.is_as_of(until(58))
+    assert window.add(TWO, [], until(58)) == [at(58, a=30.0)]
+    assert (window.latest, window.held.ahead) == (at(58, a=30.0), ())
+
+
+def test_a_clock_that_is_set_back_puts_what_was_used_ahead():
+    window = ReadingWindow()
+    window.add(TWO, [at(0), at(30), at(60)], until(60))
+    assert window.held.reaches_past(until(31))
+    window.add(TWO, [], until(31))
+    assert (window.latest, window.held.ahead) == (at(30), (at(60),))
+
+
+@given(st.permutations(range(12)), st.integers(-1, 11), st.integers(-1, 11))
+def test_what_is_used_depends_on_the_time_alone(order, first, last):
+    window = ReadingWindow()
+    for i in order:
+        window.add(TWO, [at(10.0 * i)], until(10.0 * first))
+    window.add(TWO, [], until(10.0 * last))
+    assert kept(window) == [at(10.0 * i).time for i in range(last + 1)]
+    assert [r.time for r in window.held.ahead] == [at(10.0 * i).time for i in range(last + 1, 12)]
+
+
+def test_of_many_ahead_the_first_are_kept_and_no_later_one_takes_their_place():
+    window = ReadingWindow()
+    most = reading_window.MOST_AHEAD
+    window.add(TWO, [at(10.0 * i) for i in range(1, most + 11)], until(0))
+    assert (len(window.held.ahead), window.held.more_ahead) == (most, True)
+    window.add(TWO, [], until(100))
+    window.add(TWO, [at(1e6)], until(100))
+    assert window.held.ahead[-1] == at(10.0 * most)
+    window.replace(TWO, [at(0), at(1e6)], until(100))
+    assert (window.held.ahead, window.held.more_ahead) == ((at(1e6),), False)
+
+
+def test_what_is_dropped_is_gone():
+    window = ReadingWindow()
+    window.add(TWO, [at(0), at(10), at(20), at(30)], until(15))
+    window.drop(until(10), until(20))
+    assert (window.held.used, window.held.ahead) == ((at(0),), (at(30),))

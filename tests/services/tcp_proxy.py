@@ -1,4 +1,4 @@
-"""A wire between the service and its database that can be cut."""
+"""A wire between the service and its database that can be cut, or go silent."""
 
 import contextlib
 import socket
@@ -14,10 +14,13 @@ class TcpProxy:
         self.port = self._listener.getsockname()[1]
         self._ends = set()
         self._lock = threading.Lock()
+        self._passing = threading.Event()
+        self._passing.set()
         self._accept_in_background()
 
     def cut(self):
         """Refuse new connections and break off those that there are."""
+        self.thaw()
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -27,6 +30,14 @@ class TcpProxy:
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
             end.close()
+
+    def freeze(self):
+        """Take connections and bytes, and pass nothing on."""
+        self._passing.clear()
+
+    def thaw(self):
+        """Pass on what has come, and what comes."""
+        self._passing.set()
 
     def mend(self):
         """Take connections again, on the same port."""
@@ -58,6 +69,7 @@ class TcpProxy:
     def _pass_on(self, source, sink):
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
+                self._passing.wait()
                 sink.sendall(data)
         for end in (source, sink):
             with contextlib.suppress(OSError):

@@ -201,6 +201,7 @@ async def test_readings_from_many_sides_while_effects_are_adopted_are_all_taken_
 # --- versions -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 async def test_activating_the_version_before_takes_effects_back(client, app):
     readings = warm_up()
     await stored(client, readings)
@@ -225,7 +226,7 @@ async def test_activating_the_version_before_takes_effects_back(client, app):
 
 async def test_a_version_shows_its_effects(client, app):
     adopt(app, LAG)
-    version = adopt(app, SPEED)
+    version = adopt(app, SPEED).version
     document = (await client.get(f"{ROOM}/models/{version.version}")).json()
     assert [e["kind"] for e in document["effects"]] == ["thermal-lag", "state-variable"]
     assert document["effects"][0] == {
@@ -237,6 +238,8 @@ async def test_a_version_shows_its_effects(client, app):
         "parameters": {"time_constant_min": 10.0, "share": 1.0},
         "standard_errors": {},
         "explanation": "EZZ follows z-column 10 min late",
+        "valid": LAG.learnt_in,
+        "measure_again": "",
     }
     assert document["reason"] == "adopted in a test"
 

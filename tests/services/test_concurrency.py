@@ -109,6 +109,7 @@ async def test_overlapping_readings_at_once_are_stored_once_each(two, two_apps):
     assert len(contents(two_apps[0])["reading"]) == different
 
 
+@pytest.mark.slow
 async def test_the_same_readings_in_opposite_order_at_once_do_not_lock_each_other_out(two):
     """Whoever inserts in the order in which they came waits for the other, and it for him."""
     forwards = [reading(START - timedelta(seconds=s), 20.0) for s in range(3000)]

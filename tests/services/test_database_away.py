@@ -9,21 +9,17 @@ from sqlalchemy import make_url
 
 from app.errors import StorageUnavailable
 from app.main import create_app
-from app.services.follow_database import DatabaseFollower
 from app.settings import Settings
-from tests.databases import reachable
 from tests.service_examples import (
     MACHINE,
     ROOM,
     START,
     client_of,
     error_map,
-    furnish_database,
     problem,
     reading,
     temperatures,
 )
-from tests.services.tcp_proxy import TcpProxy
 
 pytestmark = pytest.mark.anyio
 
@@ -31,27 +27,6 @@ PATIENCE_S = 6.0
 """Nothing may hang for longer."""
 
 STATED = {"temperatures_c": temperatures(25.5)}
-
-
-@pytest.fixture
-def wire(databases):
-    """A cut-able wire to a database with the example machine, and the URL through it."""
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    parsed = make_url(url)
-    proxy = TcpProxy(parsed.host, parsed.port or 5432)
-    proxy.url = parsed.set(host="127.0.0.1", port=proxy.port).render_as_string(False)
-    yield proxy
-    proxy.cut()
-    databases.give_back(url)
-
-
-@pytest.fixture
-def wired(new_app, wire):
-    """A service on that wire, with its machine in memory."""
-    service = new_app(wire.url)
-    service.follower = DatabaseFollower(service.state.context, every_s=1.0)
-    service.follower.look()
-    return service
 
 
 @pytest.fixture

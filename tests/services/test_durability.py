@@ -38,7 +38,7 @@ class Server:
             ],
             pass_fds=[descriptor],
             cwd=PACKAGE_FOLDER,
-            env=os.environ | {"THERMAP_DATABASE_URL": url},
+            env=os.environ | {"THERMAP_DATABASE_URL": url, "THERMAP_LOCK_LIMIT_S": "60"},
         )
 
     @property
@@ -81,7 +81,7 @@ class Writers:
         """Write until so many have been answered, then return in the middle of it."""
         for thread in self._threads:
             thread.start()
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 60
         while len(self.answered_maps) < maps or len(self.answered_batches) < batches:
             assert time.monotonic() < deadline, "the server does not answer"
             time.sleep(0.001)
@@ -92,7 +92,7 @@ class Writers:
             thread.join()
 
     def _run(self, step):
-        with httpx.Client(base_url=self._url, timeout=20, trust_env=False) as client:
+        with httpx.Client(base_url=self._url, timeout=60, trust_env=False) as client:
             while not self._stop.is_set():
                 with self._lock:
                     number = next(self._numbers)
@@ -124,12 +124,13 @@ def kill_at_the_end():
         server.kill()
 
 
+@pytest.mark.slow
 def test_what_was_answered_survives_kill_9_and_nothing_is_half_stored(sqlite_url, kill_at_the_end):
     maps, batches = [], []
     for round_number in range(2):
         server = Server(sqlite_url)
         kill_at_the_end(server)
-        with httpx.Client(base_url=server.url, timeout=20, trust_env=False) as client:
+        with httpx.Client(base_url=server.url, timeout=60, trust_env=False) as client:
             client.post("/v1/machines", json=MACHINE).raise_for_status() if not maps else None
         writers = Writers(server.url, round_number)
         writers.run_until(maps=4, batches=12)
@@ -141,7 +142,7 @@ def test_what_was_answered_survives_kill_9_and_nothing_is_half_stored(sqlite_url
     _check_file(make_url(sqlite_url).database)
     server = Server(sqlite_url)
     kill_at_the_end(server)
-    with httpx.Client(base_url=server.url, timeout=20, trust_env=False) as client:
+    with httpx.Client(base_url=server.url, timeout=60, trust_env=False) as client:
         _check_maps(client, maps)
         _check_readings(client, batches)
 

@@ -190,6 +190,7 @@ async def test_readings_stored_after_a_machine_with_newer_ones_was_deleted_are_n
     assert (await other.get(f"{ROOM}/compensation")).status_code == 200
 
 
+@pytest.mark.slow
 async def test_a_large_batch_is_followed_without_toil(client, other, look):
     """Whoever sorts the window for each reading of a batch keeps the live table waiting."""
     batch = [reading(START - timedelta(seconds=s), 25.0) for s in range(10_000)]

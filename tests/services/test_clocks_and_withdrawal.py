@@ -1,0 +1,253 @@
+"""Readings that lie in the future wait for their time, and readings can be withdrawn."""
+
+from datetime import timedelta
+
+import pytest
+from sqlalchemy import func, select
+
+from app.services.follow_database import DatabaseFollower
+from app.storage.tables import ReadingRow, WithdrawnReadingRow
+from tests.service_examples import (
+    ROOM,
+    START,
+    Clock,
+    client_of,
+    iso,
+    problem,
+    reading,
+    running,
+    temperatures,
+)
+
+pytestmark = pytest.mark.anyio
+
+READINGS = f"{ROOM}/readings"
+MONTH_S = 30 * 86_400
+
+
+def at(seconds, t_c=25.5):
+    return reading(START + timedelta(seconds=seconds), t_c)
+
+
+async def feed(client, *readings):
+    answer = await client.post(READINGS, json=list(readings))
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+async def current(client):
+    answer = await client.get(f"{ROOM}/compensation")
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+async def withdraw(client, **query):
+    query = {name.rstrip("_"): value for name, value in query.items()}
+    answer = await client.delete(READINGS, params=query)
+    assert answer.status_code == 200, answer.text
+    return answer.json()["withdrawn"]
+
+
+def x_middle(document):
+    return {s["sensor"]: s["temperature_c"] for s in document["sensors"]}["x-middle"]
+
+
+@pytest.fixture
+def other_app(new_app, furnished_url, app):
+    service = new_app(furnished_url)
+    service.follower = DatabaseFollower(service.state.context, every_s=1.0)
+    service.follower.look()
+    return service
+
+
+@pytest.fixture
+async def other(other_app):
+    async with client_of(other_app) as other:
+        yield other
+
+
+# --- the sender's clock ---------------------------------------------------------------------
+
+
+async def test_a_reading_ahead_does_not_freeze_the_table(client, clock):
+    await feed(client, at(58, 27.0))
+    await feed(client, at(0, 25.5))
+    document = await current(client)
+    assert (document["reading_time"], x_middle(document)) == (iso(START), 25.5)
+    (warning,) = document["warnings"]
+    assert iso(START + timedelta(seconds=58)) in warning
+    clock.advance(30)
+    await feed(client, at(30, 26.0))
+    assert x_middle(await current(client)) == 26.0
+    clock.advance(28)
+    document = await current(client)
+    assert (x_middle(document), document["warnings"]) == (27.0, [])
+
+
+async def test_the_etag_says_when_a_reading_waits_and_when_its_time_has_come(client, clock):
+    await feed(client, at(0))
+    tags = []
+    for change in (lambda: feed(client, at(58, 27.0)), None):
+        tags.append((await client.get(f"{ROOM}/compensation")).headers["etag"])
+        if change is not None:
+            await change()
+    clock.advance(58)
+    tags.append((await client.get(f"{ROOM}/compensation")).headers["etag"])
+    assert len(set(tags)) == 3
+
+
+async def test_with_readings_of_the_future_alone_the_refusal_names_them(client):
+    await feed(client, at(58), at(3600))
+    found = problem(await client.get(f"{ROOM}/compensation"), 409)
+    for time in (START, START + timedelta(seconds=58), START + timedelta(hours=1)):
+        assert iso(time) in found["detail"]
+
+
+async def test_a_jump_in_a_reading_ahead_judges_no_sensor(client, clock):
+    await feed(client, *(at(s - 300, 25.5) for s in range(0, 301, 60)))
+    before = await current(client)
+    await feed(client, at(58, 79.0))
+    after = await current(client)
+    assert after["sensors"] == before["sensors"]
+    assert after["components"] == before["components"]
+
+
+async def test_a_prediction_does_not_look_into_the_future(client, clock):
+    """Between a reading of now and one of the future nothing has been measured."""
+    await feed(client, at(0, 20.0), at(60, 24.0))
+    asked = {"time": iso(START + timedelta(seconds=30)), "component": "EXX", "position_mm": 500}
+    early = await client.post(f"{ROOM}/predictions", json={"observations": [asked]})
+    clock.advance(60)
+    late = await client.post(f"{ROOM}/predictions", json={"observations": [asked]})
+    assert late.json()["predicted_um"] == [pytest.approx(10.0)]  # (22 − 20)·500/100 µm
+    assert early.json()["predicted_um"] != late.json()["predicted_um"]
+
+
+# --- the service's clock --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+async def test_a_service_whose_clock_was_a_month_ahead(client, app, new_app, clock, restarted):
+    await feed(client, at(-60, 25.0))
+    clock.advance(MONTH_S)
+    await feed(client, at(MONTH_S, 30.0))
+    assert x_middle(await current(client)) == 30.0
+    clock.advance(-MONTH_S)
+    url = app.state.context.database.engine.url.render_as_string(False)
+    async with client_of(new_app(url) if restarted else app) as now:
+        document = await current(now)
+        assert x_middle(document) == 25.0
+        assert iso(START + timedelta(seconds=MONTH_S)) in document["warnings"][0]
+        await feed(now, at(0, 25.5))
+        assert x_middle(await current(now)) == 25.5
+        clock.advance(MONTH_S)
+        assert x_middle(await current(now)) == 30.0
+
+
+async def test_two_services_with_different_clocks_each_go_by_their_own(client, furnished_url):
+    with running(furnished_url, Clock(START + timedelta(seconds=58))) as fast:
+        async with client_of(fast) as ahead:
+            await feed(ahead, at(58, 27.0))
+            assert x_middle(await current(ahead)) == 27.0
+    await feed(client, at(0, 25.5))
+    document = await current(client)
+    assert x_middle(document) == 25.5
+    assert len(document["warnings"]) == 1
+
+
+async def test_a_reading_ahead_reaches_the_other_and_waits_there_too(
+    client, other_app, other, clock
+):
+    await feed(client, at(0, 25.5), at(58, 27.0))
+    other_app.follower.look()
+    assert x_middle(await current(other)) == 25.5
+    assert (await current(other))["warnings"] == (await current(client))["warnings"]
+    clock.advance(58)
+    assert x_middle(await current(other)) == 27.0
+
+
+# --- withdrawing ----------------------------------------------------------------------------
+
+
+async def test_a_withdrawn_reading_counts_nowhere_and_is_kept_as_withdrawn(client, app):
+    await feed(client, at(-60, 25.0), at(0, 27.0))
+    first = await client.get(f"{ROOM}/compensation")
+    assert await withdraw(client, time=iso(START)) == 1
+    second = await client.get(f"{ROOM}/compensation")
+    assert x_middle(second.json()) == 25.0
+    assert first.headers["etag"] != second.headers["etag"]
+    assert [r["time"] for r in (await client.get(READINGS)).json()] == [at(-60)["time"]]
+    asked = {"time": iso(START), "component": "EXX", "position_mm": 500}
+    answer = await client.post(f"{ROOM}/predictions", json={"observations": [asked]})
+    assert answer.json()["predicted_um"] == [pytest.approx(25.0)]  # (25 − 20)·500/100 µm
+    with app.state.context.database.reading() as session:
+        (kept,) = session.scalars(select(WithdrawnReadingRow))
+        assert (kept.time, kept.temperatures_c, kept.withdrawn_at) == (
+            START,
+            temperatures(27.0),
+            START,
+        )
+        assert session.scalar(select(func.count(ReadingRow.id))) == 1
+
+
+async def test_the_same_may_be_stored_again_and_withdrawn_again(client):
+    for _ in range(2):
+        assert (await feed(client, at(0)))["stored"] == 1
+        assert (await current(client))["reading_time"] == iso(START)
+        assert await withdraw(client, time=iso(START)) == 1
+        problem(await client.get(f"{ROOM}/compensation"), 409)
+    assert (await feed(client, at(0, 22.0)))["stored"] == 1, "other content is no conflict now"
+    assert x_middle(await current(client)) == 22.0
+
+
+async def test_a_range_is_withdrawn_with_both_its_ends(client):
+    await feed(client, *(at(-10 * i, 20 + 0.1 * i) for i in range(6)))
+    gone = {"from": at(-40)["time"], "to": at(-10)["time"]}
+    assert await withdraw(client, **gone) == 4
+    assert await withdraw(client, **gone) == 0
+    assert [r["time"] for r in (await client.get(READINGS)).json()] == [
+        at(-50)["time"],
+        at(0)["time"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "field"),
+    [
+        ({}, 422, "time"),
+        ({"from": iso(START)}, 422, "to"),
+        ({"to": iso(START)}, 422, "from"),
+        ({"time": iso(START), "from": iso(START)}, 422, "time"),
+        ({"time": iso(START), "from": iso(START), "to": iso(START)}, 422, "time"),
+        ({"from": iso(START), "to": iso(START - timedelta(seconds=1))}, 422, "to"),
+        ({"form": iso(START), "to": iso(START)}, 422, "form"),
+        ({"time": iso(START + timedelta(seconds=1))}, 404, None),
+    ],
+)
+async def test_a_forgotten_parameter_withdraws_nothing(client, query, status, field):
+    await feed(client, at(-60), at(0))
+    found = problem(await client.delete(READINGS, params=query), status)
+    assert [e["field"] for e in found["errors"]] == ([field] if field else [])
+    assert len((await client.get(READINGS)).json()) == 2
+
+
+@pytest.mark.slow
+async def test_a_withdrawn_reading_leaves_the_other_services_table_too(client, other_app, other):
+    await feed(client, at(-60, 25.0), at(0, 27.0))
+    other_app.follower.look()
+    assert x_middle(await current(other)) == 27.0
+    await withdraw(client, time=iso(START))
+    other_app.follower.look()
+    assert x_middle(await current(other)) == 25.0
+    await feed(other, at(0, 22.0))
+    assert x_middle(await current(other)) == 22.0
+    other_app.follower.look()
+    assert x_middle(await current(other)) == 22.0
+
+
+async def test_a_withdrawn_reading_ahead_is_named_no_more(client, clock):
+    await feed(client, at(0), at(58, 27.0))
+    await withdraw(client, time=iso(START + timedelta(seconds=58)))
+    assert (await current(client))["warnings"] == []
+    clock.advance(58)
+    assert x_middle(await current(client)) == 25.5
