@@ -1,29 +1,34 @@
-"""What routes are handed."""
+"""What routes are handed.
+
+All of it is `async`: a function that is not takes a thread, which may be waiting elsewhere.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator
+from typing import Annotated, Any
 
-from fastapi import Depends, Path, Request
+from fastapi import Depends, Path, Query, Request
+from fastapi.dependencies.models import Dependant
 
 from app.errors import InvalidContent, list_names
 from app.services.context import Context
 from app.services.run_analyses import AnalysisRunner
 
 
-def get_context(request: Request) -> Context:
+async def get_context(request: Request) -> Context:
     """Give the application's context."""
     context: Context = request.app.state.context
     return context
 
 
-def get_runner(request: Request) -> AnalysisRunner:
+async def get_runner(request: Request) -> AnalysisRunner:
     """Give who runs the queued analyses."""
     runner: AnalysisRunner = request.app.state.runner
     return runner
 
 
-def refuse_unknown_query(request: Request) -> None:
+async def refuse_unknown_query(request: Request) -> None:
     """Refuse parameters that a route does not know: a misspelt one would not be missed.
 
     Raises
@@ -31,13 +36,34 @@ def refuse_unknown_query(request: Request) -> None:
     InvalidContent
         That names the parameters of the route.
     """
-    known = [field.alias for field in request.scope["route"].dependant.query_params]
+    known = [field.alias for field in _query_params(request.scope["route"].dependant)]
     for name in request.query_params:
         if name not in known:
             raise InvalidContent.of_field(
                 name, f"expected the query parameters {list_names(known)}, came {name!r}"
             )
 
+
+def _query_params(dependant: Dependant) -> Iterator[Any]:
+    """List the parameters of a route and of what it depends on."""
+    yield from dependant.query_params
+    for further in dependant.dependencies:
+        yield from _query_params(further)
+
+
+PreviewQuery = Annotated[
+    bool,
+    Query(
+        description="Whether nothing is stored, and the answer says what tables would lose, gain "
+        "and change"
+    ),
+]
+AcceptLossesQuery = Annotated[
+    bool,
+    Query(
+        description="Whether the version is activated at once although its tables lose something"
+    ),
+]
 
 ContextDep = Annotated[Context, Depends(get_context)]
 MapPath = Annotated[int, Path(description="The map's number", examples=[1])]

@@ -12,6 +12,9 @@ from app.live.registry import LiveRegistry
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 """Others are counted together: a client may invent as many as it likes."""
 
+UNKNOWN = "unknown"
+"""Route and method of requests that reached no route."""
+
 BUCKETS_S = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
 
 
@@ -39,8 +42,10 @@ class Metrics:
             registry=self.registry,
         ).set_function(lambda: len(live))
         Gauge(
-            "thermap_database_away", "1 while the database is away", registry=self.registry
-        ).set_function(lambda: live.database_away_since is not None)
+            "thermap_database_away",
+            "1 while the database is away, does not answer or is locked",
+            registry=self.registry,
+        ).set_function(lambda: live.database.trouble is not None)
         self._children: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
 
     def count(self, route: str, method: str, status: int, seconds: float) -> None:
@@ -78,7 +83,7 @@ class MetricsMiddleware:
         try:
             await self.app(scope, receive, watching)
         finally:
-            route = getattr(scope.get("route"), "path", "unknown")
-            known = route != "unknown" and scope["method"] in METHODS
-            method = scope["method"] if known else "unknown"
+            route = getattr(scope.get("route"), "path", UNKNOWN)
+            known = route != UNKNOWN and scope["method"] in METHODS
+            method = scope["method"] if known else UNKNOWN
             self.metrics.count(route, method, status, perf_counter() - started)

@@ -7,11 +7,9 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from pydantic import Field
-from starlette.responses import HTMLResponse
 
+from app.api.pages import Page
 from app.api.schemas.base import Schema
-from app.api.schemas.verifications import VerificationRequest
-from app.api.schemas.volumetric_error import VolumetricErrorRequest
 
 DESCRIPTION = """
 Stores error maps measured in several thermal states, with the temperatures of their
@@ -45,14 +43,13 @@ PROBLEMS = {
     "404": "Something that is named does not exist; the detail lists what exists",
     "409": "What is stored contradicts it",
     "413": "The body is too large",
+    "415": "The body is no JSON by its header",
+    "421": "The host is none of this service",
+    "403": "Another web page sent it",
     "422": "The content cannot be right",
     "503": "The database is away; try again later",
 }
 _NOT_OURS = ("HTTPValidationError", "ValidationError")
-
-
-READ_BY_HAND: tuple[type[Schema], ...] = (VolumetricErrorRequest, VerificationRequest)
-"""Bodies that the framework does not read, and so does not document."""
 
 
 class ProblemField(Schema):
@@ -72,12 +69,6 @@ class Problem(Schema):
     errors: list[ProblemField] = Field(description="The fields that are to blame")
 
 
-def body_of(model: type[Schema]) -> dict[str, Any]:
-    """Document the body of a route that reads it by hand; the model is one of READ_BY_HAND."""
-    schema = {"$ref": f"#/components/schemas/{model.__name__}"}
-    return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
-
-
 def document_problems(service: FastAPI) -> None:
     """Document every refusal as what it is: problem details."""
     plain = service.openapi
@@ -89,7 +80,7 @@ def document_problems(service: FastAPI) -> None:
             for name in _NOT_OURS:
                 schemas.pop(name, None)
             reference = "#/components/schemas/{model}"
-            models: tuple[type[Schema], ...] = (ProblemField, Problem, *READ_BY_HAND)
+            models: tuple[type[Schema], ...] = (ProblemField, Problem)
             for model in models:
                 written = model.model_json_schema(ref_template=reference)
                 schemas.update(written.pop("$defs", {}))
@@ -111,9 +102,9 @@ def document_problems(service: FastAPI) -> None:
     service.openapi = openapi  # type: ignore[method-assign]
 
 
-def swagger_page(title: str) -> HTMLResponse:
+def swagger_page(title: str) -> Page:
     """Make the page that lets people read and try the routes, without the internet."""
-    return get_swagger_ui_html(
+    written = get_swagger_ui_html(
         openapi_url="/openapi.json",
         title=f"{title} · HTTP",
         swagger_js_url="/docs-assets/swagger-ui-bundle.js",
@@ -121,3 +112,4 @@ def swagger_page(title: str) -> HTMLResponse:
         swagger_favicon_url="/docs-assets/favicon-32x32.png",
         swagger_ui_parameters={"defaultModelsExpandDepth": 0, "displayRequestDuration": True},
     )
+    return Page(bytes(written.body).decode(), scripts=1)

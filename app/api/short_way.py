@@ -23,7 +23,8 @@ from fastapi import FastAPI
 from pydantic import TypeAdapter
 from starlette.types import Message, Receive, Scope, Send
 
-from app.api.metrics import Metrics
+from app.api.gate import Gate
+from app.api.metrics import UNKNOWN, Metrics
 from app.api.schemas.compensation import CompensationRequest
 from app.api.table_json import OPTIONS, table_json
 from app.live.registry import LiveModel
@@ -54,14 +55,27 @@ _REQUEST = TypeAdapter(CompensationRequest)
 
 
 class ThermapService(FastAPI):
-    """The application; `state.context` and `state.metrics` are set by `create_app`."""
+    """The application; `state.context`, `metrics` and `gate` are set by `create_app`."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a plain request for a table at once, any other the ordinary way."""
-        if not _may_be_plain(scope):
+        if scope["type"] != "http":
             await super().__call__(scope, receive, send)
             return
         started = perf_counter()
+        gate: Gate = self.state.gate
+        metrics: Metrics = self.state.metrics
+        refused = gate.refusal(scope)
+        if refused is not None:
+            await refused(scope, receive, send)
+            metrics.count(UNKNOWN, UNKNOWN, refused.status_code, perf_counter() - started)
+            return
+        if scope["method"] == "HEAD":
+            await super().__call__({**scope, "method": "GET"}, receive, _without_body(send))
+            return
+        if not _may_be_plain(scope):
+            await super().__call__(scope, receive, send)
+            return
         messages, body = await _read(receive)
         machine_id = scope["path"][len(BEFORE) : -len(AFTER)]
         content = None if body is None else plain_answer(self.state.context, machine_id, body)
@@ -71,16 +85,13 @@ class ThermapService(FastAPI):
         headers = [JSON_HEADER, (b"content-length", b"%d" % len(content))]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         await send({"type": "http.response.body", "body": content})
-        metrics: Metrics = self.state.metrics
         metrics.count(ROUTE, "POST", 200, perf_counter() - started)
 
 
 def plain_answer(context: Context, machine_id: str, body: bytes) -> bytes | None:
     """Write the table if the request is in order in every way, else None."""
     live = context.live.get(machine_id)
-    if live is None or context.live.database_away_since is not None:
-        return None
-    if sum(group.nodes.shape[1] for group in live.current.model.groups) > LARGEST_PLAIN_TABLE:
+    if live is None or context.live.database.trouble is not None:
         return None
     try:
         if live.current.effects:
@@ -94,24 +105,40 @@ def plain_answer(context: Context, machine_id: str, body: bytes) -> bytes | None
 @lru_cache(maxsize=REMEMBERED)
 def _around_time(current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
     """Write the answer to a body: what comes before and after the time of computing."""
+    if sum(group.nodes.shape[1] for group in current.model.groups) > LARGEST_PLAIN_TABLE:
+        raise ValueError("too large to be remembered")
     before, _, after = _answer(current, body, _SOME_TIME).partition(_SOME_TIME_TEXT)
     return before, after
 
 
 def _answer(current: LiveModel, body: bytes, now: datetime) -> bytes:
     stated = _REQUEST.validate_json(body)
+    names = len(stated.model_fields_set) + len(stated.temperatures_c) + len(stated.state)
+    if body.count(b":") != names:
+        raise ValueError("a name may stand there twice")
     return table_json(table_at(current, stated.temperatures_c, now, state=stated.state))
 
 
 def _may_be_plain(scope: Scope) -> bool:
     return (
-        scope["type"] == "http"
-        and scope["method"] == "POST"
+        scope["method"] == "POST"
+        and not scope["query_string"]
         and scope["path"].endswith(AFTER)
         and scope["path"].startswith(BEFORE)
         and not scope.get("root_path")
         and [v for k, v in scope["headers"] if k == b"content-type"] == [JSON_HEADER[1]]
     )
+
+
+def _without_body(send: Send) -> Send:
+    """Send what GET answers, but for its body (RFC 9110, 9.3.2)."""
+
+    async def send_head(message: Message) -> None:
+        if message["type"] == "http.response.body":
+            message = {**message, "body": b""}
+        await send(message)
+
+    return send_head
 
 
 async def _read(receive: Receive) -> tuple[list[Message], bytes | None]:

@@ -2,38 +2,45 @@
 
 The bytes are those that `CompensationAnswer` and `CurrentCompensationAnswer`
 document, without a model being made of them: controllers wait for this answer.
-All text that does not change with the temperature is written once for each group
-of components; the numbers, errors, compensations and standard errors, are written in
-one go and cut apart.
+All text that does not change with the temperatures is written once; the numbers,
+errors, compensations and standard errors, are rounded and written in one go and cut apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
 
-from app.arrays import FloatArray
-from app.compensation.table import CompensationTable, ComponentCompensation, EffectInTable
+from app.api.rounding import DECIMALS, rounded
+from app.arrays import FloatArray, IntArray
+from app.compensation.table import (
+    Basis,
+    CompensationTable,
+    ComponentCompensation,
+    EffectInTable,
+)
 from app.geometry.components import ORDER
 from app.services.live_table import CurrentTable, is_stale
-from app.thermal.compiled_model import Group, GroupState, Member
+from app.thermal.compiled_model import GroupState, Member
 
 OPTIONS = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_UTC_Z
 
-_NO_MAP = {
-    **dict.fromkeys(("sensor", "temperature_c", "lower_map", "upper_map", "weight")),
-    "status": "effects-only",
-}
-"""What is said of a component that no two maps have, where adopted effects give it an error."""
+LAYOUTS_REMEMBERED = 4096
+"""Tables whose unchanging text is kept, over all machines: some 12 kB for 12 × 21 numbers."""
 
-FORMS_REMEMBERED = 20_000
-"""Groups whose unchanging text is kept, over all machines: some 2 kB each."""
+STEPS = 10.0**DECIMALS
+"""Errors are written in steps of 0.1 nm or 0.1 nrad: so many are a µm or a µrad."""
+
+WEIGHT_DECIMALS = 6
+"""Of a weight: of maps 100 µm apart 0.1 nm."""
+
+_BETWEEN = b",null,"
+"""What stands between two ranges of numbers while they are one text."""
 
 
 def table_json(table: CompensationTable) -> bytes:
@@ -54,10 +61,6 @@ def current_table_json(current: CurrentTable) -> bytes:
 
 
 def _table_fields(table: CompensationTable) -> dict[str, Any]:
-    written = list(chain.from_iterable(map(_group_json, table.states)))
-    if table.corrected:
-        own = {ORDER[entry.component.code]: _corrected_json(entry) for entry in table.corrected}
-        written = list((dict(written) | own).items())
     return {
         "machine": table.machine_id,
         "model_version": table.model_version,
@@ -65,43 +68,37 @@ def _table_fields(table: CompensationTable) -> dict[str, Any]:
         "complete": table.complete,
         "warnings": table.warnings,
         "effects": [_effect_fields(effect) for effect in table.effects],
-        "components": orjson.Fragment(
-            b"[" + b",".join([text for _, text in sorted(written)]) + b"]"
-        ),
+        "components": orjson.Fragment(_components_json(table)),
     }
 
 
-@dataclass(frozen=True, slots=True)
-class _Slot:
-    """Unchanging text, and which of the group's texts of numbers follows it."""
+def _components_json(table: CompensationTable) -> bytes:
+    """Write all components: one array of numbers, one text of it, cut where the ranges end."""
+    layout = _layout(
+        tuple([state.members for state in table.states]),
+        tuple([_known(state) for state in table.states]),
+        tuple([entry.component.code for entry in table.corrected]),
+    )
+    rows = [row for state in table.states for row in _rows(state)]
+    texts = [_corrected_json(entry) for entry in table.corrected]
+    texts += [orjson.dumps(_basis_fields(state))[1:] for state in table.states]
+    if len(layout.columns):
+        numbers = np.concatenate(rows).take(layout.columns)
+        numbers *= layout.steps
+        np.rint(numbers, out=numbers)
+        numbers /= STEPS
+        numbers += 0.0  # no −0
+        texts += orjson.dumps(numbers, option=OPTIONS)[1:-1].split(_BETWEEN)
+    pieces = list(layout.text)
+    pieces[1::2] = [texts[i] for i in layout.order]
+    return b"".join(pieces)
 
-    before: bytes
-    numbers: int
 
-
-@dataclass(frozen=True, slots=True)
-class _Form:
-    """A group's unchanging text: for each member its place in the table and its slots."""
-
-    columns: Sequence[slice]
-    members: Sequence[tuple[int, Sequence[_Slot], bytes]]
-
-
-def _group_json(state: GroupState) -> list[tuple[int, bytes]]:
-    """Write each of a group's components, with its place in the table."""
-    rows = [state.values, 0.0 - state.values]
+def _rows(state: GroupState) -> tuple[FloatArray, ...]:
+    """Give a group's errors, and its standard errors where it has any."""
     if state.variances is None:
-        form = _form(state.group)
-    else:
-        form = _form(state.group, _known(state.variances, _columns(state.group)))
-        rows.append(np.sqrt(state.variances))
-    numbers = _texts(rows, form.columns)
-    origin = orjson.dumps(_origin_fields(state))[1:]
-    written = []
-    for place, slots, after in form.members:
-        pieces = [piece for slot in slots for piece in (slot.before, numbers[slot.numbers])]
-        written.append((place, b"".join([*pieces, after, origin])))
-    return written
+        return (state.values,)
+    return state.values, _never_0(np.sqrt(state.variances))
 
 
 def _effect_fields(effect: EffectInTable) -> dict[str, Any]:
@@ -112,6 +109,9 @@ def _effect_fields(effect: EffectInTable) -> dict[str, Any]:
         "explanation": effect.explanation,
         "in_table": not effect.missing,
         "missing": effect.missing,
+        "held": effect.held,
+        "valid": effect.learnt_in,
+        "measure_again": effect.measure_again,
     }
 
 
@@ -127,13 +127,13 @@ def _corrected_json(entry: ComponentCompensation) -> bytes:
         fields["positions_mm"] = entry.positions_mm
     if component.iso:
         fields["iso"] = component.iso
-        fields["iso_error_urad"] = component.iso_sign * float(entry.errors[0])
+        fields["iso_error_urad"] = float(rounded(component.iso_sign * entry.errors)[0])
     fields |= _direction_fields(entry, "", entry.errors, entry.standard_errors)
     if entry.backward_errors is not None:
         fields |= _direction_fields(
             entry, "backward_", entry.backward_errors, entry.backward_standard_errors
         )
-    return orjson.dumps(fields | _origin_fields(entry.origin, entry.effects), option=OPTIONS)
+    return orjson.dumps(fields | _basis_fields(entry.basis, entry.effects), option=OPTIONS)
 
 
 def _direction_fields(
@@ -145,51 +145,132 @@ def _direction_fields(
     component = entry.component
     known = {component.error_field: errors, component.compensation_field: 0.0 - errors}
     if standard_errors is not None:
-        known[component.standard_error_field] = standard_errors
-    return {
-        before + name: np.ascontiguousarray(values) if component.is_table else float(values[0])
-        for name, values in known.items()
-    }
+        known[component.standard_error_field] = _never_0(standard_errors)
+    fields = {before + name: rounded(values) for name, values in known.items()}
+    return fields if component.is_table else {k: float(v[0]) for k, v in fields.items()}
 
 
-def _texts(rows: Sequence[FloatArray], columns: Sequence[slice]) -> list[bytes]:
-    """Write the numbers of each range of columns, row after row, without brackets."""
-    lists = [numbers[c] for numbers in [row.tolist() for row in rows] for c in columns]
-    return orjson.dumps(lists)[2:-2].split(b"],[")
+def _never_0(standard_errors: FloatArray) -> FloatArray:
+    """Leave at least one step of what is not 0: others divide by it."""
+    return np.maximum(standard_errors, (standard_errors > 0.0) / STEPS)
 
 
-def _columns(group: Group) -> list[slice]:
+def _columns(members: Sequence[Member]) -> list[slice]:
     """List the columns of each member's tables."""
-    return [
-        c for member in group.members for c in (member.forward, member.backward) if c is not None
-    ]
+    return [c for member in members for c in (member.forward, member.backward) if c is not None]
 
 
-def _known(variances: FloatArray, columns: Sequence[slice]) -> tuple[bool, ...]:
-    """Say of each range of columns whether its standard errors are known: all or none are."""
-    return tuple((~np.isnan(variances[[c.start for c in columns]])).tolist())
+def _known(state: GroupState) -> tuple[bool, ...] | None:
+    """Say of each range of columns whether its standard errors are known: all or none are.
 
-
-@lru_cache(maxsize=FORMS_REMEMBERED)
-def _form(group: Group, known: tuple[bool, ...] | None = None) -> _Form:
-    """Write what does not change with the temperature.
-
-    `known` says of each range of columns whether it has standard errors; None: none has.
+    None: the group has none.
     """
-    columns = _columns(group)
-    at = {(c.start, c.stop): i for i, c in enumerate(columns)}
-    known = known or (False,) * len(columns)
-    members = [(ORDER[m.component.code], *_slots(m, at, known)) for m in group.members]
-    return _Form(columns, members)
+    if state.variances is None:
+        return None
+    starts = [c.start for c in _columns(state.members)]
+    return tuple((~np.isnan(state.variances[starts])).tolist())
 
 
-def _slots(
-    member: Member, at: dict[tuple[int, int], int], known: Sequence[bool]
-) -> tuple[list[_Slot], bytes]:
-    """Lay out one component's fields.
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """What of a table does not change with the temperatures.
 
-    Of n ranges of columns the errors' texts stand first, n places after them the
-    compensations', after those the standard errors'.
+    Parameters
+    ----------
+    text
+        Pieces of text; each second one is empty and is filled.
+    order
+        For each of those which text fills it, of: the corrected components, what is said of
+        each group's origin, and the ranges of numbers.
+    columns : ndarray of int
+        For each number to be written its place in all groups' rows, one behind the other.
+        Between two ranges stands one number more, which is written as null.
+    steps : ndarray
+        What each number is multiplied with: `STEPS`, minus that of a compensation, NaN between
+        two ranges.
+    """
+
+    text: tuple[bytes, ...]
+    order: tuple[int, ...]
+    columns: IntArray
+    steps: FloatArray
+
+
+@lru_cache(maxsize=LAYOUTS_REMEMBERED)
+def _layout(
+    groups: tuple[tuple[Member, ...], ...],
+    known: tuple[tuple[bool, ...] | None, ...],
+    corrected: tuple[str, ...],
+) -> _Layout:
+    """Lay out the table of all states that share their positions.
+
+    Parameters
+    ----------
+    groups
+        Each group's members.
+    known
+        As `_known`.
+    corrected
+        Codes of the components that are written by themselves.
+    """
+    components: dict[int, list[tuple[bytes, _Numbers | int]]] = {}
+    start = 0
+    for i, (members, has_standard_errors) in enumerate(zip(groups, known, strict=True)):
+        width = max((columns.stop for columns in _columns(members)), default=0)
+        flags = iter(has_standard_errors or (False,) * len(_columns(members)))
+        for member in members:
+            fields = _member_fields(member, start, width, flags)
+            closing = (b"]," if member.component.is_table else b",", len(corrected) + i)
+            components[ORDER[member.component.code]] = [*fields, closing]
+        start += width if has_standard_errors is None else 2 * width
+    for i, code in enumerate(corrected):
+        components[ORDER[code]] = [(b"", i)]
+    text, order = [], []
+    columns, steps = [], []
+    ranges = len(corrected) + len(groups)
+    before = b"["
+    for _, slots in sorted(components.items()):
+        for piece, filled in slots:
+            text += [before + piece, b""]
+            before = b""
+            if isinstance(filled, int):
+                order.append(filled)
+                continue
+            order.append(ranges)
+            ranges += 1
+            n = filled.columns.stop - filled.columns.start
+            columns += [*range(filled.columns.start, filled.columns.stop), 0]
+            steps += [STEPS * filled.sign] * n + [np.nan]
+        before = b","
+    text.append(b"]" if components else b"[]")
+    return _Layout(
+        tuple(text),
+        tuple(order),
+        np.array(columns[:-1], dtype=np.intp),
+        np.array(steps[:-1], dtype=np.float64),
+    )
+
+
+class _Numbers(NamedTuple):
+    """A range of the groups' rows, one behind the other, and −1 for minus what stands there."""
+
+    columns: slice
+    sign: int = 1
+
+
+def _member_fields(
+    member: Member, start: int, width: int, known: Iterator[bool]
+) -> list[tuple[bytes, _Numbers | int]]:
+    """Lay out a component's fields: unchanging text, and the numbers that follow it.
+
+    Parameters
+    ----------
+    member
+        The component in its group.
+    start, width
+        Where the group's errors begin, and how many there are: its standard errors follow.
+    known
+        For each of the member's ranges of columns whether its standard errors are known.
     """
     component = member.component
     head: dict[str, Any] = {
@@ -203,37 +284,37 @@ def _slots(
     for before, columns in (("", member.forward), ("backward_", member.backward)):
         if columns is None:
             continue
-        i = at[columns.start, columns.stop]
-        fields.append((f"{before}{component.error_field}", i))
-        if known[i]:
-            fields.append((f"{before}{component.standard_error_field}", i + 2 * len(at)))
-        fields.append((f"{before}{component.compensation_field}", i + len(at)))
+        errors = slice(start + columns.start, start + columns.stop)
+        fields.append((before + component.error_field, _Numbers(errors)))
+        if next(known):
+            own = slice(errors.start + width, errors.stop + width)
+            fields.append((before + component.standard_error_field, _Numbers(own)))
+        fields.append((before + component.compensation_field, _Numbers(errors, -1)))
     if component.iso:
-        minus = len(at) if component.iso_sign < 0 else 0
-        forward = at[member.forward.start, member.forward.stop]
-        fields.append(("iso_error_urad", forward + minus))
+        only = slice(start + member.forward.start, start + member.forward.stop)
+        fields.append(("iso_error_urad", _Numbers(only, component.iso_sign)))
         head["iso"] = component.iso
     opening, closing = (b"[", b"]") if component.is_table else (b"", b"")
     text = orjson.dumps(head, option=OPTIONS)[:-1]
-    slots = []
+    slots: list[tuple[bytes, _Numbers | int]] = []
     for name, numbers in fields:
-        slots.append(_Slot(text + b',"' + name.encode() + b'":' + opening, numbers))
+        slots.append((text + b',"' + name.encode() + b'":' + opening, numbers))
         text = closing
-    return slots, closing + b","
+    return slots
 
 
-def _origin_fields(state: GroupState | None, effects: Sequence[str] = ()) -> dict[str, Any]:
+def _basis_fields(state: GroupState | Basis, effects: Sequence[str] = ()) -> dict[str, Any]:
     """Say how a group's numbers came about; the last fields of each component."""
-    if state is None:
-        return _NO_MAP | {"effects": effects}
-    stand_in = {"stand_in_for": state.group.sensor} if state.is_stand_in else {}
+    stand_in = {"stand_in_for": state.stand_in_for} if state.stand_in_for else {}
+    follows = state.follows if isinstance(state, Basis) else ()
     return {
         "sensor": state.sensor,
         **stand_in,
+        **({"follows": [one._asdict() for one in follows]} if follows else {}),
         "temperature_c": state.temperature_c,
         "lower_map": state.lower_map,
         "upper_map": state.upper_map,
-        "weight": state.weight,
+        "weight": None if state.weight is None else round(state.weight, WEIGHT_DECIMALS),
         "status": state.status,
         "effects": effects,
     }

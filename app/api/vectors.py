@@ -13,11 +13,15 @@ import orjson
 from starlette.responses import Response
 
 from app.api.media_types import ANSWER_HEADER, JSON, NPY
+from app.api.rounding import rounded
 from app.api.table_json import OPTIONS
 from app.arrays import FloatArray
 
 LONGEST_HEADER: Final = 6000
 """Servers, proxies and clients refuse headers from some 8,000 characters on."""
+
+ROWS_AT_ONCE: Final = 10_000
+"""Vectors written in one call: some milliseconds."""
 
 COLUMNS: Final = (
     "error_x_um", "error_y_um", "error_z_um",
@@ -38,15 +42,30 @@ def vectors_response(
         What the answer says of itself: beside the vectors in JSON, in the header
         `Thermap-Answer` (as JSON) and, in Arrow, in the schema's metadata too.
     errors_um, orientation_urad : ndarray, shape (n, 3) or (s, n, 3) [µm, µrad]
-        npy has one array of shape (n, 6) or (s, n, 6); Arrow has the six columns, and a
-        column `thermal_state` where there are several.
+        JSON has them to 0.1 nm. npy has one array of shape (n, 6) or (s, n, 6); Arrow has
+        the six columns, and a column `thermal_state` where there are several.
     """
     if media_type == JSON:
-        vectors = {"errors_um": errors_um, "orientation_urad": orientation_urad}
+        vectors = {
+            "errors_um": orjson.Fragment(_written(rounded(errors_um))),
+            "orientation_urad": orjson.Fragment(_written(rounded(orientation_urad))),
+        }
         return Response(orjson.dumps(head | vectors, option=OPTIONS), media_type=JSON)
     six = np.concatenate([errors_um, orientation_urad], axis=-1)
     content = _npy(six) if media_type == NPY else _arrow(six, _ascii(head))
     return Response(content, media_type=media_type, headers={ANSWER_HEADER: _short(head)})
+
+
+def _written(vectors: FloatArray) -> bytes:
+    """Write vectors as JSON in pieces, between which others have their turn."""
+    if vectors.ndim > 2:
+        pieces = [_written(state) for state in vectors]
+    else:
+        pieces = [
+            orjson.dumps(vectors[first : first + ROWS_AT_ONCE], option=OPTIONS)[1:-1]
+            for first in range(0, len(vectors), ROWS_AT_ONCE)
+        ]
+    return b"[" + b",".join(pieces) + b"]"
 
 
 def _short(head: dict[str, Any]) -> str:

@@ -184,6 +184,7 @@ async def test_unknown_analyses_and_machines_without_a_model(client):
     assert "store error maps first" in found["detail"]
 
 
+@pytest.mark.slow
 async def test_a_plan_says_what_could_be_seen_and_stores_nothing(campaign, campaign_app):
     """The same visits again a month later, without values: nobody looks at those."""
     before = contents(campaign_app)

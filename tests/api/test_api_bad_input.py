@@ -5,6 +5,7 @@ the unit; and the database holds before and after the same.
 """
 
 import json
+import re
 from copy import deepcopy
 from datetime import timedelta
 
@@ -291,7 +292,7 @@ TEXTS = {
     "201 emoji": ("🌡" * 201, "200 characters"),
     "nul": ("Run\0 #9", "nul"),
     "only nul": ("\0", "nul"),
-    "lone surrogate": ("Run \ud800", "unicode"),
+    "lone surrogate": ("Run \ud800", "json"),
     "a number": (9, "expected text"),
     "true": (True, "expected text"),
 }
@@ -306,7 +307,8 @@ TEXTS = {
 async def test_a_name_is_text_of_1_to_200_characters(app, client, place, text, said):
     found = await refused(app, client, changed(*place, text))
     (error,) = found["errors"]
-    assert error["field"] == place[1][0]
+    # Half a character is no JSON of any field.
+    assert error["field"] == ("body" if "\ud800" in str(text) else place[1][0])
     assert error["message"].startswith("expected ")
     assert said in error["message"].lower()
 
@@ -337,7 +339,8 @@ async def test_a_name_is_text_of_1_to_200_characters(app, client, place, text, s
 )
 async def test_a_machines_id_is_fit_for_a_url(app, client, machine_id):
     found = await refused(app, client, changed("machine", ("id",), machine_id))
-    assert [e["field"] for e in found["errors"]] == ["id"]
+    field = "body" if "\ud800" in str(machine_id) else "id"
+    assert [e["field"] for e in found["errors"]] == [field]
 
 
 ODD_IDS = {
@@ -525,7 +528,7 @@ async def test_an_unknown_field_is_refused(app, client, name):
         ({"configuration": "X\0FZ"}, "configuration"),
         ({"axes": {"x": {"min_mm": 10, "max_mm": 10}}}, "axes.x"),
         ({"axes": {"q": {"min_mm": 0, "max_mm": 10}}}, "axes"),
-        ({"axes": {"\ud800": {"min_mm": 0, "max_mm": 10}}}, "axes"),
+        ({"axes": {"\ud800": {"min_mm": 0, "max_mm": 10}}}, "body"),
         ({"sensors": [{"name": "a", "stand_in": "a"}]}, "sensors.a.stand_in"),
         ({"sensors": [{"name": "a", "stand_in": "b"}]}, "sensors.a.stand_in"),
         ({"sensors": [{"name": "a"}, {"name": "a"}]}, "sensors"),
@@ -595,16 +598,16 @@ async def test_what_is_no_json_of_the_documented_shape_is_refused(app, client, n
 async def test_another_content_type_is_refused(app, client, name, header):
     """A browser sends these across origins without asking first."""
     method, url, body = BODIES[name]
-    found = await refused(app, client, (method, url, written(body)), headers=header)
+    found = await refused(app, client, (method, url, written(body)), 415, headers=header)
     assert "Content-Type: application/json" in found["detail"]
 
 
 @on_sqlite
-async def test_of_many_errors_the_first_are_listed_and_the_others_counted(app, client):
+async def test_of_many_errors_the_first_are_listed_and_some_others_counted(app, client):
     many = [READING | {"temperatures_c": {"x-middle": "warm"}} for _ in range(10_000)]
     found = await refused(app, client, ("POST", f"{ROOM}/readings", written(many)))
     assert len(found["errors"]) == 20
-    assert "9997 more" in found["detail"]
+    assert re.search(r"and at least \d+ more", found["detail"])
 
 
 @on_sqlite

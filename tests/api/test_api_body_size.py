@@ -2,6 +2,7 @@
 
 import pytest
 
+from app.api.bodies import USUAL_LIMIT
 from tests.service_examples import ROOM, client_of, contents, problem
 
 pytestmark = pytest.mark.anyio
@@ -60,16 +61,48 @@ async def test_pieces_without_a_stated_length_over_the_limit(small, small_app, m
 
 
 @pytest.mark.parametrize(
-    ("method", "path"),
+    ("method", "path", "status"),
     [
-        ("POST", "/v1/nowhere"),
-        ("POST", "/v1/machines/nobody/compensation"),
-        ("GET", ROOM),
-        ("DELETE", "/v1/machines"),
+        ("POST", "/v1/nowhere", 404),
+        ("POST", "/v1/machines/nobody/compensation", 413),
+        ("DELETE", "/v1/machines", 405),
+        ("GET", ROOM, 422),
+        ("DELETE", ROOM, 422),
+        ("POST", f"{ROOM}/models/1/activate", 422),
+        ("POST", f"{ROOM}/sensor-assignment/correlate", 422),
     ],
 )
-async def test_where_nobody_reads_the_body_it_is_refused_all_the_same(small, method, path):
-    problem(await small.request(method, path, content=b" " * (LIMIT + 1), headers=JSON), 413)
+async def test_where_nobody_reads_a_body_it_is_refused(small, small_app, method, path, status):
+    before = contents(small_app)
+    sent = 0
+
+    async def pieces():
+        nonlocal sent
+        for _ in range(100):
+            sent += 1024
+            yield b" " * 1024
+
+    problem(await small.request(method, path, content=b" " * (LIMIT + 1), headers=JSON), status)
+    problem(await small.request(method, path, content=pieces(), headers=JSON), status)
+    assert sent <= LIMIT + 1024 if status == 413 else sent == 0
+    assert contents(small_app) == before
+
+
+@pytest.mark.parametrize("path", [f"{ROOM}/models/1/activate"])
+async def test_an_empty_body_is_none(client, path):
+    for headers in ({}, {"content-length": "0"}, JSON):
+        assert (await client.post(path, content=b"", headers=headers)).status_code == 200
+
+
+async def test_each_route_has_a_limit_of_its_own(client):
+    """The usual one is published as what it is by those that have another."""
+    document = (await client.get("/openapi.json")).json()
+    for path, method in [("/compensation", "post"), ("/readings", "post")]:
+        operation = document["paths"]["/v1/machines/{machine}" + path][method]
+        limit = operation.get("x-largest-body-bytes", USUAL_LIMIT)
+        headers = JSON | {"content-length": str(limit + 1)}
+        found = problem(await client.post(ROOM + path, content=b"{}", headers=headers), 413)
+        assert f"{limit} bytes" in found["detail"]
 
 
 @pytest.mark.parametrize("length", ["-1", "many", "", "1e3", str(10**30)])

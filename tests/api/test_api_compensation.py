@@ -229,8 +229,9 @@ async def test_a_component_bidirectional_in_some_maps_only_is_said(client):
         content = error_map(f"At {t}", t, components=[table("EYY", [0, 100], [0.0, 2.0], **more)])
         await client.post(f"{ROOM}/error-maps", json=content)
     document = await ask(client, x_middle=34.0, z_column=29.0)
-    assert by_code(document)["EYY"]["backward_errors_um"] == [2.0, 3.0]
-    assert any("EYY is bidirectional in some maps only" in w for w in document["warnings"])
+    assert by_code(document)["EYY"]["errors_um"] == [0.0, 2.0]
+    assert by_code(document)["EYY"]["backward_errors_um"] == [4.0, 4.0]
+    assert any("EYY has no backward errors in" in w for w in document["warnings"])
 
 
 async def test_maps_with_other_positions_meet_on_the_union_in_the_common_range(client):
@@ -299,7 +300,7 @@ async def test_one_map_is_stored_and_a_table_of_it_is_refused(empty):
 
 @pytest.mark.parametrize(
     "header",
-    ["application/json", "application/json; charset=utf-8", "application/problem+json"],
+    ["application/json", "application/json; charset=utf-8", "Application/JSON"],
 )
 async def test_every_way_through_the_service_gives_the_same_table(client, header):
     """A plain request takes a short way past the framework; others do not."""
@@ -315,3 +316,16 @@ async def test_every_way_through_the_service_gives_the_same_table(client, header
         assert answer.status_code == 200
         assert answer.content == plain.content
         assert answer.headers["content-type"] == "application/json"
+
+
+async def test_the_limit_of_extrapolation_is_set_per_machine_and_said(client):
+    """These maps state no uncertainty: the weights alone decide, (1 − w)² + w² ≤ 1.2²."""
+    change = {"out_of_range": "extrapolate", "extrapolation_margin_c": 100}
+    await client.patch(ROOM, json=change | {"extrapolation_error_ratio": 1.2})
+    document = await ask(client, x_middle=80.0, z_column=29.0)
+    held = by_code(document)["EXX"]
+    assert held["status"] == "clamped"
+    assert held["weight"] ** 2 + (1 - held["weight"]) ** 2 == pytest.approx(1.2**2)
+    assert any("the standard error grows too large there" in w for w in document["warnings"])
+    stored = (await client.get(ROOM)).json()
+    assert stored["extrapolation_error_ratio"] == 1.2

@@ -21,6 +21,7 @@ async def test_a_machine_comes_back_as_it_was_stated_with_defaults_written_out(e
     assert created["axes"]["x"] == {"min_mm": 0, "max_mm": 500}
     assert created["out_of_range"] == "clamp"
     assert created["extrapolation_margin_c"] == 5
+    assert created["extrapolation_error_ratio"] == 3
     assert created["same_temperature"] == "refuse"
     assert created["active_model"] is None
     assert created["created_at"] == iso(START)
@@ -139,6 +140,7 @@ async def test_a_resolution_that_merges_two_maps_is_refused(client, app):
         ({"sensors": None}, "sensors"),
         ({"id": "other"}, "id"),
         ({"extrapolation_margin_c": -1}, "extrapolation_margin_c"),
+        ({"extrapolation_error_ratio": 0.9}, "extrapolation_error_ratio"),
         ({"configuration": "XYZ"}, "configuration"),
         ({"sensors": [{"name": "a"}, {"name": "a"}]}, "sensors"),
         ({"sensors": [{"name": "a", "stand_in": "b"}]}, "sensors.a.stand_in"),
@@ -176,6 +178,7 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
         "model_version": 1,
         "model_version_map": 1,
         "reading": 0,
+        "withdrawn_reading": 0,
         "verification": 1,
         "analysis": 0,
         "watch": 0,

@@ -42,7 +42,8 @@ async def warmed(client):
 
 
 async def predict(client, *observations, **more):
-    body = {"observations": list(observations), **more}
+    """Ask; the example's maps lack most components that a point needs."""
+    body = {"observations": list(observations), "missing_components": "zero", **more}
     answer = await client.post(PATH, json=body)
     assert answer.status_code == 200, answer.text
     return answer.json()
@@ -64,6 +65,7 @@ async def test_readings_are_interpolated_in_time_and_maps_in_temperature(warmed,
         "model_version": 3,
         "predicted_um": [4.0, 2.75, 16.5, 55.0, 3.5, -25.5, 50.0],
         "status": ["at-map", *["interpolated"] * 5, "at-map"],
+        "counted_as_zero": [],
         "warnings": [],
     }
     assert contents(app) == before
@@ -87,6 +89,20 @@ async def test_a_point_gains_from_rotation_squareness_and_tool(warmed):
     assert "counted as zero" in warning
     assert "EYY" in warning
     assert "EXX" not in warning
+
+
+async def test_at_a_point_components_that_are_missing_are_refused_as_elsewhere(warmed):
+    """As `volumetric-error` does; a component that is asked for by itself needs no other."""
+    point = {"time": iso(QUARTER), "point_mm": [100, 200, 50]}
+    found = problem(await warmed.post(PATH, json={"observations": [point]}), 422)
+    assert found["errors"][0]["field"] == "missing_components"
+    assert "no map has EYX, EZX" in found["detail"]
+    assert "state 'zero' where these may count as zero" in found["detail"]
+    document = await predict(warmed, point)
+    assert {"EYX", "EYY", "SYZ"} <= set(document["counted_as_zero"])
+    assert not {"EXX", "EZZ", "EBX", "SXY"} & set(document["counted_as_zero"])
+    alone = await predict(warmed, at(25, "EXX", 100.0), missing_components="refuse")
+    assert (alone["predicted_um"], alone["counted_as_zero"]) == ([5.5], [])
 
 
 async def test_components_and_points_keep_their_places_in_one_request(warmed):

@@ -109,6 +109,11 @@ async def test_several_verifications_together_and_all_rows_as_csv(room):
     asked = {"verifications": [two, one]}
     found = (await room.post(f"{ROOM}/residuals", json=asked)).json()
     assert found["rows"] == []
+    # What was measured is not refused; it is said what the residuals at points contain whole.
+    assert {"EYX", "EYY", "SYZ"} <= set(found["counted_as_zero"])
+    assert "EXX" not in found["counted_as_zero"]
+    alone = (await room.post(f"{ROOM}/residuals", json={"verifications": [one]})).json()
+    assert alone["counted_as_zero"] == []
     assert {c["component"]: c["count"] for c in found["components"]} == {
         "EXX": 4,
         "points x": 1,

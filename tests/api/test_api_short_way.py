@@ -1,14 +1,18 @@
 """The short way to the table says what the ordinary way says, to the last byte but the time."""
 
+import asyncio
 import json
 from datetime import datetime
 
 import pytest
 from fastapi import FastAPI
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.api.schemas.compensation import CompensationAnswer
 from app.api.short_way import LARGEST_PLAIN_BODY, plain_answer
-from tests.service_examples import client_of
+from app.live.database_watch import Matter
+from tests.service_examples import client_of, furnish_database, running
 
 pytestmark = pytest.mark.anyio
 PATH = "/v1/machines/mcfv5050/compensation"
@@ -36,7 +40,11 @@ class OrdinaryWay:
         self.state = service.state
 
     async def __call__(self, scope, receive, send):
-        await FastAPI.__call__(self.service, scope, receive, send)
+        refused = self.state.gate.refusal(scope)
+        if refused is None:
+            await FastAPI.__call__(self.service, scope, receive, send)
+        else:
+            await refused(scope, receive, send)
 
 
 @pytest.fixture
@@ -77,7 +85,7 @@ async def test_what_is_remembered_does_not_outlive_the_model(both):
 
 async def test_it_steps_aside_while_the_database_is_away(app, both, clock):
     await both[0].post(PATH, json=BODIES["plain"])
-    app.state.context.live.database_away_since = clock()
+    app.state.context.live.database.is_in_trouble(Matter.AWAY, clock())
     answer = (await both[0].post(PATH, json=BODIES["plain"])).json()
     assert "the database has been away" in answer["warnings"][0]
 
@@ -112,3 +120,111 @@ async def test_a_body_in_parts_is_read_whole(both, parts):
     )
     assert answer.status_code == 200
     assert answer.content == (await both[1].post(PATH, json=BODIES["plain"])).content
+
+
+NAMES = st.sampled_from([*PLAIN, "nowhere", "", "a:b", "temperatures_c", "x\\u002dmiddle"])
+NUMBERS = st.one_of(
+    st.floats(-300, 400).map(repr),
+    st.sampled_from(
+        [
+            *["24", "-0", "1e400", "NaN", "-Infinity", "1e-400", "01", "1.", "+1", "true", "null"],
+            *['"24.1"', "[]", "{}", "[[[[]]]]", '"\\ud800"', "24.100000000000001"],
+            *["9" * 30, "9" * 5000],
+        ]
+    ),
+)
+OBJECTS = st.lists(st.tuples(NAMES, NUMBERS), max_size=6).map(
+    lambda pairs: "{" + ", ".join(f'"{name}": {number}' for name, number in pairs) + "}"
+)
+PLAIN_TEXT = json.dumps(PLAIN)
+FIELDS = st.lists(
+    st.tuples(
+        st.sampled_from(["temperatures_c"] * 2 + ["state", "more", "temperatures\\u005fc"]),
+        st.one_of(OBJECTS, st.just(PLAIN_TEXT), NUMBERS),
+    ),
+    max_size=3,
+)
+WRITTEN = st.one_of(
+    OBJECTS.map(lambda stated: f'{{"temperatures_c": {PLAIN_TEXT}, "state": {stated}}}'),
+    OBJECTS.map(lambda stated: f'{{"temperatures_c": {stated}}}'),
+    FIELDS.map(lambda pairs: "{" + ",".join(f'"{k}":{v}' for k, v in pairs) + "}"),
+).map(str.encode)
+DAMAGED = st.tuples(WRITTEN, st.integers(0, 400), st.binary(max_size=3)).map(
+    lambda drawn: drawn[0][: drawn[1]] + drawn[2] + drawn[0][drawn[1] + 1 :]
+)
+REPEATED = st.sampled_from(
+    [
+        '{"temperatures_c": {"x-middle": 21, "z-column": 23, "x-middle": 21}}',
+        '{"temperatures_c": {"x-middle": 21, "z-column": 23, "x\\u002dmiddle": 22}}',
+        f'{{"temperatures_c": {{}}, "temperatures_c": {PLAIN_TEXT}}}',
+        f'{{"temperatures_c": {PLAIN_TEXT}, "state": {{"a": 1, "a": 1}}}}',
+        f'{{"state": {{"a:b": 1, "a": 1}}, "temperatures_c": {PLAIN_TEXT}, "state": {{}}}}',
+    ]
+).map(str.encode)
+BYTES = st.one_of(
+    WRITTEN,
+    REPEATED,
+    DAMAGED,
+    WRITTEN.map(lambda body: b"\xef\xbb\xbf" + body),
+    WRITTEN.map(lambda body: body.decode().encode("utf-16")),
+    WRITTEN.map(lambda body: body + b" " * LARGEST_PLAIN_BODY),
+    st.binary(max_size=8),
+)
+TYPES = st.sampled_from(
+    ["application/json"] * 8
+    + [
+        "application/json; charset=utf-8",
+        "APPLICATION/JSON",
+        "text/plain",
+        "",
+        "application/a+json",
+    ]
+)
+HEADERS = st.fixed_dictionaries(
+    {"content-type": TYPES},
+    optional={
+        "accept": st.sampled_from(["text/html", "*/*"]),
+        "origin": st.sampled_from(["http://localhost", "http://evil.example", "null"]),
+        "host": st.sampled_from(["localhost", "127.0.0.1:1", "evil.example"]),
+        "sec-fetch-site": st.sampled_from(["same-origin", "cross-site"]),
+        "if-none-match": st.just("*"),
+        "content-encoding": st.just("gzip"),
+    },
+)
+MACHINES = st.sampled_from(["mcfv5050"] * 6 + ["nowhere", "", "mcfv5050/", "%6dcfv5050", "a/b"])
+QUERIES = st.sampled_from([""] * 6 + ["?", "?detail=full", "?temperatures_c=1", "?=", "?%"])
+
+
+@pytest.fixture(scope="module")
+def two_ways(databases):
+    """The same service by both ways, with the machine in memory."""
+    url = databases.prepared("sqlite", furnish_database)
+    with running(url) as service:
+        yield service, OrdinaryWay(service)
+    databases.give_back(url)
+
+
+@pytest.mark.slow
+@settings(max_examples=300)
+@given(machine=MACHINES, query=QUERIES, headers=HEADERS, body=BYTES, in_parts=st.booleans())
+def test_whatever_is_asked_both_ways_answer_alike(
+    two_ways, machine, query, headers, body, in_parts
+):
+    path = f"/v1/machines/{machine}/compensation{query}"
+
+    async def ask():
+        answers = []
+        for service in two_ways:
+            async with client_of(service) as client:
+                for _ in range(2):
+                    content = pieces() if in_parts else body
+                    answer = await client.post(path, content=content, headers=headers)
+                    answers.append((answer.status_code, dict(answer.headers), answer.content))
+        return answers
+
+    async def pieces():
+        yield body[: len(body) // 2]
+        yield body[len(body) // 2 :]
+
+    first, *others = asyncio.run(ask())
+    assert all(other == first for other in others)

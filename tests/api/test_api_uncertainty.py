@@ -329,7 +329,7 @@ async def two_maps(empty):
 async def test_a_table_has_standard_errors_beside_its_errors(two_maps):
     found = by_code((await ask(two_maps, 25.0)).json())
     assert found["EXX"]["standard_errors_um"] == pytest.approx([0.25, 0.0, 2.5])
-    assert found["EBX"]["standard_errors_urad"] == pytest.approx([0.25, math.sqrt(0.5)])
+    assert found["EBX"]["standard_errors_urad"] == pytest.approx([0.25, math.sqrt(0.5)], abs=5.1e-5)
     assert found["SXY"]["standard_error_um_per_m"] == pytest.approx(0.25)
     assert found["EZX"]["backward_standard_errors_um"] == pytest.approx([0.25, 0.0])
     fields = list(found["EXX"])
@@ -347,9 +347,12 @@ async def test_where_a_map_that_enters_states_none_there_is_none(two_maps):
 async def test_extrapolated_it_grows(two_maps):
     await two_maps.patch(ROOM, json={"out_of_range": "extrapolate"})
     entry = by_code((await ask(two_maps, 34.0)).json())["SXY"]
-    expected = math.hypot(0.4 * entry["weight"], 0.3 * (1 - entry["weight"]))
-    assert (entry["status"], entry["weight"]) == ("extrapolated", pytest.approx(1.4))
-    assert entry["standard_error_um_per_m"] == pytest.approx(expected)
+    w = entry["weight"]
+    assert (entry["status"], w) == ("extrapolated", pytest.approx(1.4))
+    # SXY falls by 1 µm/m per K; the maps' temperatures are read to 0.1 °C, each ±0.1/√12.
+    from_temperatures = math.sqrt(2.0 * w * (w - 1.0)) * 0.1 / math.sqrt(12.0)
+    expected = math.hypot(0.4 * w, 0.3 * (1 - w), from_temperatures)
+    assert entry["standard_error_um_per_m"] == pytest.approx(expected, abs=5.1e-5)
 
 
 @pytest.mark.parametrize("t_c", [20.0, 23.7, 30.0, 31.5, 35.0, 60.0])

@@ -109,6 +109,7 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
     problem(await client.get(PATH), 404)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "field", "words"),
     [
@@ -212,6 +213,7 @@ async def test_a_long_verification_is_read_in_pieces_and_its_mistakes_named(clie
     assert problem(await client.post(PATH, json=wrong_head), 422)["errors"][0]["field"] == "label"
 
 
+@pytest.mark.slow
 async def test_more_observations_than_the_limit_are_refused(client):
     many = [observation()] * 100_001
     found = problem(await client.post(PATH, json=verification(*many)), 422)
@@ -220,5 +222,5 @@ async def test_more_observations_than_the_limit_are_refused(client):
 
 async def test_text_that_nobody_said_is_json_is_refused(client):
     plain = {"content-type": "text/plain"}
-    found = problem(await client.post(PATH, content=b"{}", headers=plain), 422)
+    found = problem(await client.post(PATH, content=b"{}", headers=plain), 415)
     assert "Content-Type" in found["detail"]

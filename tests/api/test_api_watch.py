@@ -101,6 +101,7 @@ async def test_millimetres_instead_of_micrometres_are_refused_with_a_hint(room, 
     assert contents(app) == before
 
 
+@pytest.mark.slow
 async def test_what_cannot_be_judged_is_stored_all_the_same(room, client):
     early = visit(-600)
     judgement = await judged(room, early)

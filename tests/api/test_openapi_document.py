@@ -13,7 +13,8 @@ NO_UNIT = {
     *("likelihood_ratio", "two_ln_bayes_factor", "p_global", "calibration_slope"),
     *("calibration_slope_error", "forward_slope", "found_again_share"),
     *("evidence", "behind", "alias_share", "leverage", "overlap", "limit", "false_alarm"),
-    *("parameters", "standard_errors"),
+    *("parameters", "standard_errors", "made_of", "change"),
+    *("share", "extrapolation_error_ratio"),
 }
 """Numbers without a unit: shares, correlations, probabilities and ratios; or with their unit
 in each one's own name."""
@@ -140,7 +141,7 @@ def test_every_route_of_the_contract_is_there(document):
         f"{room}/models/{{version}}": {"get"},
         f"{room}/models/{{version}}/activate": {"post"},
         f"{room}/compensation": {"get", "post"},
-        f"{room}/readings": {"get", "post"},
+        f"{room}/readings": {"get", "post", "delete"},
         f"{room}/predictions": {"post"},
         f"{room}/verifications": {"get", "post"},
         f"{room}/verifications/{{verification_id}}": {"get", "delete"},

@@ -8,8 +8,17 @@ import orjson
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 
-from app.api.dependencies import AnalysisPath, ContextDep, MachinePath, get_runner
+from app.api.bodies import BodyRoute, body_of_at_most
+from app.api.dependencies import (
+    AcceptLossesQuery,
+    AnalysisPath,
+    ContextDep,
+    MachinePath,
+    PreviewQuery,
+    get_runner,
+)
 from app.api.media_types import JSON
+from app.api.pages import Page
 from app.api.schemas.analyses import (
     AdoptionRequest,
     AnalysisAnswer,
@@ -17,10 +26,11 @@ from app.api.schemas.analyses import (
     AnalysisRequest,
     PlanRequest,
 )
-from app.api.schemas.models import ModelAnswer
+from app.api.schemas.model_change import PreviewAnswer
+from app.api.schemas.models import ChangedModelAnswer
 from app.api.schemas.plan import PlanAnswer
 from app.api.table_json import OPTIONS
-from app.services.adopt_analysis import adopt_analysis
+from app.services.adopt_analysis import adopt_analysis, preview_adoption
 from app.services.cancel_analysis import cancel_analysis
 from app.services.delete_analysis import delete_analysis
 from app.services.plan_analysis import plan_analysis
@@ -29,7 +39,9 @@ from app.services.request_analysis import request_analysis
 from app.services.run_analyses import AnalysisRunner
 from app.services.show_analyses import show_analyses, show_analysis
 
-router = APIRouter(prefix="/v1/machines/{machine}/analyses", tags=["closing the loop"])
+router = APIRouter(
+    route_class=BodyRoute, prefix="/v1/machines/{machine}/analyses", tags=["closing the loop"]
+)
 
 RunnerDep = Annotated[AnalysisRunner, Depends(get_runner)]
 
@@ -56,7 +68,9 @@ def post_analysis(
     return AnalysisHead.of(queued)
 
 
-@router.post("/plan", summary="Say what planned observations could see")
+@router.post(
+    "/plan", summary="Say what planned observations could see", openapi_extra=body_of_at_most(32)
+)
 def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> PlanAnswer:
     """Tell, before anyone measures, which effects could be seen and told apart at what size.
 
@@ -83,9 +97,9 @@ def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: Analysi
 
 
 @router.get("/{analysis_id}/report", summary="Report of an analysis", response_class=HTMLResponse)
-def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> str:
+def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
     """Show what was found as a page that a person reads; it needs no other file, and prints."""
-    return report_analysis(context, machine, analysis_id)
+    return Page(report_analysis(context, machine, analysis_id), scripts=2)
 
 
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis")
@@ -104,17 +118,30 @@ def post_adopt(
     machine: MachinePath,
     analysis_id: AnalysisPath,
     body: AdoptionRequest | None = None,
-) -> ModelAnswer:
+    preview: PreviewQuery = False,
+    accept_losses: AcceptLossesQuery = False,
+) -> ChangedModelAnswer | PreviewAnswer:
     """Make the next, active model version with these effects: whole, and once.
 
-    Tables, predictions, streams and exports contain them from then on; activating the
-    version before takes them back.
+    Tables, predictions and all that is made of them contain them from then on; activating
+    the version before takes them back. Where tables would no longer be complete, because an
+    effect needs a state that readings do not state, the version is stored and waits.
     """
     asked = body or AdoptionRequest()
-    version = adopt_analysis(
-        context, machine, analysis_id, asked.effects, onto_active=asked.onto_active
+    if preview:
+        found = preview_adoption(
+            context, machine, analysis_id, asked.effects, onto_active=asked.onto_active
+        )
+        return PreviewAnswer.of(found)
+    made = adopt_analysis(
+        context,
+        machine,
+        analysis_id,
+        asked.effects,
+        onto_active=asked.onto_active,
+        accept_losses=accept_losses,
     )
-    return ModelAnswer.of(version, version.version)
+    return ChangedModelAnswer.of_made(machine, made)
 
 
 @router.delete("/{analysis_id}", status_code=204, summary="Delete an analysis")

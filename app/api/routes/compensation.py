@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Annotated
 
-from fastapi import APIRouter, Header
+from fastapi import APIRouter, Header, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.schemas.compensation import (
     CompensationAnswer,
@@ -16,13 +18,16 @@ from app.api.schemas.compensation import (
 )
 from app.api.schemas.predictions import PredictionAnswer, PredictionRequest
 from app.api.table_json import current_table_json, table_json
+from app.api.turns import Turns
+from app.errors import StorageUnavailable
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at
 from app.services.load_machine import load_machine
 from app.services.predict_errors import predict_errors
+from app.services.restore_past import lacks_reading, restore_past
 
-router = APIRouter(prefix="/v1/machines/{machine}", tags=["live"])
+router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
 JSON = "application/json"
 
 
@@ -32,10 +37,10 @@ JSON = "application/json"
     response_model=CompensationAnswer,
 )
 async def post_compensation(
-    context: ContextDep, machine: MachinePath, body: CompensationRequest
+    request: Request, context: ContextDep, machine: MachinePath, body: CompensationRequest
 ) -> Response:
     """Compute the table at these temperatures; nothing is stored."""
-    current = (await _in_memory(context, machine)).current
+    current = (await _in_memory(request, context, machine)).current
     warnings = database_warnings(context, current)
     table = table_at(current, body.temperatures_c, context.now(), warnings, body.state)
     return Response(table_json(table), media_type=JSON)
@@ -48,6 +53,7 @@ async def post_compensation(
     responses={304: {"description": "Unchanged since the ETag in If-None-Match"}},
 )
 async def get_compensation(
+    request: Request,
     context: ContextDep,
     machine: MachinePath,
     if_none_match: Annotated[str, Header(description="ETag of the table that is known")] = "",
@@ -57,7 +63,12 @@ async def get_compensation(
     The ETag changes with the model, the reading and the sensors' states; while it
     does not, If-None-Match is answered with 304.
     """
-    live = await _in_memory(context, machine)
+    live = await _in_memory(request, context, machine)
+    if lacks_reading(context, live) and context.live.database.trouble is None:
+        turns: Turns = request.app.state.turns
+        with suppress(StorageUnavailable):
+            async with turns.taken():
+                await run_in_threadpool(restore_past, context, live)
     state = current_state(context, machine, live)
     headers = {"ETag": f'W/"{state.tag}"', "Cache-Control": "no-cache"}
     if _matches(if_none_match, state.tag):
@@ -66,25 +77,36 @@ async def get_compensation(
     return Response(written, media_type=JSON, headers=headers)
 
 
-@router.post("/predictions", summary="Predict errors at given times")
+@router.post(
+    "/predictions", summary="Predict errors at given times", openapi_extra=body_of_at_most(32)
+)
 def post_predictions(
     context: ContextDep, machine: MachinePath, body: PredictionRequest
 ) -> PredictionAnswer:
     """Say what the model predicts, with the stored readings' temperatures at each time."""
-    found = predict_errors(context, machine, body.to_observations(), body.model_version)
+    found = predict_errors(
+        context,
+        machine,
+        body.to_observations(),
+        body.model_version,
+        missing_as_zero=body.missing_components == "zero",
+    )
     return PredictionAnswer(
         model_version=found.model_version,
         predicted_um=found.values,
         status=found.status,
+        counted_as_zero=found.counted_as_zero,
         warnings=found.warnings,
     )
 
 
-async def _in_memory(context: Context, machine_id: str) -> LiveMachine:
-    """Find the machine in memory, or bring it there once."""
+async def _in_memory(request: Request, context: Context, machine_id: str) -> LiveMachine:
+    """Find the machine in memory, or bring it there once, when it is our turn."""
     live = context.live.get(machine_id)
     if live is None:
-        live = await run_in_threadpool(load_machine, context, machine_id)
+        turns: Turns = request.app.state.turns
+        async with turns.taken():
+            live = await run_in_threadpool(load_machine, context, machine_id)
     return live
 
 

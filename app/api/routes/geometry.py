@@ -6,14 +6,14 @@ from typing import Annotated, Any
 
 import numpy as np
 import orjson
-from fastapi import APIRouter, Header
+from fastapi import APIRouter, Header, Query
 from starlette.responses import Response
 
+from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
-from app.api.many_points import ManyPoints
 from app.api.media_types import ARROW, JSON, NPY
 from app.api.negotiation import chosen_form
-from app.api.openapi import body_of
+from app.api.rounding import rounded, rounded_up, to_tenth_nm
 from app.api.schemas.accuracy import (
     AccuracyAnswer,
     AccuracyRequest,
@@ -26,17 +26,21 @@ from app.api.schemas.accuracy import (
 )
 from app.api.schemas.error_field import head_of
 from app.api.schemas.grids import GridAnswer, GridRequest
+from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer, RotaryErrorRequest
 from app.api.schemas.volumetric_error import VolumetricErrorAnswer, VolumetricErrorRequest
 from app.api.table_json import OPTIONS
 from app.api.vectors import vectors_response
+from app.arrays import largest_length, rms_length
 from app.geometry.line_accuracy import line_accuracy
+from app.geometry.nonrigid_presets import NONRIGID_PRESETS
 from app.services.assess_accuracy import assess_accuracy, compare_levels
+from app.services.check_components import check_components
 from app.services.compute_grid import Grid, compute_grid, grid_for_tolerance
 from app.services.compute_rotary_error import compute_rotary_error
 from app.services.compute_volumetric_error import compute_volumetric_error
 
-router = APIRouter(tags=["geometry"])
+router = APIRouter(route_class=BodyRoute, tags=["geometry"])
 MACHINE = "/v1/machines/{machine}"
 
 _VECTORS: dict[int | str, dict[str, Any]] = {
@@ -54,12 +58,12 @@ _VECTORS: dict[int | str, dict[str, Any]] = {
     summary="Volumetric error at points",
     response_model=VolumetricErrorAnswer,
     responses=_VECTORS,
-    openapi_extra=body_of(VolumetricErrorRequest),
+    openapi_extra=body_of_at_most(64),
 )
 def post_volumetric_error(
     context: ContextDep,
     machine: MachinePath,
-    asked: ManyPoints,
+    body: VolumetricErrorRequest,
     accept: Annotated[str, Header(description=f"`{JSON}`, `{NPY}` or `{ARROW}`")] = JSON,
 ) -> Response:
     """Sum all errors, with squareness, lever arms and tool offset, at up to a million points.
@@ -68,12 +72,11 @@ def post_volumetric_error(
     x, y, z [µm] and orientation x, y, z [µrad]; as an Arrow stream it has these as
     columns. What JSON says beside the numbers is then in the header `Thermap-Answer`.
     """
-    body, points_mm = asked
     found = compute_volumetric_error(
         context,
         machine,
         body.question(),
-        points_mm,
+        np.asarray(body.points_mm),
         outside_travel_allowed=body.outside_travel == "allow",
     )
     head = head_of(found.asked, found.warnings)
@@ -149,13 +152,54 @@ def post_rotary_error(
     """Turn points about the axes where they are and where they should be: the difference."""
     points_mm = np.array(body.points_mm, dtype=np.float64)
     found = compute_rotary_error(
-        context, machine, body.question(), points_mm, body.angles(), body.order, body.pivots()
+        context,
+        machine,
+        body.question(),
+        points_mm,
+        body.angles(),
+        body.order,
+        body.pivots(),
+        body.compensated,
     )
+    lengths = {
+        f"{which}{name}_um": to_tenth_nm(of(vectors))
+        for which, vectors in (("", found.errors_um), ("left_", found.left_um))
+        for name, of in (("rms", rms_length), ("max", largest_length))
+    }
     fields = head_of(found.asked, list(found.asked.warnings)) | {
-        "errors_um": np.ascontiguousarray(found.errors_um),
-        "locations": found.locations,
+        "errors_um": rounded(found.errors_um),
+        "left_um": rounded(found.left_um),
+        **lengths,
+        "locations": {code: to_tenth_nm(value) for code, value in found.locations.items()},
     }
     return Response(orjson.dumps(fields, option=OPTIONS), media_type=JSON)
+
+
+@router.get(MACHINE + "/needed-components", summary="Which errors have to be measured")
+def get_needed_components(
+    context: ContextDep,
+    machine: MachinePath,
+    preset: Annotated[
+        str | None,
+        Query(
+            description="A kind of machine that is not rigid, which adds its slopes: "
+            "`horizontal-counterweight` (8.19–8.36) or `large-gantry` (8.37–8.54)",
+            examples=["large-gantry"],
+        ),
+    ] = None,
+    tool_length_mm: Annotated[
+        float,
+        Query(ge=-1e6, le=1e6, allow_inf_nan=False, description="Tool offset T along z [mm]"),
+    ] = 0.0,
+) -> NeededAnswer:
+    """List the errors that the volumetric error consists of, and which the model lacks."""
+    return NeededAnswer.of(check_components(context, machine, (0.0, 0.0, tool_length_mm), preset))
+
+
+@router.get("/v1/nonrigid-presets", summary="List the kinds of machines that are not rigid")
+def get_nonrigid_presets() -> list[PresetAnswer]:
+    """List which nonrigid slopes each kind of machine has (8.19–8.54)."""
+    return [PresetAnswer.of(preset) for preset in NONRIGID_PRESETS.values()]
 
 
 def _grid_json(found: Grid) -> bytes:
@@ -164,10 +208,10 @@ def _grid_json(found: Grid) -> bytes:
         "x_mm": grid.x_mm,
         "y_mm": grid.y_mm,
         "z_mm": grid.z_mm,
-        "errors_um": grid.errors_um,
-        "compensation_um": 0.0 - grid.errors_um,
-        "largest_difference_um": np.ascontiguousarray(difference.bound_length_um),
-        "attained_difference_um": np.ascontiguousarray(difference.attained_length_um),
-        "largest_um": found.bound_um,
+        "errors_um": rounded(grid.errors_um),
+        "compensation_um": rounded(0.0 - grid.errors_um),
+        "largest_difference_um": rounded_up(difference.bound_length_um),
+        "attained_difference_um": rounded(difference.attained_length_um),
+        "largest_um": rounded_up(np.array(found.bound_um)).item(),
     }
     return orjson.dumps(fields, option=OPTIONS)

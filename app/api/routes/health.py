@@ -4,30 +4,14 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
-from pydantic import Field
 
 import app
+from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
-from app.api.schemas.base import Schema
-from app.services.check_readiness import check_readiness
+from app.api.schemas.health import HealthAnswer, ReadyAnswer
+from app.services.check_readiness import without_answer
 
-router = APIRouter(tags=["health"])
-
-
-class HealthAnswer(Schema):
-    """The process lives."""
-
-    status: str = Field(description="`ok`", examples=["ok"])
-    version: str = Field(description="Version of thermap")
-
-
-class ReadyAnswer(Schema):
-    """Whether the database is there and the models are in memory."""
-
-    status: str = Field(description="`ready` or `not-ready`", examples=["ready"])
-    database: str = Field(description="`ok`, or what is the matter")
-    machines: int = Field(description="Machines in the database")
-    machines_in_memory: int = Field(description="Machines whose model is in memory")
+router = APIRouter(route_class=BodyRoute, tags=["health"])
 
 
 @router.get("/healthz", summary="Process")
@@ -37,9 +21,9 @@ async def get_healthz() -> HealthAnswer:
 
 
 @router.get("/readyz", summary="Database and models", responses={503: {"model": ReadyAnswer}})
-def get_readyz(context: ContextDep, response: Response) -> ReadyAnswer:
+async def get_readyz(request: Request, context: ContextDep, response: Response) -> ReadyAnswer:
     """Answer 200 when the database is there and every machine's model is in memory."""
-    readiness = check_readiness(context)
+    readiness = await request.app.state.readiness.answer() or without_answer(context)
     response.status_code = 200 if readiness.is_ready else 503
     return ReadyAnswer(
         status="ready" if readiness.is_ready else "not-ready",
@@ -50,7 +34,7 @@ def get_readyz(context: ContextDep, response: Response) -> ReadyAnswer:
 
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=Response)
-def get_metrics(request: Request) -> Response:
+async def get_metrics(request: Request) -> Response:
     """Write counters and latencies in Prometheus' text format."""
     registry = request.app.state.metrics.registry
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
+from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.schemas.machines import MachineAnswer, MachinePatch, MachineSettings
 from app.services.change_machine import change_machine
@@ -11,7 +12,7 @@ from app.services.create_machine import create_machine
 from app.services.delete_machine import delete_machine
 from app.services.show_machines import show_machine, show_machines
 
-router = APIRouter(prefix="/v1/machines", tags=["machines"])
+router = APIRouter(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
 
 
 @router.post("", status_code=201, summary="Create a machine")

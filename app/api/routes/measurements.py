@@ -6,9 +6,15 @@ import math
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query
 
-from app.api.dependencies import ContextDep, MachinePath
+from app.api.bodies import BodyRoute
+from app.api.dependencies import (
+    AcceptLossesQuery,
+    ContextDep,
+    MachinePath,
+    PreviewQuery,
+)
 from app.api.schemas.error_field import triple
 from app.api.schemas.measurements.axes import (
     PositioningAnswer,
@@ -28,6 +34,7 @@ from app.api.schemas.measurements.parts import (
     DrilledPlateRequest,
     MachinedPartAnswer,
     MachinedPartRequest,
+    PathErrorsAnswer,
     RotaryAxisAnswer,
     RotaryAxisRequest,
 )
@@ -46,12 +53,30 @@ from app.measurement.stated_axes import as_straightness
 from app.measurement.step_diagonal import step_diagonal
 from app.services.predict_part import predict_part
 from app.services.simulate_measurement import simulate_step_diagonal
-from app.services.store_measurement import measured_machine, store_measurement, travel_volume
+from app.services.store_measurement import (
+    Storing,
+    measured_machine,
+    store_measurement,
+    travel_volume,
+)
 from app.thermal.machine import Travel
 
-router = APIRouter(prefix="/v1/machines/{machine}/measurements", tags=["measurements"])
+router = APIRouter(
+    route_class=BodyRoute, prefix="/v1/machines/{machine}/measurements", tags=["measurements"]
+)
 
-Store = Annotated[bool, Query(description="Whether the components are stored as an error map")]
+
+def _storing(
+    store: Annotated[
+        bool, Query(description="Whether the components are stored as an error map")
+    ] = False,
+    preview: PreviewQuery = False,
+    accept_losses: AcceptLossesQuery = False,
+) -> Storing:
+    return Storing(store, preview, accept_losses)
+
+
+StoringDep = Annotated[Storing, Depends(_storing)]
 
 
 @router.post(
@@ -60,7 +85,7 @@ Store = Annotated[bool, Query(description="Whether the components are stored as 
     response_model_exclude_unset=True,
 )
 def post_step_diagonal(
-    context: ContextDep, machine: MachinePath, body: StepDiagonalRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: StepDiagonalRequest, storing: StoringDep
 ) -> StepDiagonalAnswer:
     """Derive nine translations and three squareness errors from three or four diagonals."""
     described = measured_machine(context, machine)
@@ -78,7 +103,7 @@ def post_step_diagonal(
         travel_mm={axis: (t.min_mm, t.max_mm) for axis, t in described.axes.items()},
     )
     measured = store_measurement(
-        context, described, "step-diagonal", body.header(), found.result, store=store
+        context, described, "step-diagonal", body.header(), found.result, storing
     )
     closure = found.closure_um
     return StepDiagonalAnswer(
@@ -91,7 +116,7 @@ def post_step_diagonal(
     "/body-diagonal", summary="Body diagonals (ISO 230-6)", response_model_exclude_unset=True
 )
 def post_body_diagonal(
-    context: ContextDep, machine: MachinePath, body: BodyDiagonalRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: BodyDiagonalRequest, storing: StoringDep
 ) -> BodyDiagonalAnswer:
     """Evaluate Ed and ESd, and squareness from the ends."""
     described = measured_machine(context, machine)
@@ -103,7 +128,7 @@ def post_body_diagonal(
         repeatability_um=body.repeatability_um,
     )
     measured = store_measurement(
-        context, described, "body-diagonal", body.header(), found.result, store=store
+        context, described, "body-diagonal", body.header(), found.result, storing
     )
     return BodyDiagonalAnswer(
         **answer_fields(measured),
@@ -116,7 +141,7 @@ def post_body_diagonal(
 
 @router.post("/positioning", summary="Positioning (ISO 230-2)", response_model_exclude_unset=True)
 def post_positioning(
-    context: ContextDep, machine: MachinePath, body: PositioningRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: PositioningRequest, storing: StoringDep
 ) -> PositioningAnswer:
     """Evaluate runs over target positions; both directions are kept."""
     described = measured_machine(context, machine)
@@ -128,7 +153,7 @@ def post_positioning(
         repeatability_um=body.repeatability_um,
     )
     measured = store_measurement(
-        context, described, "positioning", body.header(), found.result, store=store
+        context, described, "positioning", body.header(), found.result, storing
     )
     return PositioningAnswer(**answer_fields(measured), targets=PositioningAnswer.targets_of(found))
 
@@ -137,7 +162,7 @@ def post_positioning(
     "/six-dof", summary="Six errors of one axis (Y.-Y. Hsu)", response_model_exclude_unset=True
 )
 def post_six_dof(
-    context: ContextDep, machine: MachinePath, body: SixDofRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: SixDofRequest, storing: StoringDep
 ) -> MeasurementAnswer:
     """Take displacement, straightness and angles of one axis with their measuring line."""
     described = measured_machine(context, machine)
@@ -156,7 +181,7 @@ def post_six_dof(
         repeatability_um=body.repeatability_um,
         repeatability_urad=body.repeatability_urad,
     )
-    measured = store_measurement(context, described, "six-dof", body.header(), result, store=store)
+    measured = store_measurement(context, described, "six-dof", body.header(), result, storing)
     return MeasurementAnswer(**answer_fields(measured))
 
 
@@ -164,7 +189,7 @@ def post_six_dof(
     "/machined-part", summary="Straightness of a machined edge", response_model_exclude_unset=True
 )
 def post_machined_part(
-    context: ContextDep, machine: MachinePath, body: MachinedPartRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: MachinedPartRequest, storing: StoringDep
 ) -> MachinedPartAnswer:
     """Take the straightness of an edge, and compare it with the active model's prediction."""
     described = measured_machine(context, machine)
@@ -191,7 +216,7 @@ def post_machined_part(
         repeatability_um=body.repeatability_um,
     )
     measured = store_measurement(
-        context, described, "machined-part", body.header(), found.result, store=store
+        context, described, "machined-part", body.header(), found.result, storing
     )
     fields = answer_fields(measured)
     comparison = None
@@ -213,7 +238,7 @@ def post_machined_part(
     "/drilled-plate", summary="Holes of a drilled plate", response_model_exclude_unset=True
 )
 def post_drilled_plate(
-    context: ContextDep, machine: MachinePath, body: DrilledPlateRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: DrilledPlateRequest, storing: StoringDep
 ) -> DrilledPlateAnswer:
     """Take scale, squareness and axis errors from holes, up to a rigid motion."""
     described = measured_machine(context, machine)
@@ -230,7 +255,7 @@ def post_drilled_plate(
     except InvalidContent as error:
         raise _of_holes(error) from None
     measured = store_measurement(
-        context, described, "drilled-plate", body.header(), found.result, store=store
+        context, described, "drilled-plate", body.header(), found.result, storing
     )
     errors = found.scale_standard_errors_um_per_m.tolist()
     return DrilledPlateAnswer(
@@ -247,7 +272,7 @@ def post_drilled_plate(
 
 @router.post("/rotary-axis", summary="R-test of a rotary axis", response_model_exclude_unset=True)
 def post_rotary_axis(
-    context: ContextDep, machine: MachinePath, body: RotaryAxisRequest, store: Store = False
+    context: ContextDep, machine: MachinePath, body: RotaryAxisRequest, storing: StoringDep
 ) -> RotaryAxisAnswer:
     """Find how a rotary axis lies from the places of a ball that it carries."""
     described = measured_machine(context, machine)
@@ -259,13 +284,18 @@ def post_rotary_axis(
         pivot_mm=body.pivot_mm,
     )
     measured = store_measurement(
-        context, described, "rotary-axis", body.header(), found.result, store=store
+        context, described, "rotary-axis", body.header(), found.result, storing
     )
     return RotaryAxisAnswer(
         **answer_fields(measured),
         residuals_um=found.residuals_um.tolist(),
         noise_um=found.noise_um,
         degrees_of_freedom=found.degrees_of_freedom,
+        path=PathErrorsAnswer(
+            before_um=found.path.before_um.tolist(),
+            after_position_um=found.path.position_um.tolist(),
+            after_all_um=found.path.all_um.tolist(),
+        ),
     )
 
 

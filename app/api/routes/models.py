@@ -2,15 +2,35 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 
-from app.api.dependencies import ContextDep, MachinePath, VersionPath
-from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
-from app.services.activate_model import activate_model
-from app.services.assign_sensors import assign_sensors, correlate_sensors, sensor_assignment
-from app.services.show_machines import show_model, show_models
+from app.api.bodies import BodyRoute
+from app.api.dependencies import (
+    AcceptLossesQuery,
+    ContextDep,
+    MachinePath,
+    PreviewQuery,
+    VersionPath,
+)
+from app.api.schemas.model_change import PreviewAnswer, change_fields
+from app.api.schemas.models import (
+    AssignmentSchema,
+    ChangedModelAnswer,
+    CorrelationAnswer,
+    ModelAnswer,
+    ModelCoverageAnswer,
+    WaitingAssignmentAnswer,
+)
+from app.services.activate_model import activate_model, look_at_activation
+from app.services.assign_sensors import (
+    assign_sensors,
+    correlate_sensors,
+    preview_assignment,
+    sensor_assignment,
+)
+from app.services.show_machines import show_coverage, show_model, show_models
 
-router = APIRouter(prefix="/v1/machines/{machine}", tags=["models"])
+router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["models"])
 
 
 @router.get("/sensor-assignment", summary="Show which sensor each component follows")
@@ -19,12 +39,33 @@ def get_assignment(context: ContextDep, machine: MachinePath) -> AssignmentSchem
     return AssignmentSchema.of(dict(sensor_assignment(context, machine)))
 
 
-@router.put("/sensor-assignment", summary="Assign sensors to components")
+@router.put(
+    "/sensor-assignment",
+    summary="Assign sensors to components",
+    responses={202: {"model": WaitingAssignmentAnswer, "description": "Stored, not activated"}},
+)
 def put_assignment(
-    context: ContextDep, machine: MachinePath, body: AssignmentSchema
-) -> AssignmentSchema:
-    """Assign sensors; components that are not named keep theirs. Makes the next version."""
-    return AssignmentSchema.of(dict(assign_sensors(context, machine, body.to_codes())))
+    context: ContextDep,
+    machine: MachinePath,
+    body: AssignmentSchema,
+    response: Response,
+    preview: PreviewQuery = False,
+    accept_losses: AcceptLossesQuery = False,
+) -> AssignmentSchema | WaitingAssignmentAnswer | PreviewAnswer:
+    """Assign sensors; components that are not named keep theirs. Makes the next version.
+
+    A version whose tables would lose something against the active one is stored and waits: the
+    answer is 202 then, and says what is lost and how to activate it all the same.
+    """
+    if preview:
+        return PreviewAnswer.of(preview_assignment(context, machine, body.to_codes()))
+    found = assign_sensors(context, machine, body.to_codes(), accept_losses=accept_losses)
+    assignment = AssignmentSchema.of(dict(found.assignment))
+    if found.made is None or found.made.is_active:
+        return assignment
+    response.status_code = 202
+    made = change_fields(machine, found.made)
+    return WaitingAssignmentAnswer(assignment=assignment.root, **made)
 
 
 @router.post("/sensor-assignment/correlate", summary="Propose sensors by correlation")
@@ -36,8 +77,8 @@ def post_correlate(context: ContextDep, machine: MachinePath) -> CorrelationAnsw
 @router.get("/models", summary="List model versions")
 def get_models(context: ContextDep, machine: MachinePath) -> list[ModelAnswer]:
     """List all versions, oldest first."""
-    versions, active = show_models(context, machine)
-    return [ModelAnswer.of(version, active) for version in versions]
+    versions, active, waiting = show_models(context, machine)
+    return [ModelAnswer.of(version, active, waiting) for version in versions]
 
 
 @router.get("/models/{version}", summary="Show a model version")
@@ -46,7 +87,23 @@ def get_model(context: ContextDep, machine: MachinePath, version: VersionPath) -
     return ModelAnswer.of(*show_model(context, machine, version))
 
 
+@router.get("/models/{version}/coverage", summary="Show what a model version covers")
+def get_coverage(
+    context: ContextDep, machine: MachinePath, version: VersionPath
+) -> ModelCoverageAnswer:
+    """Show which components the tables of a version have, and why they lack others."""
+    return ModelCoverageAnswer.of(version, show_coverage(context, machine, version))
+
+
 @router.post("/models/{version}/activate", summary="Activate a model version")
-def post_activate(context: ContextDep, machine: MachinePath, version: VersionPath) -> ModelAnswer:
-    """Compute tables with this version from now on."""
-    return ModelAnswer.of(activate_model(context, machine, version), version)
+def post_activate(
+    context: ContextDep, machine: MachinePath, version: VersionPath, preview: PreviewQuery = False
+) -> ChangedModelAnswer | PreviewAnswer:
+    """Compute tables with this version from now on, whatever they lose: the answer says what.
+
+    A version that waits for its activation is given up by activating another one, also the one
+    that is active: the next version is made of that.
+    """
+    if preview:
+        return PreviewAnswer.of(look_at_activation(context, machine, version))
+    return ChangedModelAnswer.of_made(machine, activate_model(context, machine, version))

@@ -7,15 +7,17 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Header, Query
 from starlette.responses import Response
 
+from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import HTML, JSON
 from app.api.negotiation import chosen_form
+from app.api.pages import Page
 from app.api.schemas.pictures import PictureRequest
 from app.pictures.page import figure_json, page
 from app.services.context import Context
 from app.services.picture_work_volume import picture_work_volume
 
-router = APIRouter(prefix="/v1/machines/{machine}", tags=["geometry"])
+router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
 
 PLOTLY_JS = "/docs-assets/plotly.min.js"
 
@@ -73,5 +75,5 @@ def _picture(context: Context, machine: str, body: PictureRequest, accept: str) 
     headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
     if chosen_form(accept, [JSON, HTML]) == HTML:
         written = page(drawn.figure, plotly_js=PLOTLY_JS)
-        return Response(written, media_type=HTML, headers=headers)
+        return Page(written, scripts=1, headers=headers)
     return Response(figure_json(drawn.figure), media_type=JSON, headers=headers)

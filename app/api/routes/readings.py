@@ -6,31 +6,53 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
+from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.schemas.base import UtcTime
-from app.api.schemas.readings import OneOrMoreReadings, ReadingSchema, StoredReadings
-from app.errors import FieldError, InvalidContent
+from app.api.schemas.readings import (
+    OneOrMoreReadings,
+    ReadingSchema,
+    StoredReadings,
+    WithdrawnReadings,
+)
+from app.errors import FieldError, InvalidContent, list_names
 from app.services.context import Context
 from app.services.show_machines import show_readings
-from app.services.store_readings import store_readings
+from app.services.store_readings import StoreOutcome, store_readings
+from app.services.withdraw_readings import withdraw_reading, withdraw_readings
 
-router = APIRouter(prefix="/v1/machines/{machine}/readings", tags=["readings"])
+router = APIRouter(
+    route_class=BodyRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"]
+)
 
 
-@router.post("", status_code=201, summary="Store readings")
+@router.post(
+    "",
+    status_code=201,
+    summary="Store readings",
+    response_model_exclude_defaults=True,
+    openapi_extra=body_of_at_most(16),
+)
 def post_readings(
     context: ContextDep, machine: MachinePath, body: OneOrMoreReadings
 ) -> StoredReadings:
     """Store one reading or up to 10,000: all of them or, if one is wrong, none.
 
     A time that is known with the same content is a duplicate, with other content a
-    conflict. A value out of its sensor's range is stored and marks the sensor.
+    conflict. A value out of its sensor's range is stored and marks the sensor. A time that
+    is more than 2 s ahead of the service's clock is stored, named here and in the table at the
+    latest reading, and not used before it has come; more than a day ahead it is refused.
     """
     if isinstance(body, list):
-        stored, duplicates = store_readings(context, machine, [r.to_reading() for r in body])
+        done = store_readings(context, machine, [r.to_reading() for r in body])
     else:
-        stored, duplicates = _store_one(context, machine, body)
-    return StoredReadings(stored=stored, duplicates=duplicates)
+        done = _store_one(context, machine, body)
+    return StoredReadings(
+        stored=done.stored,
+        duplicates=done.duplicates,
+        ahead=done.ahead,
+        warnings=list(done.warnings),
+    )
 
 
 @router.get("", summary="List readings")
@@ -45,12 +67,45 @@ def get_readings(
     ] = 0.0,
     limit: Annotated[int, Query(ge=1, le=100_000, description="At most so many")] = 10_000,
 ) -> list[ReadingSchema]:
-    """List readings in order of time; go on from the last one's time for more."""
+    """List readings in order of time; go on from the last one's time for more.
+
+    Those that lie in the future are among them.
+    """
     found = show_readings(context, machine, since, until, every_s, limit)
     return [ReadingSchema.of(reading) for reading in found]
 
 
-def _store_one(context: Context, machine: str, stated: ReadingSchema) -> tuple[int, int]:
+@router.delete("", summary="Withdraw readings")
+def delete_readings(
+    context: ContextDep,
+    machine: MachinePath,
+    time: Annotated[UtcTime | None, Query(description="The one of exactly this time")] = None,
+    since: Annotated[
+        UtcTime | None, Query(alias="from", description="All from this time on, with `to`")
+    ] = None,
+    until: Annotated[
+        UtcTime | None, Query(alias="to", description="All up to this time, with `from`")
+    ] = None,
+) -> WithdrawnReadings:
+    """Take one reading, or all between two times (both included), out of use.
+
+    They count nowhere from then on: in no table, prediction or analysis. Stored again, they
+    are readings like any others.
+    """
+    if time is not None and since is None and until is None:
+        return WithdrawnReadings(withdrawn=withdraw_reading(context, machine, time))
+    if time is None and since is not None and until is not None:
+        return WithdrawnReadings(withdrawn=withdraw_readings(context, machine, since, until))
+    stated = [n for n, t in (("time", time), ("from", since), ("to", until)) if t is not None]
+    field = "time" if time is not None or not stated else "to" if until is None else "from"
+    raise InvalidContent.of_field(
+        field,
+        "expected the time of one reading, or from and to of a range (one without the other "
+        f"would mean all before or after it), came {list_names(stated)}",
+    )
+
+
+def _store_one(context: Context, machine: str, stated: ReadingSchema) -> StoreOutcome:
     """Store a reading that came alone: its fields are not named as in a list."""
     try:
         return store_readings(context, machine, [stated.to_reading()])

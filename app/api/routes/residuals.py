@@ -7,9 +7,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query
 from starlette.responses import Response
 
+from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
 from app.api.media_types import CSV, HTML, JSON
 from app.api.negotiation import chosen_form
+from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
 from app.api.residuals_html import residuals_html
 from app.api.schemas.residuals import (
@@ -22,7 +24,9 @@ from app.api.schemas.residuals import (
 from app.services.compare_models import compare_models
 from app.services.show_residuals import ShownResiduals, show_residuals
 
-router = APIRouter(prefix="/v1/machines/{machine}", tags=["closing the loop"])
+router = APIRouter(
+    route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]
+)
 
 Accept = Annotated[str, Header(description=f"`{JSON}`, `{CSV}` or `{HTML}`")]
 
@@ -87,6 +91,6 @@ def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
     if form == CSV:
         return Response(residuals_csv(shown), media_type=CSV, headers=headers)
     if form == HTML:
-        return Response(residuals_html(shown), media_type=HTML, headers=headers)
+        return Page(residuals_html(shown), scripts=2, headers=headers)
     answer = ResidualsAnswer.of(shown, residual_rows(shown, rows))
     return Response(answer.model_dump_json(), media_type=JSON, headers=headers)

@@ -7,10 +7,9 @@ from datetime import UTC, datetime
 import orjson
 from fastapi import APIRouter, Response
 
+from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
-from app.api.many_observations import StatedVerification
 from app.api.media_types import JSON
-from app.api.openapi import body_of
 from app.api.schemas.verifications import (
     MeasuredObservation,
     VerificationAnswer,
@@ -24,7 +23,9 @@ from app.services.show_verifications import show_verification, show_verification
 from app.services.show_watch import show_watch
 from app.services.store_verification import store_verification
 
-router = APIRouter(prefix="/v1/machines/{machine}", tags=["closing the loop"])
+router = APIRouter(
+    route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]
+)
 PATH = "/verifications"
 
 
@@ -32,16 +33,16 @@ PATH = "/verifications"
     PATH,
     status_code=201,
     summary="Store a verification",
-    openapi_extra=body_of(VerificationRequest),
+    openapi_extra=body_of_at_most(32),
 )
 def post_verification(
-    context: ContextDep, machine: MachinePath, stated: StatedVerification, response: Response
+    context: ContextDep, machine: MachinePath, body: VerificationRequest, response: Response
 ) -> VerificationAnswer:
     """Store up to 100,000 observations: all of them or, if one is wrong, none.
 
     The same content under the same label again answers 200 with the stored verification.
     """
-    found = store_verification(context, machine, stated)
+    found = store_verification(context, machine, body.to_verification())
     response.status_code = 201 if found.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
     return VerificationAnswer.of(found.stored)

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Digits, Micro
 from app.api.schemas.base import Integer, Number, Schema
 from app.api.schemas.error_field import AnswerHead, VolumeRequest
 from app.api.schemas.machines import TravelSchema
@@ -39,16 +40,20 @@ class AccuracyRequest(VolumeRequest):
 class SpreadAnswer(Schema):
     """How far three sums of errors spread over the volume."""
 
-    ranges_um: Vector = Field(
+    ranges_um: Annotated[list[Micro], Field(min_length=3, max_length=3)] = Field(
         description="Largest less smallest value in x, y, z (8.122–8.127) [µm]"
     )
-    definition_1_um: Number = Field(
+    definition_1_um: Micro = Field(
         description="Largest root of the sum of squares of x, y, z (8.118–8.121) [µm]"
     )
-    definition_2_um: Number = Field(
+    definition_2_um: Micro = Field(
         description="Root of the sum of squares of the ranges (8.128) [µm]"
     )
     worst_point_mm: Vector = Field(description="Where definition 1 has its largest [mm]")
+    within_um: Digits = Field(
+        description="What the true ranges and definitions may be beyond these: they are "
+        "extremes of the model over the whole volume, not of samples [µm]"
+    )
 
     @classmethod
     def of(cls, spread: Spread) -> Self:
@@ -58,19 +63,20 @@ class SpreadAnswer(Schema):
             definition_1_um=spread.definition_1,
             definition_2_um=spread.definition_2,
             worst_point_mm=list(spread.worst_point_mm),
+            within_um=spread.within,
         )
 
 
 class AngularSpreadAnswer(Schema):
     """The same of angles."""
 
-    ranges_urad: Vector = Field(
+    ranges_urad: Annotated[list[Micro], Field(min_length=3, max_length=3)] = Field(
         description="Largest less smallest value about x, y, z (8.122–8.127) [µrad]"
     )
-    definition_1_urad: Number = Field(
+    definition_1_urad: Micro = Field(
         description="Largest root of the sum of squares (8.119, 8.121) [µrad]"
     )
-    definition_2_urad: Number = Field(
+    definition_2_urad: Micro = Field(
         description="Root of the sum of squares of the ranges (8.129) [µrad]"
     )
     worst_point_mm: Vector = Field(description="Where definition 1 has its largest [mm]")
@@ -97,15 +103,15 @@ class AccuracyAnswer(AnswerHead):
     with_arms: SpreadAnswer = Field(
         description="Of the volumetric error at the tool, lever arms included [µm]"
     )
-    diagonals_um: dict[str, Number] = Field(
-        description="Range of the displacement along each body diagonal [µm]",
+    diagonals_um: dict[str, Micro] = Field(
+        description="True range of the displacement along each body diagonal [µm]",
         examples=[{"ppp": 12.1, "npp": 9.8, "pnp": 11.0, "ppn": 8.7}],
     )
-    Ed_um: Number = Field(description="ISO 230-6 Ed: largest of the diagonals' ranges [µm]")
-    ESd_um: Number = Field(description="ESd: range over all diagonals together [µm]")
-    ELv_um: Number = Field(description="ELv from the volume's edges (Table 8.2) [µm]")
-    ELSv_um: Number = Field(description="ELSv, with straightness and squareness (Table 8.2) [µm]")
-    ratios: dict[str, Number | None] = Field(
+    Ed_um: Micro = Field(description="ISO 230-6 Ed: largest of the diagonals' ranges [µm]")
+    ESd_um: Micro = Field(description="ESd: range over all diagonals together [µm]")
+    ELv_um: Micro = Field(description="ELv from the volume's edges (Table 8.2) [µm]")
+    ELSv_um: Micro = Field(description="ELSv, with straightness and squareness (Table 8.2) [µm]")
+    ratios: dict[str, Digits | None] = Field(
         description="Multiple factors M1 = ELSv/ELv, M2 = ELSv/Ed, M3 = ELSv/ESd; null where a "
         "measure is 0",
         examples=[{"M1": 1.68, "M2": 1.41, "M3": 1.12}],
@@ -155,11 +161,9 @@ class LinesRequest(Schema):
 class LinesAnswer(Schema):
     """Volumetric accuracy from lines (Table 8.2)."""
 
-    ELv_um: Number = Field(description="From displacements alone [µm]", examples=[25.55])
-    ELSv_um: Number = Field(
-        description="From displacements and straightness [µm]", examples=[42.81]
-    )
-    ratio: Number | None = Field(
+    ELv_um: Micro = Field(description="From displacements alone [µm]", examples=[25.55])
+    ELSv_um: Micro = Field(description="From displacements and straightness [µm]", examples=[42.81])
+    ratio: Digits | None = Field(
         description="ELSv/ELv, the chapter's M1; null where ELv is 0", examples=[1.68]
     )
 
@@ -184,16 +188,16 @@ class LevelTable(Schema):
     chapter: str = Field(description="The chapter's notation", examples=["D_x(y)"])
     axis: str = Field(description="Axis of the positions", examples=["y"])
     positions_mm: list[Number] = Field(description="Positions on the axis [mm]")
-    errors_um: list[Number] | None = Field(
+    errors_um: list[Micro] | None = Field(
         None, description="Errors, squareness folded in where the level says so [µm]"
     )
-    errors_urad: list[Number] | None = Field(None, description="Angular errors [µrad]")
-    slopes_um_per_m: list[Number] | None = Field(None, description="Nonrigid slopes [µm/m]")
-    slopes_urad_per_m: list[Number] | None = Field(None, description="Nonrigid slopes [µrad/m]")
-    compensation_um: list[Number] | None = Field(None, description="Minus the error [µm]")
-    compensation_urad: list[Number] | None = Field(None, description="Minus the error [µrad]")
-    compensation_um_per_m: list[Number] | None = Field(None, description="Minus the slope [µm/m]")
-    compensation_urad_per_m: list[Number] | None = Field(
+    errors_urad: list[Micro] | None = Field(None, description="Angular errors [µrad]")
+    slopes_um_per_m: list[Micro] | None = Field(None, description="Nonrigid slopes [µm/m]")
+    slopes_urad_per_m: list[Micro] | None = Field(None, description="Nonrigid slopes [µrad/m]")
+    compensation_um: list[Micro] | None = Field(None, description="Minus the error [µm]")
+    compensation_urad: list[Micro] | None = Field(None, description="Minus the error [µrad]")
+    compensation_um_per_m: list[Micro] | None = Field(None, description="Minus the slope [µm/m]")
+    compensation_urad_per_m: list[Micro] | None = Field(
         None, description="Minus the slope [µrad/m]"
     )
 
@@ -223,9 +227,15 @@ class LevelAnswer(Schema):
         "in (8.92–8.94), `angular` (8.95–8.97) or `nonrigid` (8.98–8.100)",
         examples=["straightness"],
     )
-    mean_um: Number = Field(description="Mean length of the volumetric error that is left [µm]")
-    rms_um: Number = Field(description="Its root mean square [µm]")
-    max_um: Number = Field(description="Its largest [µm]")
+    mean_um: Micro = Field(
+        description="Mean length of the volumetric error that is left at the lattice's points [µm]"
+    )
+    rms_um: Micro = Field(description="Its root mean square at these points [µm]")
+    max_um: Micro = Field(description="Its largest anywhere in the volume [µm]")
+    within_um: Digits | None = Field(
+        description="What the true largest may be beyond `max_um` [µm]; null where the tables have "
+        "too many nodes for that: `max_um` is then sampled, the largest at the lattice's points"
+    )
     tables: list[LevelTable] = Field(description="The tables that such a controller needs")
 
     @classmethod
@@ -236,6 +246,7 @@ class LevelAnswer(Schema):
             mean_um=level.mean_um,
             rms_um=level.rms_um,
             max_um=level.max_um,
+            within_um=level.within_um,
             tables=[LevelTable.of(code, table) for code, table in level.tables.items()],
         )
 

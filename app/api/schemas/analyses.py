@@ -8,12 +8,12 @@ from pydantic import ConfigDict, Field
 
 from app.api.schemas.analysis_result import AnalysisResult
 from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime, YesOrNo
+from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.verifications import PlannedObservation
 from app.errors import InvalidContent
 from app.identification.observations import Verification
 from app.identification.search.rows import Datum
-from app.storage.records import AnalysisStatus, StoredAnalysis
-from app.storage.tables import LARGEST_INTEGER
+from app.storage.records import LARGEST_INTEGER, AnalysisStatus, StoredAnalysis
 
 VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]
 """Numbers of verifications."""
@@ -50,8 +50,8 @@ class PlannedVerification(Schema):
         description="Standard deviation of one length [µm], where it is known; of angles and "
         "squareness it says nothing",
     )
-    observations: Annotated[list[PlannedObservation], Field(min_length=1, max_length=20_000)] = (
-        Field(description="What is to be measured")
+    observations: Annotated[list[PlannedObservation], InPieces(20_000)] = Field(
+        description="What is to be measured"
     )
 
     def to_verification(self) -> Verification:

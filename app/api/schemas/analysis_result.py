@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
+from app.api.schemas.adopted_effect import ValidAnswer
 from app.api.schemas.base import Number, Schema, UtcTime
 
 IN_ITS_UNIT: Final = "[µm; angular components µrad, squareness µm/m]"
@@ -131,6 +132,12 @@ class FoundEffectAnswer(Schema):
     leverage: Number = Field(description="Their share of the evidence")
     leverage_warning: str | None = Field(
         description="Said where most of the evidence stands on two visits"
+    )
+    valid: ValidAnswer | None = Field(
+        None, description="Where it was learnt: beyond it, it is held at the edge"
+    )
+    measure_again: str | None = Field(
+        None, description="Until when one that grows with time may be used, and what to measure"
     )
     effect: dict[str, Any] = Field(description="What adoption stores")
 

@@ -1,4 +1,8 @@
-"""What every shape shares: no unknown fields, no NaN, times with a zone, units in names."""
+"""What every shape shares: no unknown fields, no NaN, times with a zone, units in names.
+
+The client reads these shapes too, without the service behind them: what only the service
+needs is imported where it is used.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,7 @@ from pydantic import (
     ConfigDict,
     Field,
     StringConstraints,
+    WithJsonSchema,
 )
 
 
@@ -102,8 +107,17 @@ def _for_each_axis(stated: Any) -> Any:
     return stated
 
 
+_SIGN = {"enum": ["+", "-"], "type": "string"}
+_SIGN_OF_EACH = {
+    "type": "object",
+    "propertyNames": {"enum": ["x", "y", "z"]},
+    "additionalProperties": _SIGN,
+}
+
 Direction = Annotated[
-    dict[Literal["x", "y", "z"], Literal["+", "-"]] | None, BeforeValidator(_for_each_axis)
+    dict[Literal["x", "y", "z"], Literal["+", "-"]] | None,
+    BeforeValidator(_for_each_axis),
+    WithJsonSchema({"anyOf": [_SIGN, _SIGN_OF_EACH, {"type": "null"}]}),
 ]
 """Direction of approach, `+` or `-`, of all axes or of each; the mean where none is stated."""
 
@@ -124,6 +138,16 @@ Temperatures = Annotated[
     Field(examples=[{"x-middle": 24.1, "z-column": 27.3}]),
 ]
 """Sensor name to temperature [°C]."""
+
+MissingComponents = Annotated[
+    Literal["refuse", "zero"],
+    Field(
+        default="refuse",
+        description="What happens where the answer needs a component that no two maps have: "
+        "`refuse` names it, `zero` lets it count as zero",
+    ),
+]
+"""Whether components that are missing may count as zero."""
 
 MachineState = Annotated[
     dict[_StateName, Number],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from app.api.schemas.adopted_effect import ValidAnswer
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
 from app.geometry.components import COMPONENTS
 
@@ -13,6 +14,16 @@ class CompensationRequest(Schema):
 
     temperatures_c: Temperatures = Field(description="Live temperatures by sensor [°C]")
     state: MachineState
+
+
+class FollowsAnswer(Schema):
+    """A sensor by whose temperature a component's maps are read."""
+
+    sensor: str = Field(description="Sensor", examples=["spindle"])
+    temperature_c: Number = Field(
+        description="Its temperature [°C], at the edge of where the effect was learnt if beyond"
+    )
+    share: Number = Field(description="Share of that in the numbers; all sum to 1", examples=[0.97])
 
 
 class ComponentCompensationAnswer(Schema):
@@ -88,22 +99,34 @@ class ComponentCompensationAnswer(Schema):
     iso: str | None = Field(None, description="ISO 230-1 name of a squareness", examples=["C0Y"])
     iso_error_urad: Number | None = Field(None, description="Its error in ISO's sign [µrad]")
     sensor: str | None = Field(
-        description="Sensor that was used; null, as are the next four, where no two maps have "
-        "the component and adopted effects alone give it an error",
+        description="Sensor that was used, by an adopted effect too; null, as are the next four, "
+        "where no two maps have the component and adopted effects alone give it an error",
         examples=["x-middle"],
     )
     stand_in_for: str | None = Field(
         None, description="Assigned sensor, where another one stands in for it"
     )
+    follows: list[FollowsAnswer] | None = Field(
+        None,
+        description="Where an adopted effect says that the component follows another sensor than "
+        "the assigned one: every sensor by whose temperature its maps are read, the largest share "
+        "first; `sensor` is the first of them",
+    )
     temperature_c: Number | None = Field(description="That sensor's temperature T_u [°C]")
-    lower_map: str | None = Field(description="Label of the lower map (T_n)", examples=["Run #1"])
+    lower_map: str | None = Field(
+        description="Label of the lower map (T_n); null, as are the next two, where several "
+        "sensors are followed and the numbers are not on one line between two maps",
+        examples=["Run #1"],
+    )
     upper_map: str | None = Field(description="Label of the upper map (T_m)", examples=["Run #3"])
     weight: Number | None = Field(
         description="The upper map's share, (T_u − T_n)/(T_m − T_n)", examples=[0.42]
     )
     status: str = Field(
-        description="`interpolated`, `at-map`, `clamped`, `extrapolated`, `stand-in` or "
-        "`effects-only`",
+        description="`interpolated`, `at-map`, `clamped`, `extrapolated`, `stand-in`, "
+        "`effects-only`, or `held`: an adopted effect lies outside where it was learnt, and is "
+        "held at the edge of that. `clamped` and `extrapolated` go before `held`; the warnings "
+        "say both",
         examples=["interpolated"],
     )
     effects: list[str] = Field(
@@ -143,6 +166,18 @@ class EffectInTableAnswer(Schema):
     )
     in_table: bool = Field(description="Whether it could be evaluated and is in the numbers")
     missing: str = Field(description="What it lacks, empty where nothing")
+    held: list[str] = Field(
+        [],
+        description="Why it is held at the edge of where it was learnt: which quantity, its value, "
+        "and the range; empty where it is not",
+    )
+    valid: ValidAnswer | None = Field(
+        None,
+        description="Where it was learnt; null where an older version of this software adopted it",
+    )
+    measure_again: str = Field(
+        "", description="Until when one that grows with time may be used, and what to measure then"
+    )
 
 
 class CompensationAnswer(Schema):
@@ -159,7 +194,8 @@ class CompensationAnswer(Schema):
     complete: bool = Field(
         description=(
             "Whether every component of the maps and every adopted effect is in the table, none "
-            "on an old temperature"
+            "on an old temperature or ending where other maps of it go on, and no effect outside "
+            "where it was learnt"
         )
     )
     warnings: list[str] = Field(description="All that is not as it should be, in sentences")

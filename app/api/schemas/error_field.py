@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
 from app.api.schemas.base import (
     Direction,
     MachineState,
+    MissingComponents,
     Point,
     Schema,
     Temperatures,
@@ -16,8 +17,10 @@ from app.api.schemas.base import (
     signs_of,
 )
 from app.api.schemas.machines import TravelSchema
-from app.services.ask_field import FieldAnswer, FieldQuestion, Triple
 from app.thermal.machine import Travel
+
+if TYPE_CHECKING:
+    from app.services.ask_field import FieldAnswer, FieldQuestion, Triple
 
 Volume = Annotated[
     dict[str, TravelSchema],
@@ -45,14 +48,12 @@ class FieldRequest(Schema):
         "not stated",
         examples=[{"x": "+", "y": "-"}],
     )
-    missing_components: Literal["refuse", "zero"] = Field(
-        "refuse",
-        description="What happens where the answer needs a component that no two maps have: "
-        "`refuse` names it, `zero` lets it count as zero",
-    )
+    missing_components: MissingComponents
 
     def question(self) -> FieldQuestion:
         """Make the question."""
+        from app.services.ask_field import FieldQuestion
+
         stated = self.temperatures_c
         return FieldQuestion(
             temperatures_c=None if stated is None else [stated],
@@ -80,8 +81,8 @@ class AnswerHead(Schema):
     model_version: int = Field(description="Version of the model", examples=[3])
     computed_at: UtcTime = Field(description="When it was computed, UTC")
     complete: bool = Field(
-        description="Whether no component and no adopted effect is missing, and none rests on an "
-        "old temperature"
+        description="Whether no component and no adopted effect is missing, none rests on an "
+        "old temperature or ends where other maps of it go on"
     )
     warnings: list[str] = Field(description="All that is not as it should be, in sentences")
     counted_as_zero: list[str] = Field(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
@@ -17,6 +18,7 @@ from app.api.schemas.base import (
     UtcTime,
     way_of,
 )
+from app.api.schemas.model_change import ModelChange
 from app.api.schemas.uncertainty import (
     Covariance,
     StandardError,
@@ -25,12 +27,14 @@ from app.api.schemas.uncertainty import (
     show_uncertainty,
     uncertainty_fields,
 )
-from app.arrays import FloatArray
 from app.errors import InvalidContent, UnknownComponent
 from app.geometry.components import Component, parse_component
 from app.geometry.measuring_line import MeasuringLine
-from app.storage.records import StoredMap
 from app.thermal.error_map import ComponentTable, ErrorMap
+
+if TYPE_CHECKING:
+    from app.arrays import FloatArray
+    from app.storage.records import StoredMap
 
 
 class ComponentSchema(Schema):
@@ -267,7 +271,7 @@ class ErrorMapSchema(Schema):
         )
 
 
-class ErrorMapAnswer(ErrorMapSchema):
+class ErrorMapAnswer(ErrorMapSchema, ModelChange):
     """A stored error map."""
 
     id: int = Field(description="The map's number", examples=[1])
@@ -277,8 +281,14 @@ class ErrorMapAnswer(ErrorMapSchema):
     warnings: list[str] = Field(default_factory=list, description="What is unusual about it")
 
     @classmethod
-    def of(cls, stored: StoredMap, in_active_model: bool, warnings: list[str]) -> Self:
-        """Show a stored map."""
+    def of(
+        cls,
+        stored: StoredMap,
+        in_active_model: bool,
+        warnings: Sequence[str] = (),
+        made: Mapping[str, Any] | None = None,
+    ) -> Self:
+        """Show a stored map, and the version that was made with it (`change_fields`)."""
         error_map = stored.error_map
         return cls(
             id=stored.id,
@@ -293,7 +303,8 @@ class ErrorMapAnswer(ErrorMapSchema):
             repeatability_um=error_map.repeatability_um,
             instrument=error_map.instrument,
             in_active_model=in_active_model,
-            warnings=warnings,
+            warnings=list(warnings),
+            **{"activated": in_active_model, **(made or {})},
         )
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, StringConstraints
 
 from app.api.schemas.base import Millimetres, Name, Number, Schema, UtcTime
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
-from app.storage.records import StoredMachine
 from app.thermal.machine import (
     DEFAULT_STAND_INS,
     Machine,
@@ -20,6 +19,9 @@ from app.thermal.machine import (
     Travel,
     sensors_by_name,
 )
+
+if TYPE_CHECKING:
+    from app.storage.records import StoredMachine
 
 MachineId = Annotated[
     str,
@@ -32,6 +34,9 @@ _A_YEAR_S = 366 * 86_400
 
 Margin = Annotated[Number, Field(ge=0, le=1000)]
 """How far extrapolation may go [°C]."""
+
+ErrorRatio = Annotated[Number, Field(ge=1, le=1000)]
+"""How many times as uncertain as its maps an extrapolated value may be."""
 
 
 class TravelSchema(Schema):
@@ -122,6 +127,11 @@ class MachineSettings(Schema):
     extrapolation_margin_c: Margin = Field(
         5.0, description="How far `extrapolate` may go beyond the maps [°C]"
     )
+    extrapolation_error_ratio: ErrorRatio = Field(
+        3.0,
+        description="How many times as large as those of its two maps the standard error of an "
+        "extrapolated value may be; further out the value there is held",
+    )
     same_temperature: SameTemperature = Field(
         SameTemperature.REFUSE,
         description="What happens to maps closer in temperature than a sensor resolves",
@@ -138,6 +148,7 @@ class MachineSettings(Schema):
             sensors=sensors_by_name([_to_sensor(sensor, names) for sensor in self.sensors]),
             out_of_range=self.out_of_range,
             extrapolation_margin_c=self.extrapolation_margin_c,
+            extrapolation_error_ratio=self.extrapolation_error_ratio,
             same_temperature=self.same_temperature,
         )
 
@@ -146,6 +157,11 @@ class MachineAnswer(MachineSettings):
     """A machine as it is stored."""
 
     active_model: int | None = Field(description="Active model version, null before the first map")
+    waiting_model: int | None = Field(
+        None,
+        description="Version that has all that was stored and waits for its activation, because "
+        "tables would lose something; null where none waits",
+    )
     created_at: UtcTime = Field(description="When it was created, UTC")
     watch: str | None = Field(
         None,
@@ -159,6 +175,7 @@ class MachineAnswer(MachineSettings):
         return cls(
             **settings_of(stored.machine),
             active_model=stored.active_version,
+            waiting_model=stored.waiting_version,
             created_at=stored.created_at,
             watch=stored.watch,
         )
@@ -178,6 +195,9 @@ class MachinePatch(Schema):
     out_of_range: OutOfRange | None = Field(None, description="Policy outside the maps")
     extrapolation_margin_c: Margin | None = Field(
         None, description="How far `extrapolate` may go [°C]"
+    )
+    extrapolation_error_ratio: ErrorRatio | None = Field(
+        None, description="How uncertain `extrapolate` may become, in times of the maps' own"
     )
     same_temperature: SameTemperature | None = Field(
         None, description="Policy for maps at one temperature"
@@ -207,6 +227,7 @@ def settings_of(machine: Machine) -> dict[str, Any]:
         "sensors": [SensorSchema(**asdict(sensor)) for sensor in machine.sensors.values()],
         "out_of_range": machine.out_of_range,
         "extrapolation_margin_c": machine.extrapolation_margin_c,
+        "extrapolation_error_ratio": machine.extrapolation_error_ratio,
         "same_temperature": machine.same_temperature,
     }
 

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, RootModel
 
+from app.api.schemas.adopted_effect import ValidAnswer
 from app.api.schemas.base import Number, Schema, UtcTime
+from app.api.schemas.model_change import ModelChange, change_fields
 from app.errors import FieldError, InvalidContent, UnknownComponent
 from app.geometry.components import COMPONENTS, ORDER, parse_component
-from app.identification.effects.effect import Effect
-from app.identification.effects.registry import explain
-from app.services.load_machine import adopted_effects
-from app.storage.records import ModelVersion
-from app.thermal.sensor_assignment import Proposal, SensorCorrelation
+
+if TYPE_CHECKING:
+    from app.identification.effects.effect import Effect
+    from app.identification.model_difference import ModelWithEffects
+    from app.services.change_model import MadeVersion
+    from app.storage.records import ModelVersion
+    from app.thermal.sensor_assignment import Proposal, SensorCorrelation
 
 
 class AssignmentSchema(RootModel[dict[str, str]]):
@@ -142,10 +146,20 @@ class AdoptedEffectAnswer(Schema):
     explanation: str = Field(
         description="What it is, in a sentence", examples=["EZZ follows z-column 41 ± 2 min late"]
     )
+    valid: ValidAnswer | None = Field(
+        description="Where it was learnt; null where an older version of this software adopted it"
+    )
+    measure_again: str = Field(
+        description="Until when one that grows with time may be used, and what to measure then"
+    )
 
     @classmethod
     def of(cls, effect: Effect) -> Self:
         """Show an effect."""
+        from app.identification.effects.registry import explain
+        from app.identification.held_effects import use_until
+
+        learnt = effect.learnt_in
         return cls(
             kind=effect.kind,
             variant=effect.variant,
@@ -155,6 +169,8 @@ class AdoptedEffectAnswer(Schema):
             parameters=dict(effect.parameters),
             standard_errors=dict(effect.standard_errors),
             explanation=explain(effect),
+            valid=None if learnt is None else ValidAnswer.model_validate(learnt),
+            measure_again=use_until(effect),
         )
 
 
@@ -163,6 +179,10 @@ class ModelAnswer(Schema):
 
     version: int = Field(description="Number of the version", examples=[3])
     active: bool = Field(description="Whether tables are computed with it now")
+    waiting: bool = Field(
+        False,
+        description="Whether it waits for its activation because its tables would lose something",
+    )
     created_at: UtcTime = Field(description="When it was made, UTC")
     reason: str = Field(description="What made it", examples=["map 'Run #3' stored"])
     maps: list[ModelMap] = Field(description="The error maps that it is made of")
@@ -170,11 +190,20 @@ class ModelAnswer(Schema):
     effects: list[AdoptedEffectAnswer] = Field(description="Adopted effects")
 
     @classmethod
-    def of(cls, version: ModelVersion, active: int | None) -> Self:
-        """Show a version."""
+    def of(
+        cls,
+        version: ModelVersion,
+        active: int | None,
+        waiting: int | None = None,
+        **more: Any,
+    ) -> Self:
+        """Show a version, given the numbers of the active one and of the one that waits."""
+        from app.services.load_machine import adopted_effects
+
         return cls(
             version=version.version,
             active=version.version == active,
+            waiting=version.version == waiting,
             created_at=version.created_at,
             reason=version.reason,
             maps=[
@@ -187,4 +216,41 @@ class ModelAnswer(Schema):
             ],
             assignment=AssignmentSchema.of(dict(version.assignment)).root,
             effects=[AdoptedEffectAnswer.of(effect) for effect in adopted_effects(version)],
+            **more,
         )
+
+
+class ModelCoverageAnswer(Schema):
+    """Which components the tables of a version have."""
+
+    model_version: int = Field(description="Number of the version", examples=[3])
+    components: list[str] = Field(description="Components of its tables", examples=[["EXX", "EZZ"]])
+    omitted: dict[str, str] = Field(
+        description="Component of its maps that no table has, to the reason",
+        examples=[{"EYY": "no sensor is assigned to it"}],
+    )
+
+    @classmethod
+    def of(cls, version: int, found: ModelWithEffects) -> Self:
+        """Show what a version covers."""
+        return cls(
+            model_version=version,
+            components=sorted(found.codes, key=ORDER.__getitem__),
+            omitted=dict(found.model.omitted),
+        )
+
+
+class ChangedModelAnswer(ModelAnswer, ModelChange):
+    """A version that was made or activated, and what its tables lose and gain by it."""
+
+    @classmethod
+    def of_made(cls, machine: str, made: MadeVersion) -> Self:
+        """Show it."""
+        waiting = None if made.is_active else made.version.version
+        return cls.of(made.version, made.active_version, waiting, **change_fields(machine, made))
+
+
+class WaitingAssignmentAnswer(ModelChange):
+    """An assignment whose version waits, because its tables would lose something."""
+
+    assignment: dict[str, str] = Field(description="Component to sensor, in the waiting version")

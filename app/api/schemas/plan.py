@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field
 
 from app.api.schemas.analysis_result import IN_ITS_UNIT, ExcludedAnswer, NotTestedAnswer
 from app.api.schemas.base import Number, Schema, UtcTime
-from app.identification.plan import Plan
+
+if TYPE_CHECKING:
+    from app.identification.plan import Plan
 
 
 class PlannedRivalAnswer(Schema):

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Micro
 from app.api.schemas.base import (
     Direction,
     Integer,
     MachineState,
     Millimetres,
-    Number,
+    MissingComponents,
     Point,
     Schema,
     UtcTime,
     signs_of,
 )
+from app.api.schemas.in_pieces import InPieces
 from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, Component, parse_component
-from app.services.predict_errors import AskedError
+
+if TYPE_CHECKING:
+    from app.services.predict_errors import AskedError
 
 
 class ObservationSchema(Schema):
@@ -40,6 +44,8 @@ class ObservationSchema(Schema):
 
     def to_observation(self) -> AskedError:
         """Make the observation; InvalidContent unless it is one component or one point."""
+        from app.services.predict_errors import AskedError
+
         if (self.component is None) == (self.point_mm is None):
             raise InvalidContent.of_field(
                 "component", "expected a component or a point_mm, and not both"
@@ -105,10 +111,11 @@ class PredictionRequest(Schema):
         }
     )
 
-    observations: Annotated[list[ObservationSchema], Field(min_length=1, max_length=100_000)] = (
-        Field(description="Where and when")
+    observations: Annotated[list[ObservationSchema], InPieces(100_000)] = Field(
+        description="Where and when"
     )
     model_version: Integer | None = Field(None, description="Version; the active one if not stated")
+    missing_components: MissingComponents
 
     def to_observations(self) -> list[AskedError]:
         """Make the observations; InvalidContent names the one that is wrong."""
@@ -125,7 +132,7 @@ class PredictionAnswer(Schema):
     """What the model says."""
 
     model_version: int = Field(description="Version that was asked")
-    predicted_um: list[Number | list[Number] | None] = Field(
+    predicted_um: list[Micro | list[Micro] | None] = Field(
         description=(
             "For each observation its error [µm; angular errors µrad, squareness µm/m], three "
             "numbers x, y, z for a point, null where its status says why there is none"
@@ -135,8 +142,13 @@ class PredictionAnswer(Schema):
         description=(
             "For each observation `interpolated`, `at-map`, `clamped`, `extrapolated`, "
             "`stand-in`, or `no-reading`, `outside-maps`; `effects-only` where no two maps have "
-            "the component; `effect-missing` where an adopted effect lacks what drives it and is "
+            "the component; `held` where an adopted effect lies outside where it was learnt and "
+            "is held at the edge of that; `effect-missing` where one lacks what drives it and is "
             "not in the value (the warnings say which and why)"
         )
+    )
+    counted_as_zero: list[str] = Field(
+        description="Components that points need, that no two maps have and that count as zero",
+        examples=[["ECZ"]],
     )
     warnings: list[str] = Field(description="What is not as it should be, in sentences")

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 from pydantic import Discriminator, Field, Tag
 
 from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime, way_of
+from app.api.schemas.in_pieces import InPieces
 from app.thermal.reading import Reading
 
 
@@ -14,7 +15,9 @@ class ReadingSchema(Schema):
     """Live temperatures and the machine's state at one time."""
 
     time: UtcTime = Field(
-        description="When, with a zone; not in the future", examples=["2026-03-01T06:00:00Z"]
+        description="When, with a zone; what lies in the future is not used before its time, and "
+        "refused if it is more than a day ahead",
+        examples=["2026-03-01T06:00:00Z"],
     )
     temperatures_c: Temperatures = Field(
         description="Temperatures by sensor [°C]; leave a failed sensor out", min_length=1
@@ -39,7 +42,7 @@ def _one_or_more(body: object) -> str:
     return way_of("more") if isinstance(body, list) else way_of("one")
 
 
-Readings = Annotated[list[ReadingSchema], Field(min_length=1, max_length=10_000)]
+Readings = Annotated[list[ReadingSchema], InPieces(10_000)]
 """One to 10,000 readings."""
 
 OneOrMoreReadings = Annotated[
@@ -54,3 +57,17 @@ class StoredReadings(Schema):
 
     stored: int = Field(description="Readings that are new")
     duplicates: int = Field(description="Readings that were there already, with the same content")
+    ahead: int = Field(
+        0,
+        description="How many of them lie in the future and are not used before their time; left "
+        "out where none does",
+    )
+    warnings: list[str] = Field(
+        [], description="What is to be said of them, in sentences; left out where nothing is"
+    )
+
+
+class WithdrawnReadings(Schema):
+    """How many readings were taken out of use."""
+
+    withdrawn: int = Field(description="Readings that count nowhere from now on", examples=[1])

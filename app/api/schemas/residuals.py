@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import ConfigDict, Field
 
 from app.api.schemas.analyses import VerificationIds
 from app.api.schemas.analysis_result import IN_ITS_UNIT, ExcludedAnswer
 from app.api.schemas.base import Integer, Number, Schema, UtcTime
-from app.identification.residual_report import ResidualReport, Size
-from app.identification.residual_summary import Bin
-from app.services.compare_models import ComparedVersion
-from app.services.show_residuals import ShownResiduals
+
+if TYPE_CHECKING:
+    from app.identification.residual_report import ResidualReport, Size
+    from app.identification.residual_summary import Bin
+    from app.services.compare_models import ComparedVersion
+    from app.services.show_residuals import ShownResiduals
 
 MOST_ROWS: Final = 10_000
 
@@ -129,6 +131,11 @@ class ResidualsAnswer(Schema):
         description="Components, and lengths along everything that they may depend on"
     )
     excluded: list[ExcludedAnswer] = Field(description="What cannot be held against the model")
+    counted_as_zero: list[str] = Field(
+        description="Components that residuals at points need, that no two maps have and that "
+        "count as zero: these residuals contain them whole",
+        examples=[["ECZ"]],
+    )
     rows: list[ResidualRow] = Field(description="Single residuals, as many as were asked for")
 
     @classmethod
@@ -145,6 +152,7 @@ class ResidualsAnswer(Schema):
             excluded=[
                 ExcludedAnswer(reason=e.reason, count=e.count) for e in shown.report.excluded
             ],
+            counted_as_zero=list(shown.report.residuals.counted_as_zero),
             rows=[ResidualRow(**row) for row in rows],
         )
 

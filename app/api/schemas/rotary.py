@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
 
+from app.api.rounding import Micro
 from app.api.schemas.base import Number, Point
 from app.api.schemas.error_field import AnswerHead, FieldRequest, triple
 from app.api.schemas.volumetric_error import Points
-from app.arrays import FloatArray
-from app.services.ask_field import Triple
+
+if TYPE_CHECKING:
+    from app.arrays import FloatArray
+    from app.services.ask_field import Triple
 
 
 def _as_list(stated: object) -> object:
     return stated if isinstance(stated, list) else [stated]
 
 
-RotaryLetter = Literal["A", "C"]
+RotaryLetter = Literal["A", "B", "C"]
 Angles = Annotated[
     list[Annotated[Number, Field(ge=-36_000, le=36_000)]],
     BeforeValidator(_as_list),
@@ -45,7 +48,7 @@ class RotaryErrorRequest(FieldRequest):
     order: str = Field(
         "AC",
         description="Rotary axes from the base outward: in AC the A axis carries the C axis",
-        examples=["AC", "C"],
+        examples=["AC", "BC", "C"],
     )
     angles_deg: dict[RotaryLetter, Angles] = Field(
         description="Rotary axis to its angle, or to a list of one for each point [°]; axes left "
@@ -60,6 +63,13 @@ class RotaryErrorRequest(FieldRequest):
         default_factory=dict,
         description="Rotary axis to a point of its nominal line [mm]; the origin if left out",
         examples=[{"C": [250, 250, 0]}],
+    )
+
+    compensated: dict[str, Number] = Field(
+        default_factory=dict,
+        description="Location errors that the control already knows and follows [µm; µrad]: the "
+        "answer says what is left of the path errors",
+        examples=[{"XOC": -0.5, "YOC": 21.5}],
     )
 
     def angles(self) -> dict[str, FloatArray]:
@@ -77,12 +87,20 @@ class RotaryErrorRequest(FieldRequest):
 class RotaryErrorAnswer(AnswerHead):
     """The errors of the carried points, in their order."""
 
-    errors_um: list[list[Number]] = Field(
+    errors_um: list[list[Micro]] = Field(
         description="Actual minus nominal position x, y, z of each carried point [µm]; where the "
         "axes carry the workpiece, the tool's error relative to it is minus this"
     )
+    rms_um: Micro = Field(description="Root mean square of their lengths [µm]")
+    max_um: Micro = Field(description="The largest of their lengths [µm]")
+    left_um: list[list[Micro]] = Field(
+        description="What `compensated` leaves of each, x, y, z [µm]: the errors themselves "
+        "where nothing is compensated"
+    )
+    left_rms_um: Micro = Field(description="Root mean square of the lengths that are left [µm]")
+    left_max_um: Micro = Field(description="The largest of the lengths that are left [µm]")
     locations: dict[str, Number] = Field(
-        description="The location errors at these temperatures: XOC, YOC, YOA, ZOA in µm, AOC, "
-        "BOC, BOA, COA in µrad [µm]",
+        description="The location errors at these temperatures: positions (XOC, YOC, YOA, ZOA, "
+        "XOB, ZOB) in µm, directions (AOC, BOC, BOA, COA, AOB, COB) in µrad [µm]",
         examples=[{"XOC": -0.5, "YOC": 21.5, "AOC": 3.0, "BOC": -7.0}],
     )

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, Final, Self
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from app.api.schemas.base import Name, Number, Schema, UtcTime, way_of
+from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
 from app.api.schemas.watch import JudgementAnswer
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, Component
 from app.identification.observations import Observation, Verification
 from app.identification.search.rows import Datum
-from app.services.predict_errors import AskedError
-from app.storage.records import StoredVerification
 from app.thermal.error_map import VALUE_LIMIT
+
+if TYPE_CHECKING:
+    from app.services.predict_errors import AskedError
+    from app.storage.records import StoredVerification
 
 MOST_OBSERVATIONS: Final = 100_000
 
@@ -185,26 +188,19 @@ class VerificationRequest(VerificationHead):
         }
     )
 
-    observations: Annotated[
-        list[MeasuredObservation], Field(min_length=1, max_length=MOST_OBSERVATIONS)
-    ] = Field(description="What was measured")
+    observations: Annotated[list[MeasuredObservation], InPieces(MOST_OBSERVATIONS)] = Field(
+        description="What was measured"
+    )
 
-    def to_verification(self, observations: Iterable[Observation]) -> Verification:
-        """Make the verification of its head and these observations."""
-        return Verification(self.label, tuple(observations), self.datum, self.repeatability_um)
-
-
-def measured_observations(
-    stated: Iterable[MeasuredObservation], first: int = 0
-) -> list[Observation]:
-    """Make observations; InvalidContent names the one that is wrong by its number."""
-    found = []
-    for i, one in enumerate(stated, first):
-        try:
-            found.append(one.to_measured())
-        except InvalidContent as error:
-            raise error.inside(f"observations.{i}") from None
-    return found
+    def to_verification(self) -> Verification:
+        """Make the verification; InvalidContent names the observation that is wrong."""
+        found = []
+        for i, stated in enumerate(self.observations):
+            try:
+                found.append(stated.to_measured())
+            except InvalidContent as error:
+                raise error.inside(f"observations.{i}") from None
+        return Verification(self.label, tuple(found), self.datum, self.repeatability_um)
 
 
 class VerificationAnswer(VerificationHead):

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from app.api.schemas.base import Number, Point, Temperatures, signs_of, way_of
 from app.api.schemas.error_field import AnswerHead, FieldRequest, triple
-from app.services.ask_field import FieldQuestion
+from app.api.schemas.in_pieces import InPieces
+
+if TYPE_CHECKING:
+    from app.services.ask_field import FieldQuestion
 
 MOST_POINTS: Final = 1_000_000
 
-Points = Annotated[list[Point], Field(min_length=1, max_length=MOST_POINTS)]
-"""Up to a million points x, y, z [mm]."""
+Points = Annotated[list[Point], InPieces(MOST_POINTS, at_once=5000, as_array=True)]
+"""Up to a million points x, y, z [mm], as an array of shape (n, 3)."""
 
 
 def _one_or_more(stated: object) -> str:
@@ -61,6 +64,8 @@ class VolumetricErrorRequest(FieldRequest):
 
     def question(self) -> FieldQuestion:
         """Make the question."""
+        from app.services.ask_field import FieldQuestion
+
         stated = self.temperatures_c
         states = [stated] if isinstance(stated, dict) else stated
         return FieldQuestion(

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field
 
 from app.api.schemas.analysis_result import IN_ITS_UNIT
 from app.api.schemas.base import Number, Schema, UtcTime
-from app.identification.watching import FALSE_ALARM, LIMIT
-from app.services.show_watch import Watch
+
+if TYPE_CHECKING:
+    from app.services.show_watch import Watch
 
 
 class FollowedNumber(Schema):
@@ -82,6 +83,8 @@ class WatchAnswer(Schema):
     @classmethod
     def of(cls, watch: Watch) -> Self:
         """Show a watch."""
+        from app.identification.watching import FALSE_ALARM, LIMIT
+
         is_beyond = watch.beyond_since is not None
         none_yet = not watch.state.streams
         return cls(

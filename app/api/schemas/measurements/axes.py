@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Digits, Micro
 from app.api.schemas.base import Number, Point, Schema
 from app.api.schemas.measurements.base import (
     Axis,
@@ -15,7 +16,9 @@ from app.api.schemas.measurements.base import (
     Repeatability,
     Runs,
 )
-from app.measurement.positioning import Positioning
+
+if TYPE_CHECKING:
+    from app.measurement.positioning import Positioning
 
 
 class PositioningRequest(MeasurementRequest):
@@ -45,15 +48,15 @@ class TargetAnswer(Schema):
     """ISO 230-2's values at one target position."""
 
     target_mm: Number = Field(description="Target position [mm]")
-    mean_forward_um: Number = Field(description="Mean deviation x̄↑ [µm]")
-    mean_backward_um: Number | None = Field(description="Mean deviation x̄↓ [µm]")
-    mean_um: Number = Field(description="Mean of both, x̄ [µm]")
-    reversal_um: Number | None = Field(description="Reversal value B, x̄↑ less x̄↓ [µm]")
-    standard_deviation_forward_um: Number | None = Field(description="s↑ [µm]")
-    standard_deviation_backward_um: Number | None = Field(description="s↓ [µm]")
-    repeatability_forward_um: Number | None = Field(description="R↑ = 4 s↑ [µm]")
-    repeatability_backward_um: Number | None = Field(description="R↓ = 4 s↓ [µm]")
-    repeatability_um: Number | None = Field(description="Bidirectional repeatability R [µm]")
+    mean_forward_um: Micro = Field(description="Mean deviation x̄↑ [µm]")
+    mean_backward_um: Micro | None = Field(description="Mean deviation x̄↓ [µm]")
+    mean_um: Micro = Field(description="Mean of both, x̄ [µm]")
+    reversal_um: Micro | None = Field(description="Reversal value B, x̄↑ less x̄↓ [µm]")
+    standard_deviation_forward_um: Digits | None = Field(description="s↑ [µm]")
+    standard_deviation_backward_um: Digits | None = Field(description="s↓ [µm]")
+    repeatability_forward_um: Digits | None = Field(description="R↑ = 4 s↑ [µm]")
+    repeatability_backward_um: Digits | None = Field(description="R↓ = 4 s↓ [µm]")
+    repeatability_um: Digits | None = Field(description="Bidirectional repeatability R [µm]")
 
 
 class PositioningAnswer(MeasurementAnswer):

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from app.api.rounding import Digits
 from app.api.schemas.base import Millimetres, Name, Number, Schema, Temperatures, UtcTime, way_of
 from app.api.schemas.error_maps import ComponentAnswer, LineOrPoint, shown_line
-from app.services.store_measurement import MapHeader, Measured
+from app.api.schemas.model_change import (
+    ModelChange,
+    PreviewAnswer,
+    change_fields,
+    difference_fields,
+)
+
+if TYPE_CHECKING:
+    from app.services.store_measurement import MapHeader, Measured
 
 Axis = Literal["x", "y", "z"]
 MOST_POSITIONS: Final = 2000
@@ -54,6 +63,8 @@ class MeasurementRequest(Schema):
 
     def header(self) -> MapHeader:
         """Give what a map needs beside its components."""
+        from app.services.store_measurement import MapHeader
+
         return MapHeader(
             label=self.label,
             measured_at=self.measured_at,
@@ -63,7 +74,7 @@ class MeasurementRequest(Schema):
         )
 
 
-class MeasurementAnswer(Schema):
+class MeasurementAnswer(ModelChange):
     """What a measurement yields."""
 
     machine: str = Field(description="The machine's id", examples=["mcfv5050"])
@@ -73,7 +84,7 @@ class MeasurementAnswer(Schema):
     components: list[ComponentAnswer] = Field(
         description="The components with their standard errors"
     )
-    figures: dict[str, Number] = Field(
+    figures: dict[str, Digits] = Field(
         description="Figures of quality and of the method's standard, by names that end in the "
         "unit, such as closure_rms_um [µm]",
         examples=[{"closure_rms_um": 0.31}],
@@ -84,18 +95,27 @@ class MeasurementAnswer(Schema):
     measuring_lines_mm: dict[str, LineOrPoint] = Field(
         description="Axis to the line along which its translations count as measured [mm]"
     )
+    preview: PreviewAnswer | None = Field(
+        None, description="What storing it would do to the tables, where a preview was asked for"
+    )
 
 
 def answer_fields(measured: Measured) -> dict[str, Any]:
     """Write the fields of `MeasurementAnswer`."""
-    result = measured.result
-    return {
+    result, stored, preview = measured.result, measured.stored, measured.preview
+    found = {
         "machine": measured.machine.id,
         "method": measured.method,
-        "stored": measured.stored is not None,
-        "map_id": None if measured.stored is None else measured.stored.stored.id,
+        "stored": stored is not None,
+        "map_id": None if stored is None else stored.stored.id,
         "components": [ComponentAnswer.of(table) for table in result.tables],
         "figures": dict(result.figures),
         "notes": [*result.notes, *measured.remarks],
         "measuring_lines_mm": {a: shown_line(line) for a, line in result.measuring_lines.items()},
     }
+    if stored is not None:
+        found |= change_fields(measured.machine.id, stored.made)
+    if preview is not None:
+        found |= difference_fields(preview.difference)
+        found |= {"activated": preview.activates, "preview": PreviewAnswer.of(preview)}
+    return found

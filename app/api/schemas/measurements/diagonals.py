@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Micro
 from app.api.schemas.base import Number, Point, Schema
 from app.api.schemas.error_field import Volume
 from app.api.schemas.error_maps import ComponentSchema
@@ -81,7 +82,7 @@ class StepDiagonalRequest(MeasurementRequest):
 class StepDiagonalAnswer(MeasurementAnswer):
     """Nine translations and three squareness errors."""
 
-    closure_um: list[list[Number]] | None = Field(
+    closure_um: list[list[Micro]] | None = Field(
         description="For x, y, z and each interval: what the four diagonals contradict each "
         "other by, the measurement's own noise [µm]; null with three diagonals"
     )
@@ -132,9 +133,9 @@ class BodyDiagonalRequest(MeasurementRequest):
 class BodyDiagonalAnswer(MeasurementAnswer):
     """Ed, ESd, and the squareness that the diagonals' ends show."""
 
-    Ed_um: Number = Field(description="Largest range on a diagonal [µm]")
-    ESd_um: Number = Field(description="Range over all diagonals together [µm]")
-    diagonals_um: dict[str, Number] = Field(description="Range on each diagonal [µm]")
-    reversal_um: dict[str, Number] = Field(
+    Ed_um: Micro = Field(description="Largest range on a diagonal [µm]")
+    ESd_um: Micro = Field(description="Range over all diagonals together [µm]")
+    diagonals_um: dict[str, Micro] = Field(description="Range on each diagonal [µm]")
+    reversal_um: dict[str, Micro] = Field(
         description="Largest reversal value on each diagonal, forward less backward [µm]"
     )

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Digits, Micro
 from app.api.schemas.base import Millimetres, Number, Point, Schema
+from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.measurements.base import (
     MeasuredPositions,
     MeasurementAnswer,
     MeasurementRequest,
     Runs,
 )
-from app.measurement.machined_part import Comparison
+
+if TYPE_CHECKING:
+    from app.measurement.machined_part import Comparison
 
 PlanePoint = Annotated[list[Millimetres], Field(min_length=2, max_length=2)]
 Vector = list[Number]
@@ -55,20 +59,18 @@ class MachinedPartRequest(MeasurementRequest):
 class ComparisonAnswer(Schema):
     """What the part says against what the model says."""
 
-    predicted_um: Vector = Field(description="The model's error at each position [µm]")
+    predicted_um: list[Micro] = Field(description="The model's error at each position [µm]")
     model_version: int = Field(description="Version of the model")
-    bias_um: Number = Field(description="Mean of measured minus predicted [µm]")
-    slope_difference_um_per_m: Number = Field(
-        description="Slope of measured minus predicted [µm/m]"
-    )
-    rms_difference_um: Number = Field(
+    bias_um: Micro = Field(description="Mean of measured minus predicted [µm]")
+    slope_difference_um_per_m: Micro = Field(description="Slope of measured minus predicted [µm/m]")
+    rms_difference_um: Micro = Field(
         description="Root mean square of measured minus predicted, as both came [µm]"
     )
-    rms_without_line_um: Number = Field(
+    rms_without_line_um: Micro = Field(
         description="The same without the reference line of both [µm]"
     )
-    r: Number | None = Field(description="Correlation of both without their lines")
-    confidence_95: list[Number] | None = Field(description="Its 95 % confidence interval")
+    r: Digits | None = Field(description="Correlation of both without their lines")
+    confidence_95: list[Digits] | None = Field(description="Its 95 % confidence interval")
 
     @classmethod
     def of(cls, found: Comparison, predicted_um: Vector, model_version: int) -> Self:
@@ -88,8 +90,8 @@ class ComparisonAnswer(Schema):
 class MachinedPartAnswer(MeasurementAnswer):
     """The straightness of the edge, and how it compares with the model."""
 
-    straightness_um: Number = Field(description="Range of the deviations from the line [µm]")
-    slope_um_per_m: Number = Field(description="Slope that was taken out [µm/m]")
+    straightness_um: Micro = Field(description="Range of the deviations from the line [µm]")
+    slope_um_per_m: Micro = Field(description="Slope that was taken out [µm/m]")
     suspicious: list[int] = Field(
         description="Indices of measured points far from the rest, from 0; they are kept"
     )
@@ -121,7 +123,7 @@ class DrilledPlateRequest(MeasurementRequest):
         }
     )
 
-    holes: Annotated[list[HoleSchema], Field(min_length=1, max_length=5000)] = Field(
+    holes: Annotated[list[HoleSchema], InPieces(5000)] = Field(
         description="Nominal and measured places of the holes"
     )
     origin_mm: Point | None = Field(
@@ -141,14 +143,14 @@ class DrilledPlateRequest(MeasurementRequest):
 class DrilledPlateAnswer(MeasurementAnswer):
     """Scale, squareness and axis errors, up to a rigid motion."""
 
-    rotation_urad: Number = Field(description="How the plate lay, about Z [µrad]")
+    rotation_urad: Micro = Field(description="How the plate lay, about Z [µrad]")
     shift_mm: Vector = Field(description="Where its nominal zero lay [mm]")
-    scale_um_per_m: Vector = Field(description="Scale of x and y [µm/m]")
-    scale_standard_errors_um_per_m: list[Number | None] = Field(
+    scale_um_per_m: list[Micro] = Field(description="Scale of x and y [µm/m]")
+    scale_standard_errors_um_per_m: list[Digits | None] = Field(
         description="Their standard errors [µm/m]"
     )
-    squareness_um_per_m: Number = Field(description="SXY [µm/m]")
-    residuals_um: list[Vector] = Field(
+    squareness_um_per_m: Micro = Field(description="SXY [µm/m]")
+    residuals_um: list[list[Micro]] = Field(
         description="What rigid motion, scale and squareness leave of each hole's x, y [µm]"
     )
     suspicious: list[int] = Field(
@@ -179,20 +181,40 @@ class RotaryAxisRequest(MeasurementRequest):
         }
     )
 
-    axis: str = Field(description="The rotary axis, A or C", examples=["C"])
-    points: Annotated[list[BallSchema], Field(min_length=1, max_length=5000)] = Field(
+    axis: str = Field(description="The rotary axis, A, B or C", examples=["C"])
+    points: Annotated[list[BallSchema], InPieces(5000)] = Field(
         description="The ball at each angle"
     )
     pivot_mm: Point = Field([0.0, 0.0, 0.0], description="A point of the nominal axis [mm]")
 
 
+class PathErrorsAnswer(Schema):
+    """How far the ball was beside the spindle that follows it, point by point."""
+
+    before_um: list[list[Micro]] = Field(
+        description="Following the nominal axis: x, y, z, measured minus followed place [µm]"
+    )
+    after_position_um: list[list[Micro]] = Field(
+        description="Following an axis of nominal direction through the actual axis' place at the "
+        "ball: its two position errors compensated [µm]"
+    )
+    after_all_um: list[list[Micro]] = Field(
+        description="Following the axis that was found: all its errors compensated [µm]. At the "
+        "points that showed them; at others it may be more"
+    )
+
+
 class RotaryAxisAnswer(MeasurementAnswer):
     """The axis' location errors, with run-out in `figures`."""
 
-    residuals_um: list[Vector] = Field(
+    residuals_um: list[list[Micro]] = Field(
         description="Measured minus fitted place of the ball: radial, tangential, axial [µm]"
     )
-    noise_um: Number | None = Field(
+    noise_um: Digits | None = Field(
         description="Standard deviation of one coordinate, from the residuals or as stated [µm]"
     )
     degrees_of_freedom: int = Field(description="Of that noise")
+    path: PathErrorsAnswer = Field(
+        description="The path errors before and after compensation; rms and largest length are in "
+        "`figures` [µm]"
+    )

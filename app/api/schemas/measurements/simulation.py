@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Field
 
 from app.api.schemas.base import Integer, Number, Point
 from app.api.schemas.error_field import AnswerHead, FieldRequest, head_of, triple
-from app.services.simulate_measurement import MOST_STEPS, SimulatedReadings, StepDiagonalPlan
+
+if TYPE_CHECKING:
+    from app.services.simulate_measurement import SimulatedReadings, StepDiagonalPlan
+
+MOST_STEPS: Final = 1000
 
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 NotNegative = Annotated[Number, Field(ge=0, le=1e4)]
@@ -53,6 +57,8 @@ class StepDiagonalSimulation(FieldRequest):
 
     def plan(self) -> StepDiagonalPlan:
         """Make the plan."""
+        from app.services.simulate_measurement import StepDiagonalPlan
+
         return StepDiagonalPlan(
             steps=self.steps,
             origin_mm=None if self.origin_mm is None else triple(self.origin_mm),

@@ -1,0 +1,185 @@
+"""Reading a request's body: what kind it is, how long it may be, and what it must say.
+
+Every route with a body reads it here, whether it is short or has a million points. Its bytes
+are counted while they come, against the route's own limit. A long body is read and checked in
+a thread, in pieces (`json_text`, `InPieces`): the live table waits for none of them longer
+than for a piece.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Coroutine
+from threading import Lock
+from typing import Annotated, Any, Final, TypeVar, cast
+
+from anyio import CapacityLimiter, to_thread
+from anyio.lowlevel import RunVar
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from pydantic import TypeAdapter, ValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.types import Message
+
+from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
+from app.api.media_types import JSON
+from app.api.schemas.in_pieces import shown_errors
+from app.errors import InvalidContent
+
+MEGABYTE: Final = 1024 * 1024
+
+LARGEST_BODY: Final = 64 * MEGABYTE
+"""Of any route, unless the operator sets it lower [bytes]: a million points fit."""
+
+USUAL_LIMIT: Final = 8 * MEGABYTE
+"""Of routes that do not state their own [bytes]."""
+
+_LIMIT: Final = "x-largest-body-bytes"
+_LONG_BODIES_AT_ONCE: Final = 2
+_reading = 0
+_reading_lock = Lock()
+_limiters: RunVar[CapacityLimiter] = RunVar("long bodies")
+
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+Read = TypeVar("Read")
+
+
+def body_of_at_most(megabytes: int) -> dict[str, Any]:
+    """State a route's largest body, as part of what is documented of it."""
+    return {_LIMIT: megabytes * MEGABYTE}
+
+
+class BodyRoute(APIRoute):
+    """A route that reads its body as this file has it; one without a body wants none."""
+
+    def get_route_handler(self) -> Handler:
+        """Wrap the framework's handler, which is given what the body says, read and checked."""
+        handle = super().get_route_handler()
+        field = self.body_field
+        if field is None:
+            return _without_body(handle)
+        stated = field.field_info
+        adapter: TypeAdapter[Any] = TypeAdapter(cast("Any", Annotated[stated.annotation, stated]))
+        limit = int((self.openapi_extra or {}).get(_LIMIT, USUAL_LIMIT))
+
+        async def read_and_handle(request: Request) -> Response:
+            most = min(limit, request.app.state.max_body_bytes)
+            body = await _received(request, most)
+            if not body:
+                return await handle(_ReadRequest(request, b"", None))
+            _refuse_other_kinds(request)
+            said = await _off_the_loop(len(body), lambda: _checked(adapter, body))
+            return await handle(_ReadRequest(request, body, said))
+
+        return read_and_handle
+
+
+class _ReadRequest(Request):
+    """A request whose body has been read: the framework is handed what it said."""
+
+    def __init__(self, request: Request, body: bytes, said: Any) -> None:
+        super().__init__(request.scope, request.receive)
+        self._came = body
+        self._said = said
+
+    async def body(self) -> bytes:
+        """Give what came; nothing more will."""
+        return self._came
+
+    async def json(self) -> Any:
+        """Give what it said."""
+        return self._said
+
+
+def _without_body(handle: Handler) -> Handler:
+    async def refuse_body(request: Request) -> Response:
+        stated = request.headers.get("content-length", "0")
+        if stated.strip("0") or "transfer-encoding" in request.headers:
+            raise InvalidContent.of_field(
+                "body", f"expected no body for {request.method} {request.url.path}, came one"
+            )
+        return await handle(request)
+
+    return refuse_body
+
+
+async def _received(request: Request, most: int) -> bytes:
+    """Receive a body of at most so many bytes, or refuse it as soon as it is longer."""
+    stated = request.headers.get("content-length", "")
+    too_large = HTTPException(413, f"expected a body of at most {most} bytes; send it in parts")
+    if stated.isascii() and stated.isdecimal() and int(stated[:20]) > most:
+        raise too_large
+    came = bytearray()
+    more = True
+    while more:
+        message: Message = await request.receive()
+        if message["type"] != "http.request":
+            raise HTTPException(408, "expected the rest of the body, but the connection ended")
+        came += message.get("body", b"")
+        if len(came) > most:
+            raise too_large
+        more = message.get("more_body", False)
+    return bytes(came)
+
+
+def _refuse_other_kinds(request: Request) -> None:
+    came = request.headers.get("content-type", "")
+    if came.partition(";")[0].strip().lower() != JSON:
+        raise HTTPException(
+            415,
+            f"expected JSON with the header Content-Type: {JSON}, came "
+            f"{came[:80] or 'no Content-Type'}",
+        )
+
+
+async def _off_the_loop(size: int, read: Callable[[], Read]) -> Read:
+    """Read a short body at once; a long one in a thread, and not many of them together.
+
+    The threads are not those of other requests: where these all wait, it is read nevertheless.
+    """
+    if size <= SHORT_TEXT:
+        return read()
+    limiter = _limiters.get(None)
+    if limiter is None:
+        limiter = CapacityLimiter(_LONG_BODIES_AT_ONCE)
+        _limiters.set(limiter)
+    return await to_thread.run_sync(_uncollected, read, limiter=limiter)
+
+
+def _uncollected(read: Callable[[], Read]) -> Read:
+    """Read without Python's collector of cycles: what JSON makes has none.
+
+    It would go through the growing millions again and again, for a second in the end, in
+    which nobody has a turn.
+    """
+    global _reading
+    with _reading_lock:
+        _reading += 1
+        gc.disable()
+    try:
+        return read()
+    finally:
+        with _reading_lock:
+            _reading -= 1
+            if not _reading:
+                gc.enable()
+
+
+def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
+    try:
+        said = read_json(body)
+    except NoJsonError as error:
+        raise RequestValidationError(
+            [{"type": "json_invalid", "loc": ("body",), "msg": "", "ctx": {"error": str(error)}}]
+        ) from None
+    except RepeatedNameError as error:
+        raise InvalidContent.of_field(
+            error.name, f"expected each name once in an object, came {error.name!r} twice"
+        ) from None
+    try:
+        return adapter.validate_python(said)
+    except ValidationError as error:
+        found = [{**e, "loc": ("body", *e["loc"])} for e in shown_errors(error)]
+        raise RequestValidationError(found) from None

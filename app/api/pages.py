@@ -1,0 +1,65 @@
+"""Pages on their way to a browser: nothing runs in them but what the service wrote itself."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Mapping
+from typing import Final
+
+from starlette.responses import HTMLResponse
+
+_SCRIPT: Final = re.compile(r"<script\b([^>]*)>(.*?)</script>", re.DOTALL | re.IGNORECASE)
+_NOT_RUN: Final = re.compile(r"\ssrc\s*=|application/json", re.IGNORECASE)
+
+_POLICY: Final = (
+    "default-src 'none'; script-src 'self'{hashes}; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""Scripts from the service's files, and those that stand in the page, by their hashes.
+
+Styles are free: plotly and Swagger write their own.
+"""
+
+
+PAGE_HEADERS: Final = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+
+
+class Page(HTMLResponse):
+    """A page with the policy that a browser holds it to.
+
+    Parameters
+    ----------
+    content
+        HTML.
+    scripts
+        How many scripts were written into it; their hashes become part of the policy. Where
+        others stand in it, somebody else wrote one: then none of them may run.
+    headers
+        Further headers.
+    """
+
+    def __init__(
+        self, content: str, scripts: int, headers: Mapping[str, str] | None = None
+    ) -> None:
+        found = _scripts(content)
+        hashes = "".join(map(_hash_source, found)) if len(found) == scripts else ""
+        policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes)}
+        super().__init__(content, headers={**PAGE_HEADERS, **policy, **(headers or {})})
+
+
+def _scripts(content: str) -> list[str]:
+    """Find the scripts that stand in a page: no files, and no data."""
+    return [text for kind, text in _SCRIPT.findall(content) if not _NOT_RUN.search(kind)]
+
+
+def _hash_source(script: str) -> str:
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return f" 'sha256-{digest}'"

@@ -1,0 +1,189 @@
+"""What becomes of the tables when a model version is made: lost, gained, changed, activated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+from pydantic import Field
+
+from app.api.schemas.base import Number, Schema, UtcTime
+
+if TYPE_CHECKING:
+    from app.compensation.table_difference import ComponentChange
+    from app.identification.model_difference import ModelDifference, Part
+    from app.services.change_model import MadeVersion
+    from app.services.preview_model import Preview
+
+
+class CoverageAnswer(Schema):
+    """One thing that one version's table has and another's lacks."""
+
+    component: str | None = Field(
+        None, description="Component code; null where it concerns no single one", examples=["EXX"]
+    )
+    what: str = Field(
+        description="`component`, `positions`, `temperatures` (between maps), `direction` (the "
+        "two directions of approach) or `completeness`",
+        examples=["positions"],
+    )
+    from_mm: Number | None = Field(
+        None,
+        description="Lowest position [mm]; null for an open end, and without positions",
+        examples=[100.0],
+    )
+    to_mm: Number | None = Field(None, description="Highest position [mm]", examples=[500.0])
+    sensor: str | None = Field(
+        None,
+        description="Sensor whose temperatures bound it; null where it holds at all of them",
+        examples=["x-middle"],
+    )
+    from_c: Number | None = Field(
+        None,
+        description="Lowest temperature of that sensor [°C]; null for an open end",
+        examples=[20.0],
+    )
+    to_c: Number | None = Field(None, description="Highest temperature [°C]", examples=[24.0])
+    text: str = Field(description="The same in words", examples=["EXX from 100 to 500 mm"])
+
+    @classmethod
+    def each(cls, parts: Iterable[Part]) -> list[Self]:
+        """Show what is lost, or gained."""
+        return [
+            cls(
+                component=part.component,
+                what=part.what,
+                from_mm=part.from_mm,
+                to_mm=part.to_mm,
+                sensor=part.sensor,
+                from_c=part.from_c,
+                to_c=part.to_c,
+                text=part.text,
+            )
+            for part in parts
+        ]
+
+
+class ComponentChangeAnswer(Schema):
+    """The largest change of one component's error."""
+
+    component: str = Field(description="Component code", examples=["EXX"])
+    chapter: str = Field(description="The chapter's notation", examples=["D_x(x)"])
+    change: Number = Field(description="Error afterwards minus error before, in `unit`")
+    unit: str = Field(description="Unit of the change", examples=["µm"])
+    position_mm: Number | None = Field(None, description="Where [mm]; null without positions")
+    direction: Literal["+", "-"] = Field(description="Direction of approach in which it is so")
+    status_before: str = Field(description="How it comes about now", examples=["clamped"])
+    status_after: str = Field(description="How it would come about", examples=["at-map"])
+
+    @classmethod
+    def of(cls, found: ComponentChange) -> Self:
+        """Show a change."""
+        return cls(
+            component=found.component.code,
+            chapter=found.component.chapter,
+            change=found.change,
+            unit=found.component.unit.symbol,
+            position_mm=found.position_mm,
+            direction="-" if found.is_backward else "+",
+            status_before=found.status_before,
+            status_after=found.status_after,
+        )
+
+
+LOSES = Field(description="What its tables lack against those of the version active before")
+GAINS = Field(description="What its tables have beyond those")
+
+
+class ModelChange(Schema):
+    """Which version was made, and whether tables are computed with it."""
+
+    model_version: int | None = Field(None, description="The version that was made", examples=[4])
+    activated: bool | None = Field(
+        None,
+        description="Whether it is active; a version that loses something waits until somebody "
+        "activates it, and the next ones are made of it",
+    )
+    loses: list[CoverageAnswer] = Field(default_factory=list, description=LOSES.description)
+    gains: list[CoverageAnswer] = Field(default_factory=list, description=GAINS.description)
+    next_step: str | None = Field(
+        None, description="How to activate it all the same; null where it is active"
+    )
+
+
+def change_fields(machine: str, made: MadeVersion | None) -> dict[str, Any]:
+    """Write the fields of `ModelChange`; none where no version was made."""
+    if made is None:
+        return {}
+    return {
+        "model_version": made.version.version,
+        "activated": made.is_active,
+        **difference_fields(made.difference),
+        "next_step": None if made.is_active else _how_to_activate(machine, made),
+    }
+
+
+def difference_fields(difference: ModelDifference) -> dict[str, Any]:
+    """Write what is lost and gained."""
+    return {
+        "loses": CoverageAnswer.each(difference.loses),
+        "gains": CoverageAnswer.each(difference.gains),
+    }
+
+
+def _how_to_activate(machine: str, made: MadeVersion) -> str:
+    number = made.version.version
+    return (
+        f"Version {number} is stored and waits, because its tables would lose something; version "
+        f"{made.active_version} of machine {machine!r} stays active. Activating {number} lets "
+        f"tables follow it all the same; activating {made.active_version} again gives it up. "
+        "Versions made meanwhile contain what it contains."
+    )
+
+
+class PreviewAnswer(Schema):
+    """What a change would do to the tables; nothing is stored."""
+
+    preview: Literal[True] = Field(True, description="That nothing is stored")
+    reason: str = Field(
+        description="What would make the version, and which effects it would not keep",
+        examples=["map 'Run #7' stored"],
+    )
+    active_version: int | None = Field(
+        None, description="The version that it is held against; null before the first", examples=[3]
+    )
+    activated: bool = Field(description="Whether it would be activated without more ado")
+    loses: list[CoverageAnswer] = LOSES
+    gains: list[CoverageAnswer] = GAINS
+    reading_time: UtcTime | None = Field(
+        None, description="Time of the latest reading, at which `changes` hold; null without, UTC"
+    )
+    temperatures_c: dict[str, Number] = Field(description="Its temperatures [°C]")
+    changes: list[ComponentChangeAnswer] = Field(
+        description="By how much each component that stays would change then, largest number "
+        "first (1 µrad counts as 1 µm)"
+    )
+    not_compared: str = Field(
+        description="Why nothing is known of changes, such as that there is no reading; else empty"
+    )
+
+    @classmethod
+    def of(cls, preview: Preview) -> Self:
+        """Show a preview."""
+        return cls(**preview_fields(preview))
+
+
+def preview_fields(preview: Preview) -> dict[str, Any]:
+    """Write the fields of `PreviewAnswer`."""
+    present = preview.present
+    return {
+        "preview": True,
+        "reason": preview.reason,
+        "active_version": preview.active_version,
+        "activated": preview.activates,
+        **difference_fields(preview.difference),
+        "reading_time": present.reading_time,
+        "temperatures_c": dict(present.temperatures_c),
+        "changes": [ComponentChangeAnswer.of(change) for change in present.changes],
+        "not_compared": present.why_not,
+    }

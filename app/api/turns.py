@@ -1,0 +1,110 @@
+"""Turns at the database: a few requests work there, some wait, more are sent away at once.
+
+A database that hangs must not fill the service with requests that hang: the live table
+needs none of these turns, and goes on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from inspect import iscoroutinefunction
+from typing import Final, Generic, TypeVar
+
+import anyio
+from anyio.to_thread import run_sync
+from fastapi import Request
+
+from app.errors import StorageBusy
+
+Answer = TypeVar("Answer")
+
+AT_WORK: Final = 20
+"""Requests that work at the same time: half of the threads that there are for them, and of
+the connections to PostgreSQL."""
+
+
+class Turns:
+    """Who may work now, and who waits for it.
+
+    Parameters
+    ----------
+    most_waiting
+        Requests that may wait.
+    wait_s
+        How long one waits at most [s].
+    """
+
+    def __init__(self, most_waiting: int, wait_s: float) -> None:
+        self._free = anyio.Semaphore(AT_WORK, fast_acquire=True)
+        self._most_waiting = most_waiting
+        self._wait_s = wait_s
+        self._waiting = 0
+
+    @asynccontextmanager
+    async def taken(self) -> AsyncIterator[None]:
+        """Wait for a turn, and give it back at the end.
+
+        Raises
+        ------
+        StorageBusy
+            If too many wait already, or the turn does not come in time.
+        """
+        await self._take()
+        try:
+            yield
+        finally:
+            self._free.release()
+
+    async def _take(self) -> None:
+        if self._free.value == 0 and self._waiting >= self._most_waiting:
+            raise StorageBusy(f"{self._waiting} requests wait for the database already, try again")
+        self._waiting += 1
+        try:
+            with anyio.move_on_after(self._wait_s) as waiting:
+                await self._free.acquire()
+        finally:
+            self._waiting -= 1
+        if waiting.cancelled_caught:
+            raise StorageBusy(
+                f"the database is busy, try again: other requests work on it for {self._wait_s:g} s"
+            )
+
+
+async def take_turn(request: Request) -> AsyncIterator[None]:
+    """Let a route that runs in a thread begin when it is its turn, with the body received.
+
+    A route that is `async` works in no thread: the live table, the process' health.
+    """
+    if iscoroutinefunction(request.scope["route"].endpoint):
+        yield
+        return
+    await request.body()  # kept by the request: nobody holds a turn while he sends
+    turns: Turns = request.app.state.turns
+    async with turns.taken():
+        yield
+
+
+class SharedQuestion(Generic[Answer]):
+    """A question that is asked once at a time, by a thread of its own.
+
+    Whoever wants to know while it is being asked gets the same answer, and nobody waits for
+    longer than `patience_s` [s].
+    """
+
+    def __init__(self, ask: Callable[[], Answer], patience_s: float) -> None:
+        self._ask = ask
+        self._patience_s = patience_s
+        self._thread = anyio.CapacityLimiter(1)
+        self._asking: asyncio.Task[Answer] | None = None
+
+    async def answer(self) -> Answer | None:
+        """Give the answer, None where it does not come in time."""
+        if self._asking is None or self._asking.done():
+            self._asking = asyncio.create_task(
+                run_sync(self._ask, abandon_on_cancel=True, limiter=self._thread)
+            )
+        with anyio.move_on_after(self._patience_s):
+            return await asyncio.shield(self._asking)
+        return None

@@ -1,0 +1,92 @@
+"""What is computed is written to 0.1 nm; what is stored as it came; npy in full."""
+
+import io
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+from app.api.schemas.accuracy import LinesAnswer
+from app.api.schemas.measurements.axes import TargetAnswer
+from app.api.schemas.predictions import PredictionAnswer
+from tests.service_examples import ROOM, error_map, temperatures
+
+on_sqlite = pytest.mark.parametrize("furnished_url", ["sqlite"], indirect=True)
+pytestmark = pytest.mark.anyio
+
+# Thirds, so that whatever is not rounded has sixteen digits.
+ASKED = {"temperatures_c": temperatures(24.0 + 1 / 3), "missing_components": "zero"}
+POINTS = (np.arange(30).reshape(10, 3) * 7 / 3).tolist()
+MICRO = re.compile(r"_(um|urad|um_per_m|urad_per_m)$")
+QUESTIONS = {
+    "volumetric-error": {"points_mm": POINTS},
+    "volumetric-accuracy": {},
+    "compensation/levels": {},
+    "compensation/grid": {"x_mm": [0, 100 / 3], "y_mm": [0, 77], "z_mm": [1 / 7, 99]},
+    "rotary-axis-error": {"order": "C", "angles_deg": {"C": 33.3}, "points_mm": [[1 / 3, 1, 2]]},
+}
+
+
+def micro_numbers(value, name=""):
+    """Every number under a field of µm or µrad, by the field's name."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            of = name if MICRO.search(name) and not MICRO.search(key) else key
+            yield from micro_numbers(inner, of)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from micro_numbers(inner, name)
+    elif isinstance(value, float) and MICRO.search(name) and name != "within_um":
+        yield name, value
+
+
+@on_sqlite
+@pytest.mark.parametrize("route", QUESTIONS)
+async def test_computed_numbers_have_no_more_than_a_tenth_of_a_nanometre(client, route):
+    answer = await client.post(f"{ROOM}/{route}", json=ASKED | QUESTIONS[route])
+    assert answer.status_code == 200, answer.text
+    numbers = list(micro_numbers(answer.json()))
+    assert numbers
+    for name, number in numbers:
+        assert number == round(number, 4), name
+        assert math.copysign(1.0, number) == 1.0 or number < 0.0, name
+
+
+@on_sqlite
+async def test_json_is_the_npy_rounded_and_npy_has_all_digits(client):
+    asked = ASKED | {"points_mm": POINTS}
+    answer = await client.post(f"{ROOM}/volumetric-error", json=asked)
+    headers = {"Accept": "application/x-npy"}
+    exact = await client.post(f"{ROOM}/volumetric-error", json=asked, headers=headers)
+    array = np.load(io.BytesIO(exact.content))[:, :3]
+    np.testing.assert_allclose(answer.json()["errors_um"], array, atol=5.0001e-5, rtol=0)
+    assert (array != np.round(array, 4)).any()
+
+
+@on_sqlite
+async def test_what_is_stored_comes_back_as_it_was_stated(client):
+    stated = [1 / 3, 2 / 3e7]
+    components = [{"component": "EZZ", "positions_mm": [0, 1e3 / 7], "errors_um": stated}]
+    sent = error_map("Thirds", 41.0, components=components)
+    stored = await client.post(f"{ROOM}/error-maps", json=sent)
+    assert stored.status_code == 201, stored.text
+    (kept,) = stored.json()["components"]
+    assert kept["errors_um"] == stated
+
+
+def test_small_deviations_are_rounded_to_digits_and_never_to_nothing():
+    fields = dict.fromkeys(TargetAnswer.model_fields, 1e-9 / 3)
+    written = json.loads(TargetAnswer(**fields).model_dump_json())
+    assert written["standard_deviation_forward_um"] == 3.33333333e-10
+    assert written["mean_um"] == 0.0
+
+
+def test_ratios_have_nine_digits_and_predictions_may_be_of_several_shapes():
+    lines = LinesAnswer(ELv_um=1 / 3, ELSv_um=2 / 3, ratio=5 / 3)
+    assert json.loads(lines.model_dump_json()) == {
+        "ELv_um": 0.3333, "ELSv_um": 0.6667, "ratio": 1.66666667,
+    }  # fmt: skip
+    kept = PredictionAnswer.model_construct(predicted_um=[1 / 3, [2 / 3, -1e-9], None])
+    assert json.loads(kept.model_dump_json())["predicted_um"] == [0.3333, [0.6667, 0.0], None]
