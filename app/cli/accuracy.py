@@ -20,7 +20,7 @@ from app.cli.options import (
     connect,
     field_question,
 )
-from app.client.connection import DEFAULT_URL
+from app.client import DEFAULT_URL
 
 _LEVELS = {
     "nothing": "none",
@@ -105,6 +105,7 @@ def _levels(levels: LevelsAnswer) -> Table:
     for heading in ("mean", "RMS", "largest left [µm]"):
         table.add_column(heading, justify="right")
     for level in levels.levels:
-        numbers = (f"{um:.2f}" for um in (level.mean_um, level.rms_um, level.max_um))
-        table.add_row(_LEVELS.get(level.level, level.level), *numbers)
+        mean, rms, largest = (f"{um:.2f}" for um in (level.mean_um, level.rms_um, level.max_um))
+        sampled = " (sampled)" if level.within_um is None else ""
+        table.add_row(_LEVELS.get(level.level, level.level), mean, rms, largest + sampled)
     return table

@@ -14,14 +14,22 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from app.api.schemas.analyses import AnalysisAnswer
+from app.api.schemas.models import ModelCoverageAnswer
 from app.cli.analyse_files import VerificationFile, read_verifications
 from app.cli.analyse_plan_view import plan_view
 from app.cli.analyse_view import analysis_view
 from app.cli.import_checks import naming
-from app.cli.options import MachineArgument, UrlOption, connect
-from app.client import InvalidContentError, ThermapClient, ThermapClientError, loop_calls
-from app.client.connection import DEFAULT_URL
+from app.cli.model_change_view import preview_lines, waiting_lines
+from app.cli.options import MachineArgument, UrlOption, connect, expect_page, write_file
+from app.client import (
+    DEFAULT_URL,
+    InvalidContentError,
+    ThermapClient,
+    ThermapClientError,
+    loop_calls,
+)
 from app.errors import FieldError, ThermapError, list_names
+from app.geometry.components import ORDER
 from app.identification.search.findings import Status
 from app.storage.records import AnalysisStatus
 
@@ -108,6 +116,7 @@ def analyse(
             _show_plan(thermap, machine, files, json=json)
             return
         stored: list[int] = []
+        _expect_comparable(thermap, machine, files)
         with _telling_what_stays(machine, stored):
             _store(thermap, machine, files, stored)
             ids = stored or _all_stored(thermap, machine)
@@ -125,7 +134,7 @@ def analyse(
             if json:
                 _show(answer)
         if output is not None:
-            _write(output, thermap.analysis_report(machine, job.id))
+            write_file(output, thermap.analysis_report(machine, job.id))
             typer.echo(f"{output}: the report of analysis {job.id}", err=True)
 
 
@@ -145,7 +154,7 @@ def _telling_what_stays(machine: str, stored: Sequence[int]) -> Iterator[None]:
         if stored:
             typer.echo(
                 f"stored, and not taken back: {list_names(map(str, stored))} of the verifications; "
-                f"DELETE /v1/machines/{machine}/verifications/{stored[-1]} deletes one",
+                f"`thermap verifications delete {stored[-1]} --machine {machine}` deletes one",
                 err=True,
             )
         raise
@@ -153,14 +162,8 @@ def _telling_what_stays(machine: str, stored: Sequence[int]) -> Iterator[None]:
 
 def _check_usage(output: Path | None, *, plan: bool, adopt: bool) -> None:
     """Refuse before the work what would be refused after it."""
-    if output is not None and output.suffix.lower() != ".html":
-        raise typer.BadParameter(
-            f"expected a file that ends in .html, came {str(output)!r}", param_hint="--output"
-        )
-    if output is not None and not output.absolute().parent.is_dir():
-        raise typer.BadParameter(
-            f"cannot write {output}: there is no such folder", param_hint="--output"
-        )
+    if output is not None:
+        expect_page(output)
     if plan and (adopt or output is not None):
         raise typer.BadParameter(
             "a plan has no report and nothing to adopt: leave --adopt and --output away",
@@ -212,6 +215,62 @@ def _inside(errors: Iterable[FieldError], prefix: str) -> Iterator[FieldError]:
     for one in errors:
         if one.field.startswith(prefix):
             yield FieldError(one.field.removeprefix(prefix), one.message)
+
+
+def _expect_comparable(
+    thermap: ThermapClient, machine: str, files: Sequence[VerificationFile]
+) -> None:
+    """Say once, before anything is stored, what of the files the model cannot be held against.
+
+    Raises
+    ------
+    NotAnalysed
+        If that is everything.
+    """
+    observed = {c for one in files for c in one.components}
+    active = thermap.machine(machine).active_model
+    if not files or not observed:
+        return
+    covered = None if active is None else thermap.model_coverage(machine, active)
+    known = set(covered.components if covered else ())
+    lacking = sorted(observed - known, key=ORDER.__getitem__)
+    if not lacking:
+        return
+    told = f"{list_names(lacking)}: {_why_lacking(thermap, machine, covered, lacking)}"
+    if not known & observed and not any(one.has_points for one in files):
+        raise NotAnalysed(
+            "nothing was sent, because there is nothing to compare it with: no table has " + told
+        )
+    typer.echo(f"note: no table has, and nothing is compared with, {told}", err=True)
+
+
+def _why_lacking(
+    thermap: ThermapClient,
+    machine: str,
+    covered: ModelCoverageAnswer | None,
+    lacking: Sequence[str],
+) -> str:
+    """Say why tables lack components, and what to do."""
+    if covered is None:
+        return f"machine {machine!r} has no model yet; import error maps first"
+    omitted, assigned = covered.omitted, thermap.sensor_assignment(machine)
+    without = [code for code in lacking if code in omitted and code not in assigned]
+    few = [code for code in lacking if code in omitted and code in assigned]
+    reasons = []
+    if without:
+        sensors = [sensor.name for sensor in thermap.machine(machine).sensors]
+        reasons.append(
+            f"no sensor is assigned to {list_names(without)}, of {list_names(sensors)}; "
+            f"`thermap sensors assign {without[0]}={sensors[0] if sensors else 'SENSOR'} … "
+            f"--machine {machine}` assigns them, `thermap sensors correlate --machine {machine}` "
+            "proposes which"
+        )
+    if few:
+        reasons.append(f"{few[0]}: {omitted[few[0]]}" + (" (others likewise)" if few[1:] else ""))
+    unmeasured = [code for code in lacking if code not in omitted]
+    if unmeasured:
+        reasons.append(f"no error map of the active model has {list_names(unmeasured)}")
+    return "; ".join(reasons)
 
 
 def _store(
@@ -303,14 +362,10 @@ def _adopt(
     if not confirmed:
         typer.echo("nothing was adopted: there is no confirmed effect", err=True)
         return
+    for line in preview_lines(thermap.preview_adoption(machine, analysis_id, confirmed)):
+        typer.echo(line, err=True)
     model = thermap.adopt_analysis(machine, analysis_id, confirmed)
-    typer.echo(f"adopted: model version {model.version} is active", err=True)
-
-
-def _write(output: Path, page: str) -> None:
-    try:
-        output.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise typer.BadParameter(
-            f"cannot write {output}: {error.strerror}", param_hint="--output"
-        ) from None
+    if model.active:
+        typer.echo(f"adopted: model version {model.version} is active", err=True)
+    for line in waiting_lines(model, machine):
+        typer.echo(line, err=True)

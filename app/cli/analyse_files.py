@@ -10,14 +10,15 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from app.api.error_responses import field_error
+from app.api.field_errors import field_error
 from app.api.schemas.analyses import PlannedVerification
-from app.api.schemas.verifications import VerificationRequest, measured_observations
+from app.api.schemas.verifications import VerificationRequest
 from app.cli.contract_json import read_json
 from app.cli.csv_verification import read_csv_verification
 from app.cli.delimited_text import Problems, UnreadableFile
 from app.cli.import_checks import choose_machine
 from app.errors import FieldError, InvalidContent
+from app.geometry.components import parse_component
 
 _VALUE: Final = "measured_"
 """Fields that begin so hold what was measured."""
@@ -45,6 +46,17 @@ class VerificationFile:
     body: Mapping[str, Any]
     remarks: Sequence[str] = ()
     lines: Sequence[int] = ()
+
+    @property
+    def components(self) -> set[str]:
+        """Codes of the components that were measured; points are none."""
+        named = (o.get("component") for o in self.body["observations"])
+        return {parse_component(name)[0].code for name in named if name}
+
+    @property
+    def has_points(self) -> bool:
+        """Whether errors were measured at points of the work volume."""
+        return any(o.get("point_mm") for o in self.body["observations"])
 
     def complaints(self, errors: Iterable[FieldError]) -> list[str]:
         """Write what the service refuses with file, line and column; `errors` name its fields."""
@@ -116,7 +128,7 @@ def _check(body: Any, problems: Problems, lines: Sequence[int], is_planned: bool
         if is_planned:
             PlannedVerification.model_validate(body).to_verification()
         else:
-            measured_observations(VerificationRequest.model_validate(body).observations)
+            VerificationRequest.model_validate(body).to_verification()
     except ValidationError as error:
         for found in map(field_error, error.errors()):
             _complain(problems, lines, found.field, found.message)

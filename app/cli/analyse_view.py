@@ -13,6 +13,7 @@ from rich.text import Text
 from app.errors import counted
 from app.pictures.analysis_report.names import (
     VERDICTS,
+    learnt_words,
     overall_unit,
     parameter_name,
     parameter_text,
@@ -116,6 +117,10 @@ def _told_of(effect: Mapping[str, Any]) -> Iterator[str]:
             yield f"cannot be told from {rival_name(effect, rival)}"
     if effect["leverage_warning"]:
         yield effect["leverage_warning"]
+    if learnt := learnt_words(effect):
+        yield f"learnt in: {learnt}; held at the edge beyond"
+    if effect.get("measure_again"):
+        yield f"{effect['measure_again']}."
 
 
 def _remains(result: Result) -> Iterator[RenderableType]:

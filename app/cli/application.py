@@ -1,61 +1,137 @@
-"""The commands together, and what a failure looks like: a sentence, never a traceback."""
+"""The commands together, and what a failure looks like: a sentence, never a traceback.
+
+A command is loaded when it is called: its name, its line of help and the version are told
+without the service, the client or any numerics.
+"""
 
 from __future__ import annotations
 
 import io
 import sys
-from typing import Annotated, Any
+from importlib import import_module
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 import app as package
-from app.cli.accuracy import accuracy
-from app.cli.analyse import analyse
-from app.cli.compensate import compensate
-from app.cli.demo import demo
-from app.cli.import_files import import_files
-from app.cli.picture import picture
-from app.cli.replay import replay
-from app.cli.serve import serve
-from app.cli.simulate import simulate
-from app.client import NotListeningError, ThermapClientError
 from app.errors import ThermapError
 
 
-class ExplainingCommands(TyperGroup):
-    """Commands whose failures are told on stderr, with exit code 1."""
+class Home(NamedTuple):
+    """Where a command is defined, and the line that the list of commands has of it."""
+
+    module: str
+    name: str
+    summary: str
+
+
+COMMANDS: Final = {
+    "serve": Home("serve", "serve", "Run the service until Ctrl-C or SIGTERM."),
+    "demo": Home(
+        "demo", "demo", "Run the service with a simulated machine that warms up and cools down."
+    ),
+    "import": Home(
+        "import_files",
+        "import_files",
+        "Store machines, error maps and readings from files; all are checked before any is sent.",
+    ),
+    "compensate": Home(
+        "compensate",
+        "compensate",
+        "Show the compensation table: for these temperatures, or at the latest reading.",
+    ),
+    "backup": Home(
+        "backup", "backup", "Write everything in the database to a file, while the service runs."
+    ),
+    "restore": Home("backup", "restore", "Bring a backup into a database: whole, or not at all."),
+    "machines": Home("machines", "machines", "List, show, change and delete machines."),
+    "maps": Home("maps", "maps", "List, show and delete error maps."),
+    "models": Home("models", "models", "List, show, activate and compare model versions."),
+    "sensors": Home(
+        "sensors", "sensors", "Show, assign and correlate the sensors that components follow."
+    ),
+    "readings": Home("readings", "readings", "List and withdraw the temperatures that came."),
+    "verifications": Home(
+        "verifications",
+        "verifications",
+        "List and delete verifications; show what the model leaves of them.",
+    ),
+    "analyses": Home("analyses", "analyses", "List, show, cancel and delete analyses."),
+    "analyse": Home(
+        "analyse",
+        "analyse",
+        "Find what the model lacks: hold it against measured data, and write a report.",
+    ),
+    "accuracy": Home(
+        "accuracy",
+        "accuracy",
+        "Show volumetric accuracy by every definition, and what controllers would leave of it.",
+    ),
+    "picture": Home(
+        "picture",
+        "picture",
+        "Draw the work volume with exaggerated errors: at these temperatures, or as it is now.",
+    ),
+    "replay": Home(
+        "replay",
+        "replay",
+        "Send recorded temperatures as readings, and show how the compensation table changes.",
+    ),
+    "simulate": Home(
+        "simulate",
+        "simulate",
+        "Simulated readings on a stored machine: for training, and to plan a measurement.",
+    ),
+}
+"""Command to its home below `app.cli`."""
+
+
+class Commands(TyperGroup):
+    """Commands that are loaded when they are called; failures are told, with exit code 1."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        for name, home in COMMANDS.items():
+            self.commands[name] = TyperCommand(name, help=home.summary)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that is meant, and load it."""
+        name, _, rest = super().resolve_command(ctx, args)
+        return name, None if name is None else load(name), rest
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; wrong usage has exit code 2 and is told by typer itself."""
         try:
             return super().invoke(ctx)
-        except NotListeningError as error:
-            _fail(f"{error.detail}: start one with `thermap serve`")
-        except ThermapClientError as error:
-            _fail(error.sentence)
         except ThermapError as error:
             _fail(error.detail)
+        except Exception as error:
+            _explain(error)
+            raise
+
+
+def load(name: str) -> Any:
+    """Load a command, or a group of commands."""
+    home = COMMANDS[name]
+    found = getattr(import_module(f"app.cli.{home.module}"), home.name)
+    if isinstance(found, typer.Typer):
+        return typer.main.get_command(found)
+    alone = typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown"
+    )
+    alone.command(name)(found)
+    return typer.main.get_command(alone)
 
 
 application = typer.Typer(
     name="thermap",
-    cls=ExplainingCommands,
+    cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-application.command("serve")(serve)
-application.command("demo")(demo)
-application.command("import")(import_files)
-application.command("compensate")(compensate)
-application.command("analyse")(analyse)
-application.command("accuracy")(accuracy)
-application.command("picture")(picture)
-application.command("replay")(replay)
-application.add_typer(simulate, name="simulate")
 
 
 def _show_version(asked: bool) -> None:
@@ -84,6 +160,17 @@ def main() -> None:
             # A console that knows no µ shows a question mark; it does not stop the command.
             stream.reconfigure(errors="replace")
     application(prog_name="thermap")
+
+
+def _explain(error: Exception) -> None:
+    """Tell what the client could not do; anything else is none of ours to tell."""
+    client = sys.modules.get("app.client.errors")
+    if client is None:  # then none of its errors can have come
+        return
+    if isinstance(error, client.NotListeningError):
+        _fail(f"{error.detail}: start one with `thermap serve`")
+    if isinstance(error, client.ThermapClientError):
+        _fail(error.sentence)
 
 
 def _fail(sentence: str) -> None:

@@ -17,9 +17,8 @@ from app.cli.options import (
     read_named_numbers,
 )
 from app.cli.table_view import table_view
-from app.client import ThermapClient, calls
+from app.client import DEFAULT_URL, ThermapClient, calls
 from app.client.call import Call
-from app.client.connection import DEFAULT_URL
 
 
 def compensate(

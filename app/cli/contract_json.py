@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 
 from pydantic import ValidationError
 
-from app.api.error_responses import field_error
+from app.api.field_errors import field_error
 from app.api.schemas.base import Schema
 from app.api.schemas.error_maps import (
     ComponentAnswer,

@@ -8,7 +8,8 @@
     EXX,50,1.2,0.3,
 
 Other units have columns of their own (`error_urad`, `slope_um_per_m`, `value_um_per_m`
-…, `standard_error_urad` …). Where there is only one column of values, it holds every
+…, `standard_error_urad` …); those of other methods' files (`error_mm`, `error_arcsec` …)
+are converted. Where there is only one column of values, it holds every
 component in its own unit, and so with the columns `standard_error_um` (one standard
 deviation), `backward_error_um` and `backward_standard_error_um`.
 """
@@ -18,31 +19,56 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
-from app.api.error_responses import field_error
+from app.api.field_errors import field_error
 from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
 from app.cli.csv_comments import Stated, read_comments
+from app.cli.csv_measurements.quantities import (
+    LENGTH,
+    POSITION,
+    SMALL_ANGLE,
+    Named,
+    Quantity,
+    normal_heading,
+    symbol_of,
+)
 from app.cli.delimited_text import (
     DelimitedText,
     Problems,
     Row,
     left_out,
-    plain_heading,
     read_delimited,
 )
 from app.errors import InvalidContent, UnknownComponent, list_names
-from app.geometry.components import Component, parse_component
+from app.geometry.components import COMPONENTS, Component, parse_component
+from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
 from app.units import Unit
 
 _VALUE_COLUMN: Final = re.compile(
     r"(?P<what>(backward_)?(standard_(?=error))?)"
-    r"(errors?|slopes?|values?)(_(?P<unit>um|urad|um_per_m|urad_per_m))?"
+    r"(errors?|slopes?|values?)(_(?P<unit>.+))?"
 )
+_POSITION: Final = Named("position", POSITION)
+_SLOPE_OF_ANGLE: Final = Quantity("urad_per_m", {"urad_per_m": Decimal(1)})
+_OWN_UNITS: Final = frozenset(str(unit) for unit in Unit)
+"""In which the service has errors."""
+
+_HOLDS: Final[Mapping[str, tuple[Quantity, Sequence[Unit]]]] = {
+    **dict.fromkeys(LENGTH.factors, (LENGTH, (Unit.UM,))),
+    **dict.fromkeys(SMALL_ANGLE.factors, (SMALL_ANGLE, (Unit.URAD, Unit.UM_PER_M))),
+    "urad": (SMALL_ANGLE, (Unit.URAD,)),
+    **dict.fromkeys(("um_per_m", "mm_per_m"), (SMALL_ANGLE, (Unit.UM_PER_M,))),
+    "urad_per_m": (_SLOPE_OF_ANGLE, (Unit.URAD_PER_M,)),
+}
+"""Unit of a column to what it is, and whose components' unit it can be converted to."""
+
 _ERROR: Final = ""
 _KINDS: Final = {
     _ERROR: "error",
@@ -67,11 +93,31 @@ class _ValueColumn:
     index: int
     unit: str | None
 
+    @property
+    def is_converted(self) -> bool:
+        """Whether its unit is another than those of components."""
+        return self.unit is not None and self.unit not in _OWN_UNITS
+
+    def holds(self, component: Component) -> bool:
+        """Whether its unit can be a component's."""
+        return self.unit is not None and component.unit in _HOLDS[self.unit][1]
+
+    def symbol(self, component: Component) -> str:
+        """Name the unit in which it states a component."""
+        return symbol_of(str(self.unit)) if self.is_converted else component.unit.symbol
+
+    def converted(self, value: float) -> float:
+        """Turn a number of it to the unit of the component that it holds."""
+        if self.unit is None or not self.is_converted:
+            return value
+        return _HOLDS[self.unit][0].convert(value, self.unit)
+
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
     component: int
     position: int | None
+    position_unit: str
     values: Mapping[str, Sequence[_ValueColumn]]
 
 
@@ -126,6 +172,7 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentS
     if not text.rows:
         text.problems.add("expected lines of values, came none")
     remarks.extend(_other_units(text, columns, names))
+    _expect_micrometres(text, columns, points)
     return [
         made
         for code, found in points.items()
@@ -133,27 +180,54 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentS
     ]
 
 
+def _expect_micrometres(
+    text: DelimitedText, columns: _Columns, points: Mapping[str, Sequence[_Point]]
+) -> None:
+    """Refuse a map whose lengths, said to be in µm, are all so small that they are in mm."""
+    plain = [column for column in columns.values[_ERROR] if column.unit in (None, Unit.UM)]
+    lengths = [
+        value
+        for code, found in points.items()
+        if COMPONENTS[code].unit is Unit.UM
+        for point in found
+        if (value := point.values[_ERROR]) is not None
+    ]
+    if plain and lengths:
+        for sentence in suspiciously_small(text.headings[plain[0].index], np.array(lengths)):
+            text.problems.add(
+                f"{sentence} Call the column error_mm if they are; a map that truly is so small "
+                "can be given as JSON"
+            )
+
+
 def _find_columns(text: DelimitedText, remarks: list[str]) -> _Columns:
     """Tell the columns apart by their names."""
-    plain = [plain_heading(heading) for heading in text.headings]
-    values = {i: found for i, name in enumerate(plain) if (found := _VALUE_COLUMN.fullmatch(name))}
+    plain = [normal_heading(heading) for heading in text.headings]
+    values = {
+        i: found
+        for i, name in enumerate(plain)
+        if (found := _VALUE_COLUMN.fullmatch(name))
+        and (not found["unit"] or found["unit"] in _HOLDS)
+    }
     by_kind = {
         kind: [_ValueColumn(i, v["unit"]) for i, v in values.items() if v["what"] == kind]
         for kind in _KINDS
     }
     if "component" not in plain or not by_kind[_ERROR]:
         text.problems.add(
-            "expected the columns component, position_mm and error_um (or error_urad, "
+            "expected the columns component, position_mm and error_um (or error_mm, error_urad, "
             f"slope_um_per_m, value_um_per_m …), came {', '.join(text.headings)}",
             text.heading_line,
         )
         text.problems.raise_if_any()
-    position = plain.index("position_mm") if "position_mm" in plain else None
+    placed = {i: unit for i, name in enumerate(plain) if (unit := _POSITION.unit_in(name))}
+    position = next((i for i, unit in placed.items() if _POSITION.knows(unit)), None)
     known = {plain.index("component"), position, *values}
     unread = [heading for i, heading in enumerate(text.headings) if i not in known]
     if unread:
         remarks.append(left_out(unread))
-    return _Columns(plain.index("component"), position, by_kind)
+    unit = POSITION.unit if position is None else placed[position]
+    return _Columns(plain.index("component"), position, unit, by_kind)
 
 
 def _component_of(text: DelimitedText, row: Row, columns: _Columns) -> Component | None:
@@ -168,7 +242,7 @@ def _read_point(
     text: DelimitedText, row: Row, columns: _Columns, component: Component
 ) -> _Point | None:
     before = len(text.problems.found)
-    position_mm = None if columns.position is None else text.number(row, columns.position, "mm")
+    position_mm = _read_position(text, row, columns)
     values = {kind: _read_value(text, row, columns, kind, component) for kind in _KINDS}
     if len(text.problems.found) > before:
         return None
@@ -185,6 +259,14 @@ def _read_point(
         _complain_of_position(text, row, columns.position, component)
         return None
     return _Point(row, position_mm, values)
+
+
+def _read_position(text: DelimitedText, row: Row, columns: _Columns) -> float | None:
+    """Read a position in mm; None where there is none."""
+    if columns.position is None:
+        return None
+    found = text.number(row, columns.position, symbol_of(columns.position_unit))
+    return None if found is None else POSITION.convert(found, columns.position_unit)
 
 
 def _complain_of_position(
@@ -207,8 +289,10 @@ def _complain_of_position(
 
 def _columns_for(columns: Sequence[_ValueColumn], component: Component) -> Sequence[_ValueColumn]:
     """Find the columns of a component's unit; the only column serves every unit."""
-    fitting = [column for column in columns if column.unit == component.unit]
-    return fitting or (columns if len(columns) == 1 else [])
+    fitting = [column for column in columns if column.holds(component)]
+    if not fitting and len(columns) == 1 and not columns[0].is_converted:
+        return columns
+    return fitting
 
 
 def _read_value(
@@ -230,8 +314,17 @@ def _read_value(
             )
             continue
         if column in fitting and i == 0:
-            value = text.number(row, column.index, component.unit.symbol)
-            if value is not None and value < 0 and kind.endswith("standard_"):
+            value = text.number(row, column.index, column.symbol(component))
+            value = None if value is None else column.converted(value)
+            if value is not None and abs(value) > LARGEST_UM:
+                text.complain(
+                    row,
+                    column.index,
+                    f"expected errors within ±{LARGEST_UM:g} {component.unit.symbol}, "
+                    f"came {value:g} {component.unit.symbol}: is it in another unit, or is the "
+                    "nominal position still in it?",
+                )
+            elif value is not None and value < 0 and kind.endswith("standard_"):
                 text.complain(
                     row,
                     column.index,
@@ -257,7 +350,7 @@ def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str
     only = forward[0]
     for unit in Unit:
         codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
-        if codes and only.unit is not None and unit != only.unit:
+        if codes and only.unit is not None and unit not in _HOLDS[only.unit][1]:
             heading = text.headings[only.index]
             yield f"values of {list_names(codes)} in {heading} are read in {unit.symbol}"
 

@@ -25,6 +25,7 @@ from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
 SECONDS_IN: Final = {"time_s": 1.0, "time_min": SECONDS_PER_MIN, "time_h": SECONDS_PER_H}
 TIME_COLUMNS: Final = ("time", *SECONDS_IN)
+_NOT_CELSIUS: Final = ("k", "f", "degf", "kelvin", "fahrenheit")
 _NO_VALUE: Final = frozenset({"nan", "null", "none", "-"})
 
 
@@ -124,11 +125,26 @@ def _meaning_of_columns(
         )
     usual = {plain: name for name in sensors for plain in _usual_headings(name)}
     usual |= {name: name for name in TIME_COLUMNS}
+    _expect_celsius(text, sensors, stated)
     meaning = {
         i: stated.get(heading.lower()) or usual.get(plain_heading(heading), "")
         for i, heading in enumerate(text.headings)
     }
     return {i: name for i, name in meaning.items() if name}
+
+
+def _expect_celsius(text: DelimitedText, sensors: Sequence[str], stated: Mapping[str, str]) -> None:
+    """Refuse a sensor's column in another unit, which would be left out otherwise."""
+    others = {plain_heading(f"{name}_{unit}"): name for name in sensors for unit in _NOT_CELSIUS}
+    for i, heading in enumerate(text.headings):
+        plain = plain_heading(heading)
+        if plain in others and heading.lower() not in stated:
+            unit = plain.rpartition("_")[2]
+            text.problems.add(
+                f"expected {others[plain]} in °C, came the unit {unit!r}",
+                text.heading_line,
+                text.place(i),
+            )
 
 
 def _usual_headings(sensor: str) -> tuple[str, str]:

@@ -17,17 +17,26 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.cli.csv_comments import Stated
 from app.cli.csv_measurements.columns import Columns, find_columns
 from app.cli.csv_measurements.comments import Comments, Statement, read_measurement_comments
 from app.cli.csv_measurements.formats import REPEATABILITY, choice_among
-from app.cli.csv_measurements.quantities import LENGTH, POSITION, SMALL_ANGLE, Named
-from app.cli.delimited_text import DelimitedText, Row, parse_delimited, read_text
+from app.cli.csv_measurements.quantities import (
+    LENGTH,
+    POSITION,
+    SMALL_ANGLE,
+    Named,
+    symbol_of,
+)
+from app.cli.delimited_text import DelimitedText, Row, read_delimited
 from app.cli.delimited_text import Problems as FileProblems
 from app.errors import UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, parse_component
 from app.identification.search.rows import Datum
+from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
 from app.units import Unit
 
 Body = dict[str, Any]
@@ -99,7 +108,7 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
     UnreadableFile
         With line and column of everything that is wrong, what was expected and what came.
     """
-    text = parse_delimited(read_text(file), FileProblems(file), MOST_OBSERVATIONS)
+    text = read_delimited(file, FileProblems(file), MOST_OBSERVATIONS)
     remarks: list[str] = []
     comments = read_measurement_comments(text, _STATEMENTS, Stated(), False, remarks)
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)
@@ -109,6 +118,7 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
     if not text.rows:
         text.problems.add("expected lines of observations, came none")
     observations = [_observation(columns, states, row, is_planned) for row in text.rows]
+    remarks += _check_sizes(text, observations)
     text.problems.raise_if_any()
     head = _head(comments, file.stem)
     return CsvVerification(
@@ -117,6 +127,33 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
         remarks,
         [row.line for row in text.rows],
     )
+
+
+def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> list[str]:
+    """Refuse what can be no error of a machine tool; note what may be in mm."""
+    lengths: list[float] = []
+    for row, observation in zip(text.rows, observations, strict=True):
+        for field, stated in observation.items():
+            if not field.startswith("measured_") or stated is None:
+                continue
+            values = [
+                v for v in (stated if isinstance(stated, list) else [stated]) if v is not None
+            ]
+            if any(abs(value) > LARGEST_UM for value in values):
+                unit = symbol_of(field.removeprefix("measured_"))
+                text.problems.add(
+                    f"expected errors within ±{LARGEST_UM:g} {unit}, came "
+                    f"{max(values, key=abs):g} {unit}: is it in another unit, or is the nominal "
+                    "position still in it?",
+                    row.line,
+                )
+            lengths += values if _is_length(observation) else []
+    return suspiciously_small(_MEASURED.full, np.array(lengths)) if lengths else []
+
+
+def _is_length(observation: Body) -> bool:
+    name = observation.get("component")
+    return not name or parse_component(name)[0].unit is Unit.UM
 
 
 def _head(comments: Comments, name: str) -> Body:

@@ -1,7 +1,8 @@
 """Reading CSV as people and spreadsheets write it, with every complaint at its place.
 
-Commas, semicolons or tabs between columns; decimal commas where columns are not
-separated by them; a byte order mark, blank lines and comment lines (`#`) anywhere.
+Commas, semicolons or tabs between columns, or what a first line `sep=;` says; decimal
+commas where columns are not separated by them; a byte order mark, blank lines and comment
+lines (`#`) anywhere. An Excel workbook is read as if it had been saved as CSV.
 """
 
 from __future__ import annotations
@@ -15,12 +16,17 @@ from pathlib import Path
 from typing import Final
 
 from app.cli.options import read_number
+from app.cli.workbook import OLD_WORKBOOK, WORKBOOK, NoTable, workbook_text
 from app.errors import ThermapError, counted, list_names
 
 SHOWN: Final = 8
 """Problems listed of one file: a wrong column is wrong in every line."""
 
 _DELIMITERS: Final = (",", ";", "\t")
+_QUOTED: Final = re.compile('"[^"]*"')
+_STATED_DELIMITER: Final = re.compile(r'"?sep=(.)"?[\s;,]*', re.I)
+"""Excel's first line, which says what parts the columns."""
+
 _BYTE_ORDER_MARK: Final = "\N{ZERO WIDTH NO-BREAK SPACE}"
 
 
@@ -92,15 +98,15 @@ class DelimitedText:
         return found
 
 
-def read_delimited(file: Path, problems: Problems) -> DelimitedText:
+def read_delimited(file: Path, problems: Problems, most: int | None = None) -> DelimitedText:
     """Read a file into comments, column names and rows.
 
     Raises
     ------
     UnreadableFile
-        If there is no such file, or no line of column names.
+        As `parse_delimited`, and if there is no such file.
     """
-    return parse_delimited(read_text(file), problems)
+    return parse_delimited(read_text(file), problems, most)
 
 
 def parse_delimited(text: str, problems: Problems, most: int | None = None) -> DelimitedText:
@@ -122,7 +128,11 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
     """
     comments: list[tuple[int, str]] = []
     contents: list[tuple[int, str]] = []
+    stated = None
     for line, written in enumerate(text.removeprefix(_BYTE_ORDER_MARK).splitlines(), start=1):
+        if not contents and not stated and (says := _STATED_DELIMITER.fullmatch(written)):
+            stated = says[1]
+            continue
         bare = written.strip().strip('"').lstrip()
         if bare.startswith("#"):
             comments.append((line, bare.lstrip("#").strip(' \t;,"')))
@@ -135,7 +145,7 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
         problems.add(f"expected at most {most} lines of values, came {len(contents) - 1}")
         problems.raise_if_any()
     heading_line, first = contents[0]
-    delimiter = max(_DELIMITERS, key=first.count)
+    delimiter = stated or max(_DELIMITERS, key=_QUOTED.sub("", first).count)
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
@@ -146,17 +156,22 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
 
 
 def read_text(file: Path) -> str:
-    """Read a text file in whatever encoding spreadsheets write.
+    """Read a text file in whatever encoding spreadsheets write, or an Excel workbook as text.
 
     Raises
     ------
     UnreadableFile
-        If it cannot be read.
+        If it cannot be read, or a workbook does not hold one table.
     """
     try:
         content = file.read_bytes()
     except OSError as error:
         raise UnreadableFile(f"{file}: {error.strerror}") from None
+    if content.startswith((WORKBOOK, OLD_WORKBOOK)):
+        try:
+            return workbook_text(content)
+        except NoTable as error:
+            raise UnreadableFile(f"{file}: {error.detail}") from None
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16", errors="replace")
     try:

@@ -16,15 +16,21 @@ from app.api.schemas.compensation import CurrentCompensationAnswer
 from app.cli.demo_machine import reading_at, set_up
 from app.cli.demo_view import argument_view, live_view, short_line
 from app.cli.listening import (
+    DEFAULT_HOST,
+    DEFAULT_PORT,
+    AllowedHostOption,
+    HostOption,
+    PortOption,
     checked_settings,
     database_of,
     leaving_on_signals,
     listening,
     make_service,
+    newness_of,
     serving,
     url_of,
 )
-from app.cli.options import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, connect
+from app.cli.options import connect
 from app.client import ThermapClient
 from app.demo.remaining_error import remaining_errors
 from app.settings import sqlite_url
@@ -37,6 +43,7 @@ def demo(
     *,
     host: HostOption = DEFAULT_HOST,
     port: PortOption = DEFAULT_PORT,
+    allowed_hosts: AllowedHostOption = None,
     database_url: Annotated[
         str,
         typer.Option(
@@ -69,14 +76,18 @@ def demo(
             url = f"http://{host}:{port}"
         else:
             settings = checked_settings(
-                host=host, port=port, database_url=database_url, log_level="warning"
+                host=host,
+                port=port,
+                allowed_hosts=allowed_hosts or (),
+                database_url=database_url,
+                log_level="warning",
             )
             opened = running.enter_context(listening(settings.host, settings.port, "demo"))
             url = url_of(opened)
             service = make_service(settings)
             running.enter_context(serving(service, opened, settings.log_level))
             typer.echo(f"thermap demo listens on {url}, to read and try: {url}/docs")
-            typer.echo(f"database {database_of(service)}\n")
+            typer.echo(f"database {database_of(service)}{newness_of(service)}\n")
         thermap = running.enter_context(connect(url))
         machine = set_up(thermap)
         console = Console(highlight=False)

@@ -1,20 +1,47 @@
-"""What every import decides before it sends: whose a file is, and what a refusal says."""
+"""What every import decides before it sends, and says before and after."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from app.cli.csv_comments import Stated
-from app.client import NotListeningError, ThermapClientError
+from app.cli.model_change_view import preview_lines, waiting_lines
+from app.client import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
 from app.errors import Conflict, ThermapError, list_names
+from app.geometry.components import COMPONENTS, ORDER, parse_component
+
+if TYPE_CHECKING:
+    from app.api.schemas.machines import MachineSettings
+    from app.api.schemas.model_change import ModelChange, PreviewAnswer
 
 
 class NotImported(ThermapError):
     """The service refused a file's content."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What is to become of maps: shown only, stored, stored and used whatever is lost by it."""
+
+    evaluate_only: bool = False
+    preview: bool = False
+    accept_losses: bool = False
+
+    @property
+    def store(self) -> bool:
+        """Whether anything is stored."""
+        return not (self.evaluate_only or self.preview)
+
+    @property
+    def makes_map(self) -> bool:
+        """Whether a map is made, be it for a look: it needs a label, a time and temperatures."""
+        return not self.evaluate_only
 
 
 def expect_one_label(stated: Stated, files: Sequence[Path]) -> None:
@@ -82,3 +109,93 @@ def naming(file: Path, unsent: Sequence[Path] = (), before: str = "") -> Iterato
         rest = f" (not sent after it: {list_names(map(str, unsent))})" if unsent else ""
         why = error.sentence if isinstance(error, ThermapClientError) else error.detail
         raise NotImported(f"{before}{file}: {why}{rest}") from error
+
+
+def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> None:
+    """Say what a map would do to the tables; losses where warnings go.
+
+    With `alone` it is all that is said: also that nothing is stored, and why nothing is known
+    of changes.
+    """
+    for line in preview_lines(preview):
+        typer.echo(f"{file}: {line}", err=line.startswith("would lose"))
+    if alone:
+        if preview.not_compared:
+            typer.echo(
+                f"{file}: by how much tables would change is not known: {preview.not_compared}"
+            )
+        became = (
+            "its model version would be active at once"
+            if preview.activated
+            else "its model version would wait, and tables stay as they are"
+        )
+        typer.echo(
+            f"{file}: {preview.reason}: {became}; nothing was stored".replace(
+                " stored:", " not stored:"
+            )
+        )
+
+
+def say_what_became(
+    thermap: ThermapClient,
+    file: Path,
+    machine: str,
+    label: str,
+    number: int | None,
+    change: ModelChange,
+    *,
+    was_there: bool,
+) -> None:
+    """Say under which number a map is stored, and whether tables follow it."""
+    waits = list(waiting_lines(change, machine))
+    version = change.model_version
+    if was_there:
+        text = f"error map {label!r} was there already, number {number}"
+        text += f"; model version {version} is active" if version and change.activated else ""
+    else:
+        text = f"error map {label!r} stored as number {number}"
+        active = version or thermap.machine(machine).active_model
+        text += "" if waits else f", model version {active}"
+    typer.echo(f"{file}: {text}")
+    for line in waits:
+        typer.echo(f"{file}: {line}", err=True)
+
+
+def say_what_follows_no_sensor(
+    thermap: ThermapClient, machine: MachineSettings, components: Iterable[str]
+) -> None:
+    """Say once, before maps are stored, which of their components no table will have, and why.
+
+    Nothing is said where every component follows a sensor that is assigned to it or that the
+    chapter names.
+    """
+    described = machine.to_machine()
+    try:
+        assigned = thermap.sensor_assignment(machine.id)
+    except UnknownThingError:
+        assigned = {}
+    codes = {parse_component(name)[0].code for name in components}
+    without = [
+        code
+        for code in sorted(codes, key=ORDER.__getitem__)
+        if code not in assigned and described.default_sensor(code) is None
+    ]
+    if not without:
+        return
+    usual = dict.fromkeys(COMPONENTS[code].default_sensor for code in without)
+    names = ", ".join(
+        f"{sensor} for {list_names([c for c in without if COMPONENTS[c].default_sensor == sensor])}"
+        for sensor in usual
+        if sensor
+    )
+    sensors = list(described.sensors)
+    first = sensors[0] if sensors else "SENSOR"
+    typer.echo(
+        f"note: no sensor is assigned to {list_names(without)}: tables will not have them, and "
+        "nothing can be compared with them. Machine "
+        f"{machine.id!r} has the sensors {list_names(sensors)}"
+        + (f", and none that is the usual one ({names})" if names else "")
+        + f". `thermap sensors assign {without[0]}={first} … --machine {machine.id}` assigns "
+        "them; once maps are stored, `thermap sensors correlate` proposes which.",
+        err=True,
+    )

@@ -16,11 +16,19 @@ from app.cli.contract_json import read_contract_json
 from app.cli.csv_comments import Stated
 from app.cli.csv_error_map import read_csv_error_map
 from app.cli.delimited_text import UnreadableFile
-from app.cli.import_checks import choose_machine, expect_one_label, expect_sensors, naming
+from app.cli.import_checks import (
+    Wish,
+    choose_machine,
+    expect_one_label,
+    expect_sensors,
+    naming,
+    say_what_became,
+    say_what_follows_no_sensor,
+    show_preview,
+)
 from app.cli.import_measurements import import_measurements
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
-from app.client import ThermapClient, UnknownThingError
-from app.client.connection import DEFAULT_URL
+from app.client import DEFAULT_URL, ThermapClient, UnknownThingError
 from app.errors import Conflict, counted
 
 
@@ -75,6 +83,23 @@ def import_files(
             help="With --method: show what comes out and store nothing.",
         ),
     ] = False,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            envvar="THERMAP_PREVIEW",
+            help="Show what tables would lose, gain and change, and store nothing.",
+        ),
+    ] = False,
+    accept_losses: Annotated[
+        bool,
+        typer.Option(
+            "--accept-losses",
+            envvar="THERMAP_ACCEPT_LOSSES",
+            help="Let tables follow a map although they lose positions, components or else by it; "
+            "without it such a map is stored, and its model version waits.",
+        ),
+    ] = False,
     json: Annotated[
         bool,
         typer.Option(
@@ -95,6 +120,10 @@ def import_files(
 
     What is there already with the same content stays as it is.
 
+    Before a map is sent, what tables would lose, gain and change by it is shown. Where they
+    would lose something the map is stored, but tables stay as they are until its model version
+    is activated; maps that follow are added to that version.
+
     With `--method`, CSV files hold an instrument's readings, with columns and comment
     lines as docs/methods/files.md shows, and JSON files the body of the request.
 
@@ -104,20 +133,26 @@ def import_files(
     """
     temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
     stated = Stated(label, measured_at, temperatures_c)
-    if method is not None:
-        import_measurements(
-            files, method, machine, stated, store=not evaluate_only, json=json, url=url
+    if preview and (evaluate_only or accept_losses):
+        raise typer.BadParameter(
+            "a preview stores nothing: leave --evaluate-only and --accept-losses away",
+            param_hint="--preview",
         )
+    wish = Wish(evaluate_only=evaluate_only, preview=preview, accept_losses=accept_losses)
+    if method is not None:
+        import_measurements(files, method, machine, stated, wish, json=json, url=url)
         return
     for option, given in {"--evaluate-only": evaluate_only, "--json": json}.items():
         if given:
             raise typer.BadParameter("goes with --method", param_hint=option)
     imported = _read_all(files, stated, machine)
     with connect(url) as thermap:
-        _check_with_service(thermap, imported)
+        machines = _check_with_service(thermap, imported)
+        for settings in machines.values():
+            say_what_follows_no_sensor(thermap, settings, _components_of(settings.id, imported))
         for i, one in enumerate(imported):
             with naming(one.file, [later.file for later in imported[i + 1 :]]):
-                _send(thermap, one)
+                _send(thermap, one, wish)
 
 
 def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> list[ImportedFile]:
@@ -159,8 +194,10 @@ def _read_json(file: Path) -> ImportedFile:
     return one
 
 
-def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]) -> None:
-    """Refuse what the machines cannot take, before anything is sent."""
+def _check_with_service(
+    thermap: ThermapClient, imported: Sequence[ImportedFile]
+) -> dict[str, MachineSettings]:
+    """Refuse what the machines cannot take, before anything is sent; give the machines."""
     described = {settings.id: settings for one in imported for settings in one.machines}
     wanted = {one.machine for one in imported if one.needs_machine}
     machines = {id_: described.get(id_) or thermap.machine(id_) for id_ in sorted(wanted)}
@@ -168,6 +205,13 @@ def _check_with_service(thermap: ThermapClient, imported: Sequence[ImportedFile]
         if one.needs_machine:
             known = [sensor.name for sensor in machines[one.machine].sensors]
             expect_sensors(one.file, one.machine, known, _sensors_in(one))
+    return machines
+
+
+def _components_of(machine: str, imported: Sequence[ImportedFile]) -> Iterator[str]:
+    for one in imported:
+        for error_map in one.error_maps if one.machine == machine else ():
+            yield from (stated.component for stated in error_map.components)
 
 
 def _sensors_in(one: ImportedFile) -> Iterator[str]:
@@ -177,19 +221,38 @@ def _sensors_in(one: ImportedFile) -> Iterator[str]:
         yield from reading.temperatures_c
 
 
-def _send(thermap: ThermapClient, one: ImportedFile) -> None:
+def _send(thermap: ThermapClient, one: ImportedFile, wish: Wish) -> None:
     for remark in one.remarks:
         typer.echo(f"{one.file}: note: {remark}", err=True)
+    if wish.preview:
+        for error_map in one.error_maps:
+            show_preview(one.file, thermap.preview_error_map(one.machine, error_map), alone=True)
+        return
     for settings in one.machines:
         typer.echo(f"{one.file}: {_send_machine(thermap, settings)}")
     known = {m.label for m in thermap.error_maps(one.machine)} if one.error_maps else set()
     for error_map in one.error_maps:
-        typer.echo(f"{one.file}: {_send_map(thermap, one.machine, error_map, known)}")
+        show_preview(one.file, thermap.preview_error_map(one.machine, error_map))
+        stored = thermap.store_error_map(one.machine, error_map, accept_losses=wish.accept_losses)
+        for warning in stored.warnings:
+            typer.echo(f"note: {warning}", err=True)
+        say_what_became(
+            thermap,
+            one.file,
+            one.machine,
+            stored.label,
+            stored.id,
+            stored,
+            was_there=stored.label in known,
+        )
+        known.add(stored.label)
     if one.readings:
         done = thermap.store_readings(one.machine, one.readings)
         typer.echo(
             f"{one.file}: {counted(done.stored, 'reading')} stored, {done.duplicates} there already"
         )
+        for warning in done.warnings:
+            typer.echo(f"{one.file}: {warning}", err=True)
 
 
 def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:
@@ -201,7 +264,7 @@ def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:
     if _settings(present) != MachineSettings.model_validate(settings_of(settings.to_machine())):
         raise Conflict(
             f"machine {settings.id} is there with other settings; "
-            f"PATCH {thermap.base_url}/v1/machines/{settings.id} changes them"
+            f"`thermap machines set {settings.id} KEY=VALUE` changes them"
         )
     return f"machine {settings.id} was there already"
 
@@ -210,16 +273,3 @@ def _settings(present: MachineAnswer) -> MachineSettings:
     """Leave away what only a stored machine has."""
     stated = {name: getattr(present, name) for name in MachineSettings.model_fields}
     return MachineSettings.model_validate(stated)
-
-
-def _send_map(
-    thermap: ThermapClient, machine: str, error_map: ErrorMapSchema, known: set[str]
-) -> str:
-    stored = thermap.store_error_map(machine, error_map)
-    for warning in stored.warnings:
-        typer.echo(f"note: {warning}", err=True)
-    if stored.label in known:
-        return f"error map {stored.label!r} was there already, number {stored.id}"
-    known.add(stored.label)
-    version = thermap.machine(machine).active_model
-    return f"error map {stored.label!r} stored as number {stored.id}, model version {version}"

@@ -11,7 +11,7 @@ import typer
 from pydantic import ValidationError
 from rich.console import Console
 
-from app.api.error_responses import field_error
+from app.api.field_errors import field_error
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.base import MeasurementAnswer, MeasurementRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
@@ -24,7 +24,16 @@ from app.cli.contract_json import read_json
 from app.cli.csv_comments import Stated
 from app.cli.csv_measurements import CsvMeasurement, read_csv_measurement
 from app.cli.delimited_text import Problems, UnreadableFile, read_text
-from app.cli.import_checks import choose_machine, expect_one_label, expect_sensors, naming
+from app.cli.import_checks import (
+    Wish,
+    choose_machine,
+    expect_one_label,
+    expect_sensors,
+    naming,
+    say_what_became,
+    say_what_follows_no_sensor,
+    show_preview,
+)
 from app.cli.measurement_view import measurement_view
 from app.cli.options import connect
 from app.client import ThermapClient, calls
@@ -43,7 +52,7 @@ class _Method:
     """The shape of a method's body, and the call that sends it."""
 
     request: type[MeasurementRequest]
-    call: Callable[[str, Mapping[str, Any], bool], Call[Any]]
+    call: Callable[[str, Mapping[str, Any], calls.Storing], Call[Any]]
 
 
 _METHODS: Final = {
@@ -72,8 +81,8 @@ def import_measurements(
     method: str,
     machine: str | None,
     stated: Stated,
+    wish: Wish,
     *,
-    store: bool,
     json: bool,
     url: str,
 ) -> None:
@@ -92,7 +101,7 @@ def import_measurements(
         The machine that was measured, where the files do not name it.
     stated
         What goes before the files' own label, time and temperatures.
-    store
+    wish
         Whether maps are made; if not, label, time and temperatures are not needed.
     json
         Write the service's JSON, a line for each file.
@@ -104,14 +113,14 @@ def import_measurements(
             f"expected one of {list_names(_METHODS)}, came {method!r}", param_hint="--method"
         )
     expect_one_label(stated, files)
-    measured = _read_all(files, method, machine, stated, store)
+    measured = _read_all(files, method, machine, stated, wish.makes_map)
     with connect(url) as thermap:
-        _check_with_service(thermap, method, measured, store)
+        _check_with_service(thermap, method, measured, wish)
         for i, one in enumerate(measured):
             for remark in one.remarks:
                 typer.echo(f"{one.file}: note: {remark}", err=True)
             with naming(one.file, [later.file for later in measured[i + 1 :]]):
-                _send(thermap, method, one, store, json)
+                _send(thermap, method, one, wish, json)
 
 
 def _read_all(
@@ -173,38 +182,45 @@ def _check_body(file: Path, method: str, body: Mapping[str, Any]) -> None:
 
 
 def _check_with_service(
-    thermap: ThermapClient, method: str, measured: Sequence[MeasuredFile], store: bool
+    thermap: ThermapClient, method: str, measured: Sequence[MeasuredFile], wish: Wish
 ) -> None:
     """Refuse what the machines cannot take and what the method refuses, before storing any."""
     machines = {id_: thermap.machine(id_) for id_ in sorted({one.machine for one in measured})}
-    for one in measured if store else ():
+    for one in measured if wish.makes_map else ():
         known = [sensor.name for sensor in machines[one.machine].sensors]
         expect_sensors(one.file, one.machine, known, one.body["temperatures_c"])
-    if store and len(measured) > 1:
-        for one in measured:
-            with naming(one.file, before="nothing was stored: "):
-                thermap.send(_METHODS[method].call(one.machine, one.body, False))
+    if not wish.store:
+        return
+    components: dict[str, list[str]] = {id_: [] for id_ in machines}
+    for one in measured:
+        with naming(one.file, before="nothing was stored: " if len(measured) > 1 else ""):
+            answer = thermap.send(_METHODS[method].call(one.machine, one.body, calls.Storing()))
+        components[one.machine] += [found.component for found in answer.components]
+    for id_, codes in components.items():
+        say_what_follows_no_sensor(thermap, machines[id_], codes)
 
 
-def _send(thermap: ThermapClient, method: str, one: MeasuredFile, store: bool, json: bool) -> None:
-    call = _METHODS[method].call(one.machine, one.body, store)
+def _send(thermap: ThermapClient, method: str, one: MeasuredFile, wish: Wish, json: bool) -> None:
+    storing = calls.Storing(wish.store, wish.accept_losses, wish.preview)
+    call = _METHODS[method].call(one.machine, one.body, storing)
     if json:
         typer.echo(thermap.content(call).decode())
         return
-    known = {m.label for m in thermap.error_maps(one.machine)} if store else set()
+    known: set[str] = set()
+    if wish.store:
+        known = {m.label for m in thermap.error_maps(one.machine)}
+        look = _METHODS[method].call(one.machine, one.body, calls.Storing(preview=True))
+        before: MeasurementAnswer = thermap.send(look)
+        if before.preview is not None:
+            show_preview(one.file, before.preview)
     answer: MeasurementAnswer = thermap.send(call)
-    typer.echo(f"{one.file}: {_what_became(thermap, one, answer, known)}")
+    if answer.preview is not None:
+        show_preview(one.file, answer.preview, alone=True)
+    elif answer.stored:
+        label = str(one.body["label"]).strip()
+        say_what_became(
+            thermap, one.file, one.machine, label, answer.map_id, answer, was_there=label in known
+        )
+    else:
+        typer.echo(f"{one.file}: {answer.method} evaluated, nothing stored")
     Console(highlight=False).print(measurement_view(answer))
-
-
-def _what_became(
-    thermap: ThermapClient, one: MeasuredFile, answer: MeasurementAnswer, known: set[str]
-) -> str:
-    """Say under which number it is stored."""
-    if not answer.stored:
-        return f"{answer.method} evaluated, nothing stored"
-    label = str(one.body["label"]).strip()
-    if label in known:
-        return f"error map {label!r} was there already, number {answer.map_id}"
-    version = thermap.machine(one.machine).active_model
-    return f"error map {label!r} stored as number {answer.map_id}, model version {version}"

@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Thread
 from types import FrameType
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
 
+from app.cli.http_protocol import PatientProtocol, PatientServer
 from app.errors import InvalidContent, ThermapError
 from app.main import create_app
 from app.settings import Settings
@@ -26,11 +27,56 @@ BACKLOG: Final = 2048
 GRACE_S: Final = 5
 """How long a request may still take when the service ends [s]."""
 
+END_S: Final = 10
+"""When the process ends at the latest after it was told to [s], whatever hangs."""
+
 HANDLED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+
+
+DEFAULT_HOST: Final[str] = Settings.model_fields["host"].default
+DEFAULT_PORT: Final[int] = Settings.model_fields["port"].default
+
+AllowedHostOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allowed-host",
+        envvar="THERMAP_ALLOWED_HOSTS",
+        metavar="NAME",
+        help="Name under which the service is reached beside this computer's own, such as that of "
+        "a proxy; once for each. *.example.org: all below it; *: every name.",
+    ),
+]
+HostOption = Annotated[
+    str, typer.Option("--host", envvar="THERMAP_HOST", metavar="HOST", help="Address to listen on.")
+]
+PortOption = Annotated[
+    int,
+    typer.Option(
+        "--port",
+        envvar="THERMAP_PORT",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="Port; 0 takes any free one.",
+    ),
+]
 
 
 class CannotListen(ThermapError):
     """The service cannot listen where it should."""
+
+
+class EndingServer(PatientServer):
+    """A server that ends in time: threads that hang in the database do not keep it.
+
+    What was answered with 201 is on the disk before the answer, so nothing is lost.
+    """
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to end, and see to it that there is an end."""
+        if not self.should_exit:
+            Thread(target=_leave_at_last, name="end", daemon=True).start()
+        super().handle_exit(sig, frame)
 
 
 def checked_settings(**stated: Any) -> Settings:
@@ -94,17 +140,24 @@ def database_of(service: FastAPI) -> str:
     return name.removeprefix("sqlite:///")
 
 
+def newness_of(service: FastAPI) -> str:
+    """Say so of a database that was made just now: its name may be misspelt."""
+    return " (a new database, made just now)" if service.state.database_is_new else ""
+
+
 def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
     """Make the server of one process."""
     logging.getLogger("thermap").setLevel(log_level.upper())
-    return uvicorn.Server(
+    return EndingServer(
         uvicorn.Config(
             service,
+            http=PatientProtocol,
             log_level=log_level,
             lifespan="on",
             timeout_graceful_shutdown=GRACE_S,
             server_header=False,
-        )
+        ),
+        service.state.patience_s,
     )
 
 
@@ -144,6 +197,14 @@ def leaving_on_signals() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _leave_at_last() -> None:
+    time.sleep(END_S)
+    logging.getLogger("thermap").warning(
+        "ends %d s after it was told to, though something still hangs", END_S
+    )
+    os._exit(0)
 
 
 def _why_not(error: OSError, host: str, port: int, command: str) -> str:

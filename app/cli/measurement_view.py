@@ -33,13 +33,14 @@ def measurement_view(answer: MeasurementAnswer) -> RenderableType:
     """Lay out components with their extremes, figures with their units, and notes."""
     parts: list[RenderableType] = []
     if answer.components:
-        parts += [_components(answer.components), Text()]
+        parts += [components_table(answer.components), Text()]
     if answer.figures:
         parts += [_figures(answer.figures), Text()]
     return Group(*parts, *(Text(f"note: {note}") for note in answer.notes))
 
 
-def _components(components: Sequence[ComponentAnswer]) -> Table:
+def components_table(components: Sequence[ComponentAnswer]) -> Table:
+    """Lay out components with their extremes, largest standard error and positions."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
     for heading in ("component", ""):
         table.add_column(heading, no_wrap=True)

@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable
-from typing import Annotated, Any, Final
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.client import ThermapClient
-from app.client.connection import DEFAULT_URL, URL_VARIABLE
-from app.settings import Settings
+from app.client import DEFAULT_URL, URL_VARIABLE
+from app.errors import ThermapError, list_names
 
-DEFAULT_HOST: Final[str] = Settings.model_fields["host"].default
-DEFAULT_PORT: Final[int] = Settings.model_fields["port"].default
+if TYPE_CHECKING:
+    from app.client import ThermapClient
+
 
 MachineArgument = Annotated[
     str, typer.Argument(metavar="MACHINE", envvar="THERMAP_MACHINE", help="The machine's id.")
 ]
+MachineOption = Annotated[
+    str | None,
+    typer.Option(
+        "--machine",
+        "-m",
+        envvar="THERMAP_MACHINE",
+        metavar="MACHINE",
+        help="The machine's id; not needed where one machine is stored.",
+    ),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", envvar="THERMAP_JSON", help="The service's JSON, unchanged.")
+]
+YesOption = Annotated[
+    bool, typer.Option("--yes", "-y", envvar="THERMAP_YES", help="Do it without asking.")
+]
 UrlOption = Annotated[
     str, typer.Option("--url", envvar=URL_VARIABLE, metavar="URL", help="Where the service is.")
-]
-HostOption = Annotated[
-    str, typer.Option("--host", envvar="THERMAP_HOST", metavar="HOST", help="Address to listen on.")
-]
-PortOption = Annotated[
-    int,
-    typer.Option(
-        "--port",
-        envvar="THERMAP_PORT",
-        metavar="PORT",
-        min=0,
-        max=65535,
-        help="Port; 0 takes any free one.",
-    ),
 ]
 TemperatureOption = Annotated[
     list[str] | None,
@@ -46,15 +51,92 @@ TemperatureOption = Annotated[
     ),
 ]
 
+
+class NotConfirmed(ThermapError):
+    """The user did not agree to what destroys."""
+
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def command_group() -> typer.Typer:
+    """Make a group of commands, such as `thermap machines`."""
+    return typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="markdown")
 
 
 def connect(url: str = DEFAULT_URL) -> ThermapClient:
     """Make a client; a URL that is none is wrong usage."""
+    from app.client import ThermapClient
+
     try:
         return ThermapClient(url)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--url") from None
+
+
+def chosen_machine(thermap: ThermapClient, stated: str | None) -> str:
+    """Give the machine that is meant: the one that is stated, or the only one that is stored.
+
+    Raises
+    ------
+    typer.BadParameter
+        If none is stated and several are stored, which are listed, or none is.
+    """
+    if stated:
+        return stated
+    stored = [machine.id for machine in thermap.machines()]
+    if len(stored) == 1:
+        return stored[0]
+    several = f"several machines are stored: expected one of {list_names(stored)}, came none"
+    none = "no machine is stored yet; `thermap import machine.json` stores one"
+    raise typer.BadParameter(several if stored else none, param_hint="--machine")
+
+
+def confirm(what: str, question: str, *, yes: bool) -> None:
+    """Ask before something is destroyed.
+
+    Parameters
+    ----------
+    what
+        What would be done, for a refusal: `machine 'vmc' was not deleted`.
+    question
+        What is asked on a terminal.
+    yes
+        Whether the user has agreed already.
+
+    Raises
+    ------
+    NotConfirmed
+        If the user does not agree, or there is no terminal to ask on.
+    """
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise NotConfirmed(f"{what}: there is no terminal to ask on; --yes does it without asking")
+    if not typer.confirm(question, err=True):
+        raise NotConfirmed(what)
+
+
+def expect_page(output: Path) -> None:
+    """Refuse a page's file that could not be written, before the work for it is done."""
+    if output.suffix.lower() != ".html":
+        raise typer.BadParameter(
+            f"expected a file that ends in .html, came {str(output)!r}", param_hint="--output"
+        )
+    if not output.absolute().parent.is_dir():
+        raise typer.BadParameter(
+            f"cannot write {output}: there is no such folder", param_hint="--output"
+        )
+
+
+def write_file(output: Path, text: str) -> None:
+    """Write a file; one that cannot be written is wrong usage."""
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise typer.BadParameter(
+            f"cannot write {output}: {error.strerror}", param_hint="--output"
+        ) from None
 
 
 def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
@@ -98,6 +180,29 @@ def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> 
             raise typer.BadParameter(f"{name} is stated twice", param_hint=option)
         found[name] = number
     return found
+
+
+def read_time(text: str, option: str) -> datetime:
+    """Read a time with its zone, as UTC.
+
+    Raises
+    ------
+    typer.BadParameter
+        If it is none, or has no zone.
+
+    >>> read_time("2026-03-01T07:00:00+01:00", "--from")
+    datetime.datetime(2026, 3, 1, 6, 0, tzinfo=datetime.timezone.utc)
+    """
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        time = datetime.min
+    if time.tzinfo is None:
+        raise typer.BadParameter(
+            f"expected a time with its zone such as 2026-03-01T06:00:00Z, came {text!r}",
+            param_hint=option,
+        )
+    return time.astimezone(UTC)
 
 
 def read_point(text: str, option: str, example: str) -> list[float]:

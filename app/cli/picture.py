@@ -16,8 +16,9 @@ from app.cli.options import (
     UrlOption,
     connect,
     field_question,
+    write_file,
 )
-from app.client.connection import DEFAULT_URL
+from app.client import DEFAULT_URL
 from app.pictures.page import INLINE, page
 
 
@@ -59,12 +60,7 @@ def picture(
         question["exaggeration"] = exaggeration
     with connect(url) as thermap:
         figure = thermap.picture(machine, question)
-    try:
-        output.write_text(_written(figure, output.suffix.lower()), encoding="utf-8")
-    except OSError as error:
-        raise typer.BadParameter(
-            f"cannot write {output}: {error.strerror}", param_hint="--output"
-        ) from None
+    write_file(output, _written(figure, output.suffix.lower()))
     typer.echo(f"{output}: {figure['layout']['meta']['drawn']}")
 
 

@@ -24,11 +24,10 @@ from rich.progress import (
 from app.api.schemas.machines import MachineAnswer
 from app.cli.csv_recording import TIME_COLUMNS, read_recording
 from app.cli.delimited_text import left_out
-from app.cli.options import MachineArgument, UrlOption, connect
+from app.cli.options import MachineArgument, UrlOption, connect, read_time
 from app.cli.replay_times import Plan, Stamps, plan_replay
 from app.cli.table_change import change_view, component_changes, sampled_tables
-from app.client import ConflictError, ThermapClient
-from app.client.connection import DEFAULT_URL
+from app.client import DEFAULT_URL, ConflictError, ThermapClient
 from app.errors import counted, list_names
 
 _LONGEST_SLEEP_S = 0.2
@@ -106,7 +105,7 @@ def replay(
             described.sensors,
             now=datetime.now(UTC),
             speed=0.0 if fast else speed,
-            start=_read_start(start),
+            start=None if start is None else read_time(start, "--start"),
             recorded_times=recorded_times,
         )
         _announce(thermap, machine, file, plan)
@@ -203,21 +202,6 @@ def _checked_sensors(machine: MachineAnswer, columns: Mapping[str, str]) -> list
             param_hint="--column",
         )
     return sensors
-
-
-def _read_start(text: str | None) -> datetime | None:
-    if text is None:
-        return None
-    try:
-        start = datetime.fromisoformat(text)
-    except ValueError:
-        start = datetime.min
-    if start.tzinfo is None:
-        raise typer.BadParameter(
-            f"expected a time with its zone such as 2026-03-01T06:00:00Z, came {text!r}",
-            param_hint="--start",
-        )
-    return start.astimezone(UTC)
 
 
 def _read_zone(text: str | None) -> tzinfo | None:

@@ -9,15 +9,20 @@ import typer
 
 import app as package
 from app.cli.listening import (
+    DEFAULT_HOST,
+    DEFAULT_PORT,
+    AllowedHostOption,
+    HostOption,
+    PortOption,
     checked_settings,
     database_of,
     leaving_on_signals,
     listening,
     make_service,
+    newness_of,
     server_for,
     url_of,
 )
-from app.cli.options import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption
 from app.settings import Settings, sqlite_url
 
 _FIELDS = Settings.model_fields
@@ -27,6 +32,7 @@ def serve(
     *,
     host: HostOption = DEFAULT_HOST,
     port: PortOption = DEFAULT_PORT,
+    allowed_hosts: AllowedHostOption = None,
     database_url: Annotated[
         str,
         typer.Option(
@@ -40,9 +46,17 @@ def serve(
     max_body_bytes: Annotated[
         int,
         typer.Option(
-            envvar="THERMAP_MAX_BODY_BYTES", metavar="N", min=1, help="Largest body of a request."
+            envvar="THERMAP_MAX_BODY_BYTES", metavar="N", help="Largest body of any request."
         ),
     ] = _FIELDS["max_body_bytes"].default,
+    patience_s: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_PATIENCE_S",
+            metavar="SECONDS",
+            help="How long a request may stop half-way before it is ended, in s.",
+        ),
+    ] = _FIELDS["patience_s"].default,
     refresh_s: Annotated[
         float,
         typer.Option(
@@ -51,6 +65,22 @@ def serve(
             help="How often the database is looked at for others' changes, in s.",
         ),
     ] = _FIELDS["refresh_s"].default,
+    statement_limit_s: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_STATEMENT_LIMIT_S",
+            metavar="SECONDS",
+            help="Longest that PostgreSQL may take for one statement of a request, in s.",
+        ),
+    ] = _FIELDS["statement_limit_s"].default,
+    waiting_requests: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_WAITING_REQUESTS",
+            metavar="N",
+            help="Requests that may wait for the database; more are sent away with 503.",
+        ),
+    ] = _FIELDS["waiting_requests"].default,
     log_level: Annotated[
         Literal["debug", "info", "warning", "error", "critical"],
         typer.Option(
@@ -67,9 +97,13 @@ def serve(
     settings = checked_settings(
         host=host,
         port=port,
+        allowed_hosts=allowed_hosts or (),
         database_url=database_url,
         max_body_bytes=max_body_bytes,
+        patience_s=patience_s,
         refresh_s=refresh_s,
+        statement_limit_s=statement_limit_s,
+        waiting_requests=waiting_requests,
         log_level=log_level,
     )
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -77,6 +111,6 @@ def serve(
         service = make_service(settings)
         typer.echo(f"thermap {package.__version__} listens on {url_of(opened)}")
         typer.echo(f"  to read and try   {url_of(opened)}/docs")
-        typer.echo(f"  database          {database_of(service)}")
+        typer.echo(f"  database          {database_of(service)}{newness_of(service)}")
         typer.echo("  Ctrl-C stops it")
         server_for(service, settings.log_level).run([opened])

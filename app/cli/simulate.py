@@ -16,12 +16,15 @@ from app.cli.options import (
     TemperatureOption,
     ToolOption,
     UrlOption,
+    command_group,
     connect,
     field_question,
     read_number,
     read_point,
+    write_file,
 )
-from app.client.connection import DEFAULT_URL
+from app.cli.simulate_verification import simulate_verification
+from app.client import DEFAULT_URL
 from app.errors import counted, list_names
 from app.geometry.body_diagonal import DIAGONALS
 from app.measurement.step_diagonal_readings import TARGETS
@@ -29,12 +32,15 @@ from app.measurement.step_diagonal_readings import TARGETS
 _DECIMALS = 6
 """Of readings in µm: far below what any laser resolves."""
 
-simulate = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+simulate = command_group()
 
 
 @simulate.callback()
 def _describe() -> None:
     """Simulated readings on a stored machine: for training, and to plan a measurement."""
+
+
+simulate.command("verification")(simulate_verification)
 
 
 @simulate.command("step-diagonal")
@@ -134,12 +140,7 @@ def simulate_step_diagonal(
     with connect(url) as thermap:
         found = thermap.simulate_step_diagonal(machine, plan)
     text = "".join(f"{line}\n" for line in step_diagonal_lines(found, plan, label, _now()))
-    try:
-        output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise typer.BadParameter(
-            f"cannot write {output}: {error.strerror}", param_hint="--output"
-        ) from None
+    write_file(output, text)
     zero = (
         [f"counted as zero: {list_names(found.counted_as_zero)}"] if found.counted_as_zero else []
     )

@@ -130,7 +130,8 @@ def _by_origin(
     groups: dict[tuple[object, ...], list[ComponentCompensationAnswer]] = {}
     for entry in components:
         maps = (entry.lower_map, entry.upper_map, entry.weight, entry.status)
-        groups.setdefault((entry.sensor, entry.stand_in_for, *maps), []).append(entry)
+        followed = tuple(f.sensor for f in entry.follows or ())
+        groups.setdefault((entry.sensor, entry.stand_in_for, followed, *maps), []).append(entry)
     return groups.values()
 
 
@@ -159,14 +160,27 @@ def _sensors(answer: CurrentCompensationAnswer) -> Text:
 
 def _origin(entry: ComponentCompensationAnswer) -> Text:
     if entry.sensor is None:
-        return Text.assemble(("adopted effects alone", "bold"), ", no two maps have it")
+        text = Text.assemble(("adopted effects alone", "bold"), ", no two maps have it")
+        return (
+            text if entry.status == "effects-only" else text.append(f", {entry.status}", "yellow")
+        )
     stands_in = f" for {entry.stand_in_for}" if entry.stand_in_for else ""
     text = Text.assemble(
         (f"{entry.sensor} {entry.temperature_c:.2f} °C{stands_in}", "bold"),
-        f", {entry.lower_map} to {entry.upper_map}, weight {entry.weight:.2f}, ",
+        _others_followed(entry),
+        f", {entry.lower_map} to {entry.upper_map}, weight {entry.weight:.2f}, "
+        if entry.weight is not None
+        else ", between several maps, ",
     )
     text.append(entry.status, "green" if entry.status in _PLAIN else "yellow")
     return text
+
+
+def _others_followed(entry: ComponentCompensationAnswer) -> str:
+    """Name what else than its sensor a component follows, with the shares."""
+    others = (entry.follows or ())[1:]
+    shares = [f"{f.sensor} {f.temperature_c:.2f} °C by {f.share:.2f}" for f in others]
+    return f" ({', '.join(shares)})" if shares else ""
 
 
 def _numbers(entries: Sequence[ComponentCompensationAnswer], width: int, layout: Layout) -> Table:

@@ -120,7 +120,7 @@ def free_port():
         return opened.getsockname()[1]
 
 
-def wait_until_it_answers(url, within_s=20.0):
+def wait_until_it_answers(url, within_s=120.0):
     end = time.monotonic() + within_s
     while time.monotonic() < end:
         try:
@@ -130,7 +130,7 @@ def wait_until_it_answers(url, within_s=20.0):
     raise AssertionError(f"nothing at {url} within {within_s} s")
 
 
-def ended(process, number=signal.SIGTERM, within_s=15.0):
+def ended(process, number=signal.SIGTERM, within_s=120.0):
     """Send a signal and wait; return exit code, stdout, stderr."""
     process.send_signal(number)
     out, err = process.communicate(timeout=within_s)

@@ -15,7 +15,7 @@ from app.cli.listening import listening, serving, url_of
 from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
 from tests.cli.conftest import ended
 from tests.pictures.example_analyses import NOTHING
-from tests.service_examples import Clock, running
+from tests.service_examples import MACHINE, Clock, error_map, running
 
 QUICK = ("--effects", "backlash")
 """One kind of effect: the whole library takes longer than a test should."""
@@ -141,7 +141,9 @@ def test_what_the_service_would_refuse_is_told_with_its_line(thermap, tmp_path):
     )
     found = thermap("analyse", MACHINE_ID, "-v", file)
     assert found.exit_code == 1
-    assert "line 2, measured_um: expected an error within" in plain(found.stderr)
+    assert "huge.csv, line 2: expected errors within ±10000 µm, came 1.2e+07 µm" in plain(
+        found.stderr
+    )
 
 
 def test_another_verification_of_the_same_label_is_refused(thermap, tmp_path):
@@ -153,6 +155,7 @@ def test_another_verification_of_the_same_label_is_refused(thermap, tmp_path):
     assert "choose another label" in plain(found.stderr)
 
 
+@pytest.mark.slow
 def test_a_failed_analysis_says_why(thermap, client, tmp_path):
     """Everything lies before the machine's first reading."""
     file = tmp_path / "early.csv"
@@ -165,8 +168,40 @@ def test_a_failed_analysis_says_why(thermap, client, tmp_path):
     assert "before the first reading" in plain(found.stderr)
     number = client.verifications(MACHINE_ID)[-1].id
     assert f"stored, and not taken back: {number} of the verifications" in plain(found.stderr)
-    assert f"DELETE /v1/machines/{MACHINE_ID}/verifications/{number}" in plain(found.stderr)
+    assert f"`thermap verifications delete {number} --machine {MACHINE_ID}`" in plain(found.stderr)
     assert not report.exists()
+
+
+def test_what_nothing_can_be_compared_with_is_told_once_before_it_is_stored(
+    thermap, client, tmp_path
+):
+    """Neither sensor is one that the chapter's components follow, and none was assigned."""
+    sensors = [{"name": "bed"}, {"name": "column"}]
+    client.create_machine(MACHINE | {"id": "mill", "sensors": sensors})
+    for t_c in (20.0, 25.0):
+        bed = {"bed": t_c, "column": t_c + 1.0}
+        client.store_error_map("mill", error_map(f"at {t_c}", t_c, temperatures_c=bed))
+    files = []
+    for label in ("one", "two"):
+        file = tmp_path / f"{label}.csv"
+        file.write_text(
+            "time,component,position_mm,measured_um\n"
+            "2026-02-20T06:00:00Z,EXX,100,1\n2026-02-20T06:01:00Z,EZZ,100,2\n",
+            encoding="utf-8",
+        )
+        files += ["-v", file]
+    found = thermap("analyse", "mill", *files)
+    assert found.exit_code == 1
+    told = plain(found.stderr)
+    assert told.startswith("thermap: nothing was sent, because there is nothing to compare it with")
+    assert told.count("no sensor is assigned to EXX, EZZ") == 1
+    assert "bed, column" in told
+    assert "`thermap sensors assign EXX=bed … --machine mill`" in told
+    assert client.verifications("mill") == []
+    client.assign_sensors("mill", {"EXX": "bed"})
+    found = thermap("analyse", "mill", *files)
+    assert "note: no table has, and nothing is compared with, EZZ" in plain(found.stderr)
+    assert len(client.verifications("mill")) == 2
 
 
 def test_an_unknown_machine_and_a_service_that_is_away(thermap, run, no_service_url, tmp_path):
@@ -204,6 +239,7 @@ def test_the_table_counts_what_its_figures_are_of():
     assert "all in µm 0.65 0.65 0.61 µm 240" in plain(terminal.getvalue())
 
 
+@pytest.mark.slow
 def test_json_tells_the_state_after_adoption(thermap):
     found = thermap("analyse", MACHINE_ID, *QUICK, "--adopt", "--json")
     assert found.exit_code == 0, found.stderr
@@ -245,6 +281,7 @@ def test_a_machine_without_verifications(thermap, client):
     assert "no verification yet" in plain(found.stderr)
 
 
+@pytest.mark.slow
 def test_ctrl_c_cancels_it(client, start, service_url):
     process = start("analyse", MACHINE_ID, "--url", service_url)
     deadline = time.monotonic() + 60.0
@@ -258,6 +295,7 @@ def test_ctrl_c_cancels_it(client, start, service_url):
     assert client.analysis(MACHINE_ID, jobs[0].id).status == "cancelled"
 
 
+@pytest.mark.slow
 def test_a_plan_says_what_would_be_seen_and_stores_nothing(thermap, client, tmp_path):
     """From CSV without a value, and from JSON whose values are not looked at."""
     bodies = small_campaign().verifications

@@ -18,6 +18,7 @@ def lines_with(text, *words):
     return [line for line in text.splitlines() if all(word in line for word in words)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [60, 80, 120, 200])
 def test_a_table_that_fits_the_terminal(thermap, columns):
     found = thermap("compensate", "mcfv5050", *TEMPERATURES, columns=columns)

@@ -290,6 +290,55 @@ def test_files_without_what_they_need(complaints, text, complaint):
     assert complaints(text)[0].startswith(complaint)
 
 
-def test_what_the_service_would_refuse_is_refused_here(complaints):
+def test_what_can_be_no_error_is_refused(complaints):
     (complaint,) = complaints(HEAD + ROWS + "EXX,99,5e9\n")
-    assert "expected errors within ±1e+06 µm, came 5e+09" in complaint
+    assert "line 7, column 3 (error_um): expected errors within ±10000 µm, came 5e+09 µm" in (
+        complaint
+    )
+
+
+def test_what_the_service_would_refuse_is_refused_here(complaints):
+    (complaint,) = complaints(HEAD + "# repeatability_um: -1\n" + ROWS)
+    assert complaint.startswith("run.csv: repeatability_um: expected ")
+
+
+def test_other_units_are_converted_in_decimal(read):
+    found = read(
+        HEAD
+        + "component;Position [m];Error [mm];Error [arcsec];standard error [mm];"
+        + "backward_error_mm\nEXX;0,05;0,0012;;0,0001;-0,0003\nEBX;0,05;;1;;\nSXY;;;2;;\n"
+    )
+    assert values(found, "EXX") == {
+        "component": "EXX",
+        "positions_mm": [50.0],
+        "errors_um": [1.2],
+        "standard_errors_um": [0.1],
+        "backward_errors_um": [-0.3],
+    }
+    # One second of arc is 4.848 µrad.
+    assert values(found, "EBX")["errors_urad"] == pytest.approx([4.8481368])
+    assert values(found, "SXY")["value_um_per_m"] == pytest.approx(9.6962736)
+
+
+def test_a_column_in_mm_holds_lengths_alone(complaints):
+    (complaint,) = complaints(HEAD + "component,position_mm,error_mm\nEXX,0,0.01\nEBX,0,1\n")
+    assert complaint == (
+        "run.csv, line 6, column 3 (error_mm): expected EBX in µrad once, in the column "
+        "error_urad, came '1'"
+    )
+
+
+def test_millimetres_under_um_are_refused(complaints, read):
+    """In the words in which the methods warn of them."""
+    small = "component,position_mm,error_um\nEXX,0,0\nEXX,50,0.0012\nEXX,100,-0.0021\n"
+    (complaint,) = complaints(HEAD + small)
+    assert complaint.startswith(
+        "run.csv: No reading is larger than 0.0021 µm (error_um): they may be in mm instead of µm"
+    )
+    assert "Call the column error_mm" in complaint
+    assert values(read(HEAD + small.replace("error_um", "error_mm")), "EXX")["errors_um"] == [
+        0.0, 1.2, -2.1,
+    ]  # fmt: skip
+    # A map of zeros, as of a reference state, is none of millimetres; nor is one of angles.
+    read(HEAD + "component,position_mm,error_um\nEXX,0,0\nEXX,50,0\n")
+    read(HEAD + "component,position_mm,error_urad\nEBX,0,0.001\n")

@@ -340,7 +340,7 @@ def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
     ("method", "comment", "complaint"),
     [
         ("positioning", "# axis: w", "line 1: expected axis among x, y, z, came 'w'"),
-        ("rotary-axis", "# axis: B", "line 1: expected axis among C, A, came 'B'"),
+        ("rotary-axis", "# axis: D", "line 1: expected axis among C, A, B, came 'D'"),
         ("positioning", "", "expected axis, came none: write `# axis: x`"),
         ("machined-part", "", "expected component, came none: write `# component: EXY`"),
         ("machined-part", "# component: EXW", "line 1: expected an error component such as EXX"),

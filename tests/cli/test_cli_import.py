@@ -35,9 +35,11 @@ def test_a_csv_map_is_stored_once(thermap, client, write):
     note = "note: without a temperature, y-front cannot stand in for x-middle\n"
     assert (first.exit_code, first.stderr) == (0, note)
     number = client.error_maps("mcfv5050")[-1].id
-    assert first.stdout == (
-        f"{file}: error map 'Run #7' stored as number {number}, model version 4\n"
-    )
+    assert first.stdout.splitlines() == [
+        f"{file}: would gain maps of EXX between 30 and 34 °C of x-middle",
+        f"{file}: would gain maps of EZZ between 32 and 36 °C of z-column",
+        f"{file}: error map 'Run #7' stored as number {number}, model version 4",
+    ]
     second = thermap("import", file, "--machine", "mcfv5050")
     assert second.exit_code == 0
     assert second.stdout == f"{file}: error map 'Run #7' was there already, number {number}\n"
@@ -66,6 +68,7 @@ def test_a_machine_with_maps_and_readings_in_any_order(thermap, client, write):
         f"{readings}: 1 reading stored, 1 there already",
         f"{maps}: error map 'a' stored as number {client.error_maps('mill')[0].id}, "
         "model version 1",
+        f"{maps}: would gain EXX, EBX, EZZ, SXY",
         f"{maps}: error map 'b' stored as number {client.error_maps('mill')[1].id}, "
         "model version 2",
     ]
@@ -85,7 +88,9 @@ def test_what_the_service_answers_can_be_imported(thermap, client, write):
 def test_a_machine_that_is_there_with_other_settings(thermap, write):
     found = thermap("import", write("machine.json", MACHINE | {"name": "Another"}))
     assert found.exit_code == 1
-    assert "machine mcfv5050 is there with other settings; PATCH http://" in found.stderr
+    assert "machine mcfv5050 is there with other settings; `thermap machines set mcfv5050 " in (
+        found.stderr
+    )
 
 
 def test_what_the_service_refuses_names_the_file_and_what_was_not_sent(thermap, write):
@@ -161,3 +166,70 @@ def test_a_file_that_is_not_there(thermap, tmp_path):
     found = thermap("import", tmp_path / "no.csv", "-m", "mcfv5050")
     assert found.exit_code == 1
     assert "no.csv: No such file or directory" in found.stderr
+
+
+SHORT = """\
+# measured_at: 2026-03-01T06:00:00Z
+component,position_mm,error_um
+EXX,0,0
+EXX,100,12
+"""
+
+
+def short_of(t_c):
+    """A map of EXX from 0 to 100 mm, where the example's maps reach 500."""
+    return f"# label: at {t_c}\n# temperature x-middle: {t_c}\n# temperature y-front: 20\n{SHORT}"
+
+
+def test_what_tables_would_lose_is_shown_before_and_the_map_waits(thermap, client, write):
+    file = write("short.csv", short_of(40))
+    found = thermap("import", file, "-m", "mcfv5050")
+    assert found.exit_code == 0
+    told = found.stderr.splitlines()
+    assert told[0].startswith(f"{file}: would lose EXX from 100 to 500 mm")
+    assert told[1].startswith(f"{file}: model version 4 waits and tables stay as they are")
+    assert "`thermap models activate 4 --machine mcfv5050` activates it all the same" in told[2]
+    assert found.stdout.splitlines()[-1].startswith(f"{file}: error map 'at 40' stored as number")
+    assert "/v1/" not in found.output
+    machine = client.machine("mcfv5050")
+    assert (machine.active_model, machine.waiting_model) == (3, 4)
+
+
+def test_short_maps_imported_one_after_another_are_activated_together(thermap, client, write):
+    files = [write(f"{t_c}.csv", short_of(t_c)) for t_c in (35, 40, 45)]
+    assert thermap("import", *files, "-m", "mcfv5050").exit_code == 0
+    assert client.machine("mcfv5050").active_model == 3
+    again = thermap("import", files[0], "-m", "mcfv5050", "--accept-losses")
+    assert again.stdout.splitlines()[-1].endswith("; model version 6 is active")
+    assert client.machine("mcfv5050").active_model == 6
+    assert all(stored.in_active_model for stored in client.error_maps("mcfv5050"))
+
+
+def test_a_preview_says_what_would_change_and_stores_nothing(thermap, client, write):
+    client.store_readings("mcfv5050", reading(START, 40.0))
+    file = write("run-7.csv", CSV)
+    found = thermap("import", file, "-m", "mcfv5050", "--preview")
+    assert found.exit_code == 0
+    assert "would gain maps of EXX between 30 and 34 °C of x-middle" in found.stdout
+    # At 40 °C tables are held at 30 °C (EXX 50 µm at 500 mm), then at 34 °C (70 µm).
+    assert "EXX by +20.00 µm at 500 mm" in found.stdout
+    assert "nothing was stored" in found.stdout
+    assert len(client.error_maps("mcfv5050")) == 3
+
+
+def test_maps_of_a_machine_whose_sensors_nobody_assigned_are_told_of_once(thermap, write):
+    """Neither sensor has the name of one that the chapter's components follow."""
+    sensors = [{"name": "bed"}, {"name": "column"}]
+    machine = write("machine.json", MACHINE | {"id": "mill", "sensors": sensors})
+    maps = write(
+        "maps.json",
+        [error_map(f"m{t}", t, temperatures_c={"bed": t, "column": t + 1}) for t in (20.0, 25.0)],
+    )
+    found = thermap("import", machine, maps)
+    assert found.exit_code == 0, found.output
+    (note,) = [line for line in found.stderr.splitlines() if "no sensor is assigned" in line]
+    assert note.startswith("note: no sensor is assigned to EXX, EBX, EZZ, SXY")
+    assert "bed, column" in note
+    assert "x-middle for EXX, EBX, SXY" in note
+    assert "`thermap sensors assign EXX=bed" in note
+    assert "thermap sensors correlate" in note

@@ -2,19 +2,35 @@
 
 import signal
 import sqlite3
+import threading
+import time
+from contextlib import suppress
 from types import SimpleNamespace
 
+import httpx
 import pytest
 from sqlalchemy import make_url
 
 from app import __version__
 from app.cli.listening import CannotListen, listening, url_of
 from app.cli.options import read_named_numbers
+from app.storage.database import Database
+from app.storage.readings import list_readings
 from tests.cli.conftest import ended, wait_until_it_answers
+from tests.databases import reachable
+from tests.service_examples import ROOM, START, furnish_database, reading
+from tests.services.tcp_proxy import TcpProxy
 
 COMMANDS = (
     *("serve", "demo", "import", "compensate", "accuracy", "picture", "replay"),
-    "simulate step-diagonal",
+    *("simulate step-diagonal", "simulate verification"),
+    *("machines list", "machines show", "machines set", "machines delete"),
+    *("maps list", "maps show", "maps delete"),
+    *("models list", "models show", "models activate", "models compare"),
+    *("sensors show", "sensors assign", "sensors correlate", "readings list"),
+    *("verifications list", "verifications residuals", "verifications delete"),
+    *("analyses list", "analyses show", "analyses cancel", "analyses delete"),
+    *("backup", "restore"),
 )
 
 
@@ -28,7 +44,61 @@ def test_it_says_where_it_listens_answers_and_ends_with_0(start, free_port, tmp_
     assert (code, err) == (0, "")
     assert f"listens on {url}\n" in out
     assert f"{url}/docs" in out
-    assert str(file) in out
+    assert f"{file} (a new database, made just now)\n" in out
+
+
+@pytest.mark.slow
+def test_only_a_new_database_is_said_to_be_new(start, free_port, sqlite_url):
+    process = start("serve", "--port", free_port, "--database-url", sqlite_url)
+    wait_until_it_answers(f"http://127.0.0.1:{free_port}")
+    _, out, _ = ended(process)
+    assert f"{make_url(sqlite_url).database}\n" in out
+    assert "new" not in out
+
+
+def test_a_folder_that_is_not_there_is_refused(run, tmp_path):
+    found = run("serve", "--port", "0", "--database-url", f"sqlite:///{tmp_path}/typo/x.db")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert f"there is no folder {tmp_path}/typo; make it first" in found.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_it_ends_in_time_though_the_database_hangs(start, free_port, databases):
+    """Its requests wait for PostgreSQL, which takes what is sent and answers nothing."""
+    direct = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
+    parsed = make_url(direct)
+    wire = TcpProxy(parsed.host, parsed.port or 5432)
+    through = parsed.set(host="127.0.0.1", port=wire.port).render_as_string(hide_password=False)
+    process = start(
+        *("serve", "--port", free_port, "--database-url", through),
+        *("--statement-limit-s", "3600"),
+    )
+    url = f"http://127.0.0.1:{free_port}"
+    wait_until_it_answers(url)
+    with httpx.Client(base_url=url, trust_env=False, timeout=60) as client:
+        stored = client.post(f"{ROOM}/readings", json=reading(START, 25.5))
+        assert stored.status_code == 201
+    wire.freeze()
+    waiting = [threading.Thread(target=given_up, args=(f"{url}/v1/machines",)) for _ in range(30)]
+    for thread in waiting:
+        thread.start()
+    time.sleep(2.0)
+    code, _, err = ended(process)
+    assert code == 0, err
+    for thread in waiting:
+        thread.join()
+    wire.cut()
+    database = Database(direct)
+    with database.reading() as session:
+        assert [r.time for r in list_readings(session, "mcfv5050")] == [START]
+    database.close()
+    databases.give_back(direct)
+
+
+def given_up(url):
+    with suppress(httpx.TransportError):
+        httpx.get(url, trust_env=False, timeout=120)
 
 
 def test_a_port_in_use(run, tmp_path):

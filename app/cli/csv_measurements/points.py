@@ -59,7 +59,7 @@ def _read_drilled_plate(
 
 ROTARY_AXIS: Final = Format(
     (
-        axis_among("C", "A"),
+        axis_among("C", "A", "B"),
         Statement(Named("pivot", POSITION), 3, "pivot_mm: 0, 0, -500"),
         REPEATABILITY,
     ),

@@ -1,0 +1,167 @@
+"""thermap analyses: list, show, cancel and delete what `thermap analyse` asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import facts, listing, or_nothing, show, show_view, when
+from app.cli.options import (
+    JsonOption,
+    MachineOption,
+    UrlOption,
+    YesOption,
+    chosen_machine,
+    command_group,
+    confirm,
+    connect,
+    expect_page,
+    write_file,
+)
+from app.client import DEFAULT_URL
+from app.errors import list_names
+
+if TYPE_CHECKING:
+    from app.api.schemas.analyses import AnalysisHead
+
+analyses = command_group()
+
+NumberArgument = Annotated[int, typer.Argument(metavar="NUMBER", help="The analysis' number.")]
+
+
+@analyses.callback()
+def _describe() -> None:
+    """List, show, cancel and delete analyses."""
+
+
+@analyses.command("list")
+def list_analyses(
+    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """List a machine's analyses, oldest first.
+
+    Example: `thermap analyses list --machine vmc`
+    """
+    from app.client import loop_calls
+
+    with connect(url) as thermap:
+        call = loop_calls.analyses(chosen_machine(thermap, machine))
+        show(thermap, call, analyses_view, json=json)
+
+
+@analyses.command("show")
+def show_analysis(
+    number: NumberArgument,
+    machine: MachineOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE.html",
+            help="Write the report, a page that needs no internet.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Show how far an analysis is and, once it is done, what it found.
+
+    Example: `thermap analyses show 1 --machine vmc -o report.html`
+    """
+    import orjson
+
+    from app.client import loop_calls
+
+    if output is not None:
+        expect_page(output)
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        content = thermap.content(loop_calls.analysis(chosen, number))
+        if json:
+            typer.echo(content.decode())
+        else:
+            show_view(analysis_view(orjson.loads(content)))
+        if output is not None:
+            write_file(output, thermap.analysis_report(chosen, number))
+            typer.echo(f"{output}: the report of analysis {number}", err=True)
+
+
+@analyses.command("cancel")
+def cancel_analysis(
+    number: NumberArgument,
+    machine: MachineOption = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Stop an analysis that waits or runs.
+
+    Example: `thermap analyses cancel 2 --machine vmc`
+    """
+    from app.client import loop_calls
+
+    with connect(url) as thermap:
+        call = loop_calls.cancel_analysis(chosen_machine(thermap, machine), number)
+        show(thermap, call, lambda now: Text(f"analysis {now.id}: {now.status}"), json=json)
+
+
+@analyses.command("delete")
+def delete_analysis(
+    number: NumberArgument,
+    machine: MachineOption = None,
+    yes: YesOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Delete an analysis with its report; a model version that was made of it stays.
+
+    Example: `thermap analyses delete 1 --machine vmc`
+    """
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        present = thermap.analysis(chosen, number)
+        confirm(
+            f"analysis {number} was not deleted",
+            f"Delete analysis {number} of {chosen!r} ({present.status}) with its report?",
+            yes=yes,
+        )
+        thermap.delete_analysis(chosen, number)
+    typer.echo(f"analysis {number} deleted")
+
+
+def analyses_view(found: Sequence[AnalysisHead]) -> RenderableType:
+    """Lay out all analyses."""
+    table = listing(
+        *("no.", "asked for [UTC]", "status", "done [%]", "of version", "verifications", "adopted"),
+        right="rllrrlr",
+    )
+    for one in found:
+        adopted = "–" if one.adopted_version is None else f"version {one.adopted_version}"
+        table.add_row(
+            *(str(one.id), when(one.created_at), str(one.status), f"{100.0 * one.progress:.0f}"),
+            *(str(one.model_version), list_names(map(str, one.verifications), 6), adopted),
+        )
+    return or_nothing(table, "no analysis yet; `thermap analyse` asks for one")
+
+
+def analysis_view(job: dict[str, Any]) -> RenderableType:
+    """Lay out one analysis; `job` is JSON's own types."""
+    from app.cli.analyse_view import analysis_view as result_view
+
+    adopted = job["adopted_version"]
+    known = [
+        ("analysis", f"{job['id']}, {job['status']}"),
+        ("of", f"model version {job['model_version']}"),
+        ("verifications", list_names(map(str, job["verifications"]))),
+        ("adopted", "no" if adopted is None else f"as model version {adopted}"),
+    ]
+    if job["message"]:
+        known.append(("says", job["message"]))
+    if job["result"] is None:
+        return facts(*known, ("done", f"{100.0 * job['progress']:.0f} %"))
+    return Group(facts(*known), Text(), result_view(job["result"]))

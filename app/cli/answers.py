@@ -1,0 +1,99 @@
+"""How a service's answer is shown: its JSON unchanged, or a view of it for a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from datetime import datetime
+from typing import TYPE_CHECKING, TypeVar
+
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from app.client import ThermapClient
+    from app.client.call import Call
+
+Answer = TypeVar("Answer")
+
+
+def show(
+    thermap: ThermapClient,
+    call: Call[Answer],
+    view: Callable[[Answer], RenderableType],
+    *,
+    json: bool,
+) -> None:
+    """Send a call and show its answer.
+
+    Parameters
+    ----------
+    thermap
+        The client.
+    call
+        The call, of `app.client.calls` or `app.client.loop_calls`.
+    view
+        Makes what a person reads.
+    json
+        Write the service's JSON instead.
+    """
+    if json:
+        sys.stdout.write(thermap.content(call).decode() + "\n")
+    else:
+        show_view(view(thermap.send(call)))
+
+
+def show_view(view: RenderableType) -> None:
+    """Write a view to the terminal, or into a pipe, as wide as that is."""
+    Console(highlight=False).print(view)
+
+
+def listing(*headings: str, right: str = "") -> Table:
+    """Make a table of some columns without lines.
+
+    Parameters
+    ----------
+    headings
+        Of the columns, with their units.
+    right
+        A letter for each column, r where it holds numbers; the others stand left.
+    """
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    for i, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if right[i : i + 1] == "r" else "left")
+    return table
+
+
+def or_nothing(table: Table, nothing: str) -> RenderableType:
+    """Give a table, or a sentence where it has no rows."""
+    return table if table.row_count else Text(nothing)
+
+
+def facts(*known: tuple[str, str]) -> Table:
+    """Lay out what is known of one thing: a name and what it says in each row."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    for name, says in known:
+        table.add_row(name, says)
+    return table
+
+
+def when(time: datetime | None) -> str:
+    """Write a time to the minute, in UTC as everything is.
+
+    >>> from datetime import UTC
+    >>> when(datetime(2026, 3, 1, 6, 0, 30, tzinfo=UTC)), when(None)
+    ('2026-03-01 06:00', '')
+    """
+    return "" if time is None else f"{time:%Y-%m-%d %H:%M}"
+
+
+def temperatures(temperatures_c: dict[str, float]) -> str:
+    """Write temperatures in °C, the unit being said elsewhere.
+
+    >>> temperatures({"x-middle": 20.125, "spindle": 24.0})
+    'x-middle 20.12, spindle 24.00'
+    """
+    return ", ".join(f"{sensor} {value:.2f}" for sensor, value in temperatures_c.items())

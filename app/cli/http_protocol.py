@@ -1,0 +1,109 @@
+"""Ending requests that stop half-way: neither the server nor the framework ever would.
+
+Who opens many connections and sends a little over each would otherwise keep them all. The
+server looks at all connections once a second: what costs a plain request next to nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Final
+
+import uvicorn
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+SLOWEST_BYTES_PER_S: Final = 200
+"""Of a body, once it has had twice the patience: the slowest radio link sends more."""
+
+_ANSWER: Final = (
+    b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\n"
+    b"content-type: application/problem+json\r\ncontent-length: %d\r\n\r\n%s"
+)
+_PROBLEM: Final = (
+    b'{"type":"about:blank","title":"Request stopped half-way","status":408,'
+    b'"detail":"expected the rest of the request, came nothing or next to nothing for too long",'
+    b'"errors":[]}'
+)
+
+
+class PatientProtocol(HttpToolsProtocol):
+    """HTTP as the server has it, and since when a request is on its way."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for a first request from here on."""
+        self.began = self.last_came = self.loop.time()
+        self.came_bytes = 0
+        self.is_receiving = True
+        self.has_headers = False
+        super().connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Note when something came, and how much."""
+        self.last_came = self.loop.time()
+        super().data_received(data)
+        self.came_bytes += len(data)
+
+    def on_message_begin(self) -> None:
+        """Begin another request."""
+        self.began = self.last_came
+        self.came_bytes = 0
+        self.is_receiving = True
+        self.has_headers = False
+        super().on_message_begin()
+
+    def on_headers_complete(self) -> None:
+        """Know that only a body is still to come."""
+        self.has_headers = True
+        super().on_headers_complete()
+
+    def on_message_complete(self) -> None:
+        """Know that all of the request has come."""
+        self.is_receiving = False
+        super().on_message_complete()
+
+    def end_if_stopped(self, now: float, patience_s: float) -> None:
+        """Answer 408 and close, where a request has stopped half-way.
+
+        Headers must be complete within the patience. A body may take as long as it likes while
+        it goes on, at no less than a crawl.
+        """
+        if not self.is_receiving or self.transport.is_closing():
+            return
+        if self.flow.read_paused:
+            self.last_came = now  # it is we who do not read
+            return
+        age_s = now - self.began
+        if self.has_headers:
+            crawls = self.came_bytes < SLOWEST_BYTES_PER_S * (age_s - 2.0 * patience_s)
+            stopped = now - self.last_came > patience_s or crawls
+        else:
+            stopped = age_s > patience_s
+        if not stopped:
+            return
+        is_answering = self.cycle is not None and not self.cycle.response_complete
+        if self.has_headers:
+            may_answer = is_answering and not self.cycle.response_started
+        elif is_answering:
+            return  # the request before has its answer first
+        else:
+            may_answer = self.came_bytes > 0
+        if may_answer:
+            self.transport.write(_ANSWER % (len(_PROBLEM), _PROBLEM))
+        self.transport.close()
+
+
+class PatientServer(uvicorn.Server):
+    """A server that ends requests that stop half-way."""
+
+    def __init__(self, config: uvicorn.Config, patience_s: float) -> None:
+        super().__init__(config)
+        self.patience_s = patience_s
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look at all connections once a second; the server calls this ten times as often."""
+        if counter % 10 == 0:
+            now = asyncio.get_running_loop().time()
+            for connection in list(self.server_state.connections):
+                if isinstance(connection, PatientProtocol):
+                    connection.end_if_stopped(now, self.patience_s)
+        return await super().on_tick(counter)

@@ -1,0 +1,266 @@
+"""thermap machines: list, show, change and delete them."""
+
+from __future__ import annotations
+
+import json as json_text
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import facts, listing, or_nothing, show, when
+from app.cli.options import (
+    JsonOption,
+    MachineArgument,
+    UrlOption,
+    YesOption,
+    command_group,
+    confirm,
+    connect,
+)
+from app.client import DEFAULT_URL
+from app.errors import counted, list_names
+
+if TYPE_CHECKING:
+    from app.api.schemas.machines import MachineAnswer, SensorSchema
+    from app.api.schemas.needed import NeededAnswer
+
+machines = command_group()
+
+SETTINGS: Final = (
+    *("name", "configuration", "out_of_range", "extrapolation_margin_c", "same_temperature"),
+    "axes.AXIS.min_mm",
+    "axes.AXIS.max_mm",
+    "sensors.SENSOR.FIELD",
+)
+"""What `thermap machines set` changes."""
+
+_WORDS: Final = ("name", "configuration", "out_of_range", "same_temperature", "stand_in")
+"""Settings that are words, also where they look like numbers."""
+
+
+@machines.callback()
+def _describe() -> None:
+    """List, show, change and delete machines."""
+
+
+@machines.command("list")
+def list_machines(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
+    """List all machines.
+
+    Example: `thermap machines list`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        show(thermap, calls.machines(), machines_view, json=json)
+
+
+@machines.command("show")
+def show_machine(
+    machine: MachineArgument, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """Show a machine: its axes, its sensors, what happens outside its maps.
+
+    Example: `thermap machines show vmc`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        show(thermap, calls.machine(machine), machine_view, json=json)
+
+
+@machines.command("needs")
+def needed_components(
+    machine: MachineArgument,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="A kind of machine that is not rigid: horizontal-counterweight or large-gantry.",
+        ),
+    ] = None,
+    tool_length: Annotated[
+        float, typer.Option(metavar="MM", help="Tool offset along z [mm].")
+    ] = 0.0,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """List the errors that have to be measured, and which of them the model lacks.
+
+    Example: `thermap machines needs vmc --preset large-gantry`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        call = calls.needed_components(machine, preset, tool_length)
+        show(thermap, call, needed_view, json=json)
+
+
+@machines.command("set")
+def set_machine(
+    machine: MachineArgument,
+    changes: Annotated[
+        list[str], typer.Argument(metavar="KEY=VALUE…", help="Settings and their new values.")
+    ],
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Change settings of a machine; all of them or, if one is wrong, none.
+
+    Keys: `name`, `configuration`, `out_of_range` (clamp, extrapolate, reject),
+    `extrapolation_margin_c`, `same_temperature`, `axes.x.min_mm`, `axes.x.max_mm`, and of each
+    sensor `sensors.NAME.stand_in`, `….min_c`, `….max_c`, `….max_age_s` and so on, as
+    `thermap machines show` lists them. A value `null` takes away.
+
+    Example: `thermap machines set vmc out_of_range=extrapolate sensors.x-middle.max_age_s=60`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        patch = patch_of(thermap.machine(machine), changes)
+        show(thermap, calls.change_machine(machine, patch), machine_view, json=json)
+
+
+@machines.command("delete")
+def delete_machine(
+    machine: MachineArgument, yes: YesOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """Delete a machine with all its maps, models, readings and verifications.
+
+    Example: `thermap machines delete vmc`
+    """
+    with connect(url) as thermap:
+        present = thermap.machine(machine)
+        maps = counted(len(thermap.error_maps(machine)), "error map")
+        confirm(
+            f"machine {machine!r} was not deleted",
+            f"Delete {machine!r} ({present.name}) with {maps}, all model versions, readings, "
+            "verifications and analyses?",
+            yes=yes,
+        )
+        thermap.delete_machine(machine)
+    typer.echo(f"machine {machine!r} deleted")
+
+
+def machines_view(found: Sequence[MachineAnswer]) -> RenderableType:
+    """Lay out all machines."""
+    table = listing("machine", "name", "configuration", "sensors", "model", "watch", right="lllrrl")
+    for one in found:
+        model = "–" if one.active_model is None else str(one.active_model)
+        sensors = str(len(one.sensors))
+        table.add_row(one.id, one.name, one.configuration, sensors, model, one.watch or "–")
+    return or_nothing(table, "no machine is stored yet; `thermap import machine.json` stores one")
+
+
+def machine_view(one: MachineAnswer) -> RenderableType:
+    """Lay out one machine."""
+    margin = f" up to {one.extrapolation_margin_c:g} °C beyond"
+    head = facts(
+        ("machine", one.id),
+        ("name", one.name),
+        ("configuration", one.configuration),
+        ("axes", ", ".join(f"{a} {t.min_mm:g} to {t.max_mm:g} mm" for a, t in one.axes.items())),
+        ("outside maps", one.out_of_range + (margin if one.out_of_range == "extrapolate" else "")),
+        ("same temperature", one.same_temperature),
+        ("active model", "none yet" if one.active_model is None else str(one.active_model)),
+        ("watch", one.watch or "not judged yet"),
+        ("created", f"{when(one.created_at)} UTC"),
+    )
+    return Group(head, Text(), or_nothing(_sensors(one.sensors), "no sensors"))
+
+
+def needed_view(found: NeededAnswer) -> RenderableType:
+    """Lay out what has to be measured."""
+    kind = "a rigid machine"
+    if found.preset is not None:
+        kind = f"{found.preset.name}: {found.preset.reason} ({found.preset.equations})"
+    table = listing("component", "chapter", "group", "unit", "in the model")
+    for one in found.components:
+        table.add_row(
+            one.component, one.chapter, one.kind, one.unit, "yes" if one.in_model else "missing"
+        )
+    needed = counted(len(found.components), "component")
+    counts = f"{needed} to be measured, {len(found.missing)} missing"
+    head = Text(f"{found.machine}, {found.configuration}; {kind}\n{counts}\n")
+    warnings = [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    return Group(head, table, *warnings)
+
+
+def _sensors(sensors: Iterable[SensorSchema]) -> Any:
+    table = listing(
+        *("sensor", "stand_in", "min_c\n[°C]", "max_c\n[°C]", "max_\nage_s\n[s]"),
+        *("resolution_\nc\n[°C]", "stuck_\nafter_s\n[s]", "max_rate_\nc_per_min\n[°C/min]"),
+        right="llrrrrrr",
+    )
+    for one in sensors:
+        numbers = (one.min_c, one.max_c, one.max_age_s, one.resolution_c)
+        stuck = "–" if one.stuck_after_s is None else f"{one.stuck_after_s:g}"
+        cells = [f"{number:g}" for number in numbers]
+        table.add_row(one.name, one.stand_in or "–", *cells, stuck, f"{one.max_rate_c_per_min:g}")
+    return table
+
+
+def patch_of(machine: MachineAnswer, stated: Iterable[str]) -> dict[str, Any]:
+    """Write the changes of `KEY=VALUE` for a machine as it is now.
+
+    Raises
+    ------
+    typer.BadParameter
+        If there is no such setting, axis or sensor.
+    """
+    patch: dict[str, Any] = {}
+    for text in stated:
+        key, equals, written = (part.strip() for part in text.partition("="))
+        first, *further = key.split(".")
+        if not equals or first not in (*SETTINGS[:5], "axes", "sensors"):
+            raise _unknown(text)
+        if first == "axes" and len(further) == 2 and further[1] in ("min_mm", "max_mm"):
+            axes = patch.setdefault("axes", {})
+            present = machine.axes.get(further[0])
+            axis = axes.setdefault(further[0], present.model_dump() if present else {})
+            axis[further[1]] = _value(further[1], written)
+        elif first == "sensors" and len(further) >= 2:
+            sensors = patch.setdefault(
+                "sensors", [sensor.model_dump() for sensor in machine.sensors]
+            )
+            sensor = _sensor_in(sensors, ".".join(further[:-1]), text)
+            if further[-1] not in sensor or further[-1] == "name":
+                raise _unknown(text, list_names(sorted(sensor.keys() - {"name"})))
+            sensor[further[-1]] = _value(further[-1], written)
+        elif not further and first not in ("axes", "sensors"):
+            patch[first] = _value(first, written)
+        else:
+            raise _unknown(text)
+    return patch
+
+
+def _sensor_in(sensors: Iterable[dict[str, Any]], name: str, text: str) -> dict[str, Any]:
+    for sensor in sensors:
+        if sensor["name"] == name:
+            return sensor
+    known = list_names(sensor["name"] for sensor in sensors)
+    raise typer.BadParameter(
+        f"expected one of the sensors {known}, came {text!r}", param_hint="KEY=VALUE"
+    )
+
+
+def _unknown(text: str, known: str = "") -> typer.BadParameter:
+    expected = known or list_names(SETTINGS)
+    return typer.BadParameter(
+        f"expected KEY=VALUE with one of {expected}, came {text!r}", param_hint="KEY=VALUE"
+    )
+
+
+def _value(field: str, written: str) -> Any:
+    """Read a value as JSON has it; a word, or what is none of JSON's, is text."""
+    if written == "null":
+        return None
+    if field in _WORDS:
+        return written
+    try:
+        return json_text.loads(written)
+    except ValueError:
+        return written

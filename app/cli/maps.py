@@ -1,0 +1,121 @@
+"""thermap maps: list, show and delete error maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import facts, listing, or_nothing, show, temperatures, when
+from app.cli.options import (
+    JsonOption,
+    MachineOption,
+    UrlOption,
+    YesOption,
+    chosen_machine,
+    command_group,
+    confirm,
+    connect,
+)
+from app.client import DEFAULT_URL
+from app.errors import list_names
+
+if TYPE_CHECKING:
+    from app.api.schemas.error_maps import ErrorMapAnswer
+
+maps = command_group()
+
+NumberArgument = Annotated[int, typer.Argument(metavar="NUMBER", help="The map's number.")]
+
+
+@maps.callback()
+def _describe() -> None:
+    """List, show and delete error maps."""
+
+
+@maps.command("list")
+def list_maps(
+    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """List a machine's error maps in the order in which they were stored.
+
+    Example: `thermap maps list --machine vmc`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        call = calls.error_maps(chosen_machine(thermap, machine))
+        show(thermap, call, maps_view, json=json)
+
+
+@maps.command("show")
+def show_map(
+    number: NumberArgument,
+    machine: MachineOption = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Show an error map: when and how it was measured, at which temperatures, what came out.
+
+    Example: `thermap maps show 2 --machine vmc`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        call = calls.error_map(chosen_machine(thermap, machine), number)
+        show(thermap, call, map_view, json=json)
+
+
+@maps.command("delete")
+def delete_map(
+    number: NumberArgument,
+    machine: MachineOption = None,
+    yes: YesOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Take an error map out of use; model versions that were made with it keep it.
+
+    Example: `thermap maps delete 2 --machine vmc`
+    """
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        label = thermap.error_map(chosen, number).label
+        confirm(
+            f"error map {label!r} was not deleted",
+            f"Take error map {label!r} (number {number}) of {chosen!r} out of use?",
+            yes=yes,
+        )
+        thermap.delete_error_map(chosen, number)
+        active = thermap.machine(chosen).active_model
+    typer.echo(f"error map {label!r} is out of use; the active model version is {active}")
+
+
+def maps_view(found: Sequence[ErrorMapAnswer]) -> RenderableType:
+    """Lay out all maps."""
+    table = listing("no.", "label", "measured [UTC]", "in use", "components", right="rllll")
+    for one in found:
+        components = list_names([c.component for c in one.components])
+        in_use = "yes" if one.in_active_model else "no"
+        table.add_row(str(one.id), one.label, when(one.measured_at), in_use, components)
+    return or_nothing(table, "no error map is stored yet; `thermap import run1.csv` stores one")
+
+
+def map_view(one: ErrorMapAnswer) -> RenderableType:
+    """Lay out one map."""
+    from app.cli.measurement_view import components_table
+
+    known = [
+        ("error map", f"{one.label}, number {one.id}"),
+        ("measured", f"{when(one.measured_at)} UTC"),
+        ("stored", f"{when(one.stored_at)} UTC"),
+        ("in use", "yes" if one.in_active_model else "no, the active model is without it"),
+        ("temperatures [°C]", temperatures(one.temperatures_c)),
+    ]
+    if one.instrument:
+        known.append(("instrument", one.instrument))
+    if one.repeatability_um is not None:
+        known.append(("repeatability", f"{one.repeatability_um:g} µm"))
+    return Group(facts(*known), Text(), components_table(one.components))

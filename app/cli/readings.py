@@ -1,0 +1,190 @@
+"""thermap readings: list the temperatures that came, and withdraw those that were wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import listing, show, temperatures
+from app.cli.options import (
+    JsonOption,
+    MachineOption,
+    UrlOption,
+    YesOption,
+    chosen_machine,
+    command_group,
+    confirm,
+    connect,
+    read_time,
+)
+from app.client import DEFAULT_URL
+from app.errors import counted
+
+if TYPE_CHECKING:
+    from app.api.schemas.readings import ReadingSchema
+
+readings = command_group()
+
+USUAL_SPAN: Final = timedelta(hours=1)
+"""How far back is listed where nothing is stated."""
+
+MOST_COUNTED: Final = 10_000
+"""Before they are withdrawn, readings are counted so far."""
+
+
+@readings.callback()
+def _describe() -> None:
+    """List and withdraw the temperatures that came."""
+
+
+@readings.command("list")
+def list_readings(
+    machine: MachineOption = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            envvar="THERMAP_FROM",
+            metavar="TIME",
+            help="From this time on, ISO 8601 with its zone.",
+            show_default="an hour ago",
+        ),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option("--to", envvar="THERMAP_TO", metavar="TIME", help="Up to this time."),
+    ] = None,
+    every_s: Annotated[
+        float,
+        typer.Option(
+            "--every-s", envvar="THERMAP_EVERY_S", min=0.0, help="At most one in so many seconds."
+        ),
+    ] = 60.0,
+    limit: Annotated[
+        int,
+        typer.Option(envvar="THERMAP_LIMIT", min=1, max=100_000, help="At most so many readings."),
+    ] = 1000,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """List readings in order of time: the last hour, one a minute, if nothing is stated.
+
+    Example: `thermap readings list --machine vmc --from 2026-03-01T06:00:00Z --every-s 600`
+    """
+    from app.client import calls
+
+    first = datetime.now(UTC) - USUAL_SPAN if since is None else read_time(since, "--from")
+    last = None if until is None else read_time(until, "--to")
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        call = calls.readings(chosen, first, last, every_s, limit)
+        show(thermap, call, lambda found: readings_view(found, first, limit), json=json)
+
+
+@readings.command("withdraw")
+def withdraw(
+    time: Annotated[
+        str | None,
+        typer.Option(
+            envvar="THERMAP_TIME",
+            metavar="TIME",
+            help="The one reading of exactly this time, ISO 8601 with its zone.",
+        ),
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            envvar="THERMAP_FROM",
+            metavar="TIME",
+            help="All from this time on, with --to.",
+        ),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            "--to", envvar="THERMAP_TO", metavar="TIME", help="All up to this time, with --from."
+        ),
+    ] = None,
+    machine: MachineOption = None,
+    yes: YesOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Take readings out of use: they count in no table, prediction or analysis any more.
+
+    For readings of a clock that was wrong, or of a sensor that hung somewhere else.
+
+    Example: `thermap readings withdraw --machine vmc --time 2026-03-01T06:00:00Z`
+    """
+    first, last = _span(time, since, until)
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        number = len(thermap.readings(chosen, first, last, limit=MOST_COUNTED))
+        what = counted(number, "reading") + (" or more" if number == MOST_COUNTED else "")
+        when = f"of {_exact(first)}" if time else f"from {_exact(first)} to {_exact(last)}"
+        are = "was" if number == 1 else "were"
+        confirm(
+            f"{what} of {chosen!r} {are} not withdrawn",
+            f"Withdraw {what} of {chosen!r} {when}?",
+            yes=yes,
+        )
+        done = (
+            thermap.withdraw_reading(chosen, first)
+            if time
+            else thermap.withdraw_readings(chosen, first, last)
+        )
+    typer.echo(f"{counted(done.withdrawn, 'reading')} {when} withdrawn")
+
+
+def _span(time: str | None, since: str | None, until: str | None) -> tuple[datetime, datetime]:
+    """Read which readings are meant; the one of a time lies between it and itself."""
+    if time is not None and since is None and until is None:
+        return (read_time(time, "--time"),) * 2
+    if time is None and since is not None and until is not None:
+        return read_time(since, "--from"), read_time(until, "--to")
+    raise typer.BadParameter(
+        "expected --time of one reading, or --from and --to of all between them; one of these "
+        "without the other would mean all readings before or after it",
+        param_hint="--time",
+    )
+
+
+def _exact(time: datetime) -> str:
+    """Write a time as it may be stated again."""
+    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def readings_view(found: Sequence[ReadingSchema], first: datetime, limit: int) -> RenderableType:
+    """Lay out readings.
+
+    Parameters
+    ----------
+    found
+        In order of time.
+    first
+        From when on they were asked for.
+    limit
+        How many were asked for; as many may not be all.
+    """
+    if not found:
+        return Text(f"no reading since {first:%Y-%m-%d %H:%M:%S} UTC; --from reaches further back")
+    has_state = any(one.state for one in found)
+    table = listing("time [UTC]", "temperatures [°C]", *(["state"] if has_state else []))
+    table.columns[0].no_wrap = True
+    for one in found:
+        state = ", ".join(f"{name} {value:g}" for name, value in one.state.items())
+        cells = [_shown(one.time), temperatures(one.temperatures_c)]
+        table.add_row(*cells, *([state] if has_state else []))
+    more = Text(f"! the first {limit}; there may be more: --from, --every-s and --limit choose")
+    return Group(table, *([more] if len(found) >= limit else []))
+
+
+def _shown(time: datetime) -> str:
+    """Write a time with all its digits: it names the reading, to be withdrawn for example."""
+    fraction = f".{time.microsecond:06d}".rstrip("0") if time.microsecond else ""
+    return f"{time:%Y-%m-%d %H:%M:%S}{fraction}"

@@ -1,0 +1,159 @@
+"""thermap sensors: which sensor each component follows, and which the maps speak for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import listing, or_nothing, show
+from app.cli.model_change_view import waiting_lines
+from app.cli.options import (
+    JsonOption,
+    MachineOption,
+    UrlOption,
+    chosen_machine,
+    command_group,
+    connect,
+)
+from app.client import DEFAULT_URL
+from app.errors import list_names
+
+if TYPE_CHECKING:
+    from app.api.schemas.models import CorrelationAnswer, ProposalAnswer, WaitingAssignmentAnswer
+
+sensors = command_group()
+
+
+@sensors.callback()
+def _describe() -> None:
+    """Show, assign and correlate the sensors that components follow."""
+
+
+@sensors.command("show")
+def show_assignment(
+    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """Show which sensor each component of the active model follows.
+
+    Example: `thermap sensors show --machine vmc`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        call = calls.sensor_assignment(chosen_machine(thermap, machine))
+        show(thermap, call, assignment_view, json=json)
+
+
+@sensors.command("assign")
+def assign_sensors(
+    assignment: Annotated[
+        list[str],
+        typer.Argument(metavar="COMPONENT=SENSOR…", help="Such as EXX=x-middle; others stay."),
+    ],
+    machine: MachineOption = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Let components follow other sensors; this makes the next model version.
+
+    Example: `thermap sensors assign EXX=x-middle EZZ=z-column --machine vmc`
+    """
+    from app.client import calls
+
+    stated = _read_assignment(assignment)
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        show(
+            thermap,
+            calls.assign_sensors(chosen, stated),
+            lambda answer: assigned_view(answer, chosen),
+            json=json,
+        )
+        if not json:
+            active = thermap.machine(chosen).active_model
+            typer.echo(f"\nthe active model version of {chosen!r} is {active}")
+
+
+@sensors.command("correlate")
+def correlate_sensors(
+    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """Show which sensors the maps themselves speak for; nothing is changed.
+
+    Example: `thermap sensors correlate --machine vmc`
+    """
+    from app.client import calls
+
+    with connect(url) as thermap:
+        call = calls.correlate_sensors(chosen_machine(thermap, machine))
+        show(thermap, call, correlation_view, json=json)
+
+
+def _read_assignment(stated: list[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in stated:
+        component, equals, sensor = (part.strip() for part in text.partition("="))
+        if not component or not equals or not sensor:
+            raise typer.BadParameter(
+                f"expected COMPONENT=SENSOR such as EXX=x-middle, came {text!r}",
+                param_hint="COMPONENT=SENSOR",
+            )
+        if component in found:
+            raise typer.BadParameter(f"{component} is stated twice", param_hint="COMPONENT=SENSOR")
+        found[component] = sensor
+    return found
+
+
+def assigned_view(
+    answer: Mapping[str, str] | WaitingAssignmentAnswer, machine: str
+) -> RenderableType:
+    """Lay out what is assigned, and say so where tables do not follow it yet."""
+    if isinstance(answer, Mapping):
+        return assignment_view(answer)
+    waiting = map(Text, waiting_lines(answer, machine))
+    return Group(assignment_view(answer.assignment), Text(), *waiting)
+
+
+def assignment_view(assignment: Mapping[str, str]) -> RenderableType:
+    """Lay out which components follow which sensor."""
+    table = listing("sensor", "is followed by")
+    for sensor in dict.fromkeys(assignment.values()):
+        components = [code for code, name in assignment.items() if name == sensor]
+        table.add_row(sensor, list_names(components, limit=100))
+    return or_nothing(table, "no component follows a sensor yet: no error map is stored")
+
+
+def correlation_view(found: CorrelationAnswer) -> RenderableType:
+    """Lay out what the maps say about each component's sensor."""
+    table = listing(
+        "component", "follows", "proposed", "r", "95 % from, to", "maps", right="lllrrr"
+    )
+    for one in found.components:
+        table.add_row(
+            one.component, one.current or "–", one.proposed or "–", *_strength(one), str(one.maps)
+        )
+    reasons = [
+        Text(f"{one.component}: {one.reason}", style="dim")
+        for one in found.components
+        if one.reason
+    ]
+    proposed = [f"{code}={sensor}" for code, sensor in found.proposal.items()]
+    followed = {one.component: one.current for one in found.components}
+    differs = [text for text in proposed if followed.get(text.split("=")[0]) != text.split("=")[1]]
+    advice = f"`thermap sensors assign {' '.join(differs)}` would take what differs"
+    shown = or_nothing(table, "no error map is stored yet")
+    return Group(shown, *reasons, *([Text(f"\n{advice}")] if differs else []))
+
+
+def _strength(one: ProposalAnswer) -> tuple[str, str]:
+    """Write r and its interval of the sensor that is proposed."""
+    for c in one.correlations:
+        if c.sensor == one.proposed and c.r is not None:
+            low, high = c.confidence_95 or (None, None)
+            interval = "–" if low is None or high is None else f"{low:+.2f}, {high:+.2f}"
+            return f"{c.r:+.3f}", interval
+    return "–", "–"

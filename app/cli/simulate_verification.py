@@ -1,0 +1,404 @@
+"""thermap simulate verification: what an instrument would read on a stored machine, as a file.
+
+The model at the times of stored readings, and noise: a machine that is as its model says. With
+`--reversal` it has an effect that the model lacks, for `thermap analyse` to find.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from app.cli.options import (
+    MachineArgument,
+    MissingOption,
+    UrlOption,
+    connect,
+    read_named_numbers,
+    read_time,
+    write_file,
+)
+from app.client import DEFAULT_URL
+from app.errors import ThermapError, UnknownComponent, counted, list_names
+
+if TYPE_CHECKING:
+    from app.client import ThermapClient
+
+OBSERVATION_EVERY: Final = timedelta(seconds=20)
+"""So long an instrument takes from one place to the next."""
+
+_DECIMALS: Final = 4
+"""Of what is read in µm: a tenth of a nanometre, as the service writes."""
+
+_COLUMNS: Final = (
+    *("time", "component", "position_mm", "direction", "measured_um", "measured_urad"),
+    *(f"{stem}_{axis}_mm" for stem in ("point", "tool") for axis in "xyz"),
+    *(f"measured_{axis}_um" for axis in "xyz"),
+    *(f"direction_{axis}" for axis in "xyz"),
+)
+
+Observation = dict[str, Any]
+"""One observation as the service takes it, without its value."""
+
+
+class NothingToSimulate(ThermapError):
+    """The service has not what a simulation needs."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Observations visit by visit, and what the file says above them."""
+
+    visits: Sequence[Sequence[Observation]]
+    datum: str
+
+
+def simulate_verification(
+    machine: MachineArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE",
+            help="CSV, as `thermap analyse --verification` reads it.",
+        ),
+    ],
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="THERMAP_PLAN_FILE",
+            metavar="FILE",
+            help="Observations to be made, a verification's CSV without values; without it every "
+            "component is visited several times.",
+        ),
+    ] = None,
+    visits: Annotated[
+        int, typer.Option(envvar="THERMAP_VISITS", min=1, max=1000, help="Visits of the machine.")
+    ] = 10,
+    positions: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_POSITIONS", min=1, max=100, help="Positions of a component in a visit."
+        ),
+    ] = 5,
+    component: Annotated[
+        list[str] | None,
+        typer.Option(
+            envvar="THERMAP_COMPONENTS",
+            metavar="NAME",
+            help="A component that is measured, such as EXX; all of the model without it.",
+        ),
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option("--from", envvar="THERMAP_FROM", metavar="TIME", help="No visit before it."),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option("--to", envvar="THERMAP_TO", metavar="TIME", help="No visit after it."),
+    ] = None,
+    noise: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_NOISE",
+            metavar="UM",
+            min=0.0,
+            help="Standard deviation of one value in µm (µrad, µm/m).",
+        ),
+    ] = 0.5,
+    reversal: Annotated[
+        list[str] | None,
+        typer.Option(
+            envvar="THERMAP_REVERSALS",
+            metavar="NAME=UM",
+            help="A reversal value that the model lacks, in the component's unit: half of it with "
+            "the sign of the approach.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option(envvar="THERMAP_SEED", min=0, help="Of the noise: the same gives the same."),
+    ] = 0,
+    label: Annotated[
+        str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")
+    ] = "Simulated verification",
+    missing_as_zero: MissingOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Write what would be measured on a stored machine that is as its model says, with noise.
+
+    At the times of its stored readings, or as `--plan` has them. With `--reversal` the
+    machine has an effect that its model lacks: `thermap analyse` should find it.
+
+    Example: `thermap simulate verification vmc --reversal EXX=4 -o night.csv`
+    """
+    import numpy as np
+
+    reversals = _read_reversals(reversal)
+    span = (
+        None if since is None else read_time(since, "--from"),
+        None if until is None else read_time(until, "--to"),
+    )
+    with connect(url) as thermap:
+        planned = (
+            _default_plan(thermap, machine, visits, positions, component, span)
+            if plan is None
+            else _stated_plan(plan)
+        )
+        rng = np.random.default_rng(seed)
+        rows: list[Sequence[Any]] = []
+        left_out = 0
+        version = 0
+        for visit in planned.visits:
+            answer = thermap.predict(
+                machine, visit, missing_components="zero" if missing_as_zero else "refuse"
+            )
+            version = answer.model_version
+            for observation, predicted in zip(visit, answer.predicted_um, strict=True):
+                if predicted is None:
+                    left_out += 1
+                    continue
+                values = np.atleast_1d(np.asarray(predicted, dtype=float))
+                values = values + rng.normal(0.0, noise, values.size) if noise else values
+                values += _reversed_by(observation, reversals)
+                rows.append(_row(observation, [round(float(v), _DECIMALS) for v in values]))
+    if not rows:
+        raise NothingToSimulate(
+            f"the model says nothing of machine {machine!r} at these times: there are no "
+            "readings around them, or no two error maps"
+        )
+    head = [
+        f"label: {label}",
+        f"machine: {machine}",
+        f"datum: {planned.datum}",
+        "instrument: simulation",
+        # Sentences without a colon are read by people alone.
+        f"Simulated from model version {version}, for training, not measured",
+        f"Simulated with {_spoilt_by(noise, seed, reversals)}",
+    ]
+    head += [f"repeatability_um: {noise:g}"] if noise else []
+    write_file(output, _written(head, rows))
+    if left_out:
+        typer.echo(
+            f"note: {counted(left_out, 'observation')} left out: there is no reading around its "
+            "time, or no two maps have the component",
+            err=True,
+        )
+    told = f"{counted(len(rows), 'observation')} in {counted(len(planned.visits), 'visit')}"
+    typer.echo(f"{output}: {told}, simulated")
+
+
+def _read_reversals(stated: Sequence[str] | None) -> dict[str, float]:
+    """Read reversal values by the components' codes."""
+    from app.geometry.components import parse_component
+
+    found = {}
+    named = read_named_numbers(stated, "--reversal", "a reversal value in µm")
+    for name, value in named.items():
+        component, _ = _parsed(name, "--reversal", parse_component)
+        if not component.is_table:
+            raise typer.BadParameter(
+                f"{component.code} has no direction of approach", param_hint="--reversal"
+            )
+        found[component.code] = value
+    return found
+
+
+def _parsed(name: str, option: str, parse: Any) -> Any:
+    try:
+        return parse(name)
+    except UnknownComponent as error:
+        raise typer.BadParameter(error.detail, param_hint=option) from None
+
+
+def _stated_plan(file: Path) -> _Plan:
+    """Read a plan; pauses part it into visits."""
+    from app.cli.csv_verification import read_csv_verification
+
+    body = read_csv_verification(file, is_planned=True).body
+    ordered = sorted(body["observations"], key=lambda o: datetime.fromisoformat(o["time"]))
+    return _Plan(_parted(ordered), body.get("datum", "absolute"))
+
+
+def _parted(ordered: Sequence[Observation]) -> list[list[Observation]]:
+    """Part observations at pauses that make another visit."""
+    from app.identification.observations import VISIT_GAP_S
+
+    found = [[ordered[0]]]
+    for before, after in pairwise(ordered):
+        pause = datetime.fromisoformat(after["time"]) - datetime.fromisoformat(before["time"])
+        if pause.total_seconds() > VISIT_GAP_S:
+            found.append([])
+        found[-1].append(after)
+    return found
+
+
+def _default_plan(
+    thermap: ThermapClient,
+    machine: str,
+    visits: int,
+    positions: int,
+    components: Sequence[str] | None,
+    span: tuple[datetime | None, datetime | None],
+) -> _Plan:
+    """Visit the components in turn at times that the stored readings cover evenly."""
+    from app.identification.observations import VISIT_GAP_S
+
+    places = _places(thermap, machine, components, positions)
+    times = [one.time for one in thermap.readings(machine, *span, every_s=VISIT_GAP_S)]
+    every = OBSERVATION_EVERY
+    starts = _spread(times, visits, every * len(places))
+    if times and not starts:
+        # A service that has just begun: one visit, as quick as its readings are young.
+        last = thermap.readings(machine, times[0], span[1])[-1].time
+        every = min(every, (last - times[0]) / len(places))
+        starts = times[:1] if every else []
+    if not starts:
+        raise NothingToSimulate(
+            f"machine {machine!r} has no two readings at those times; `thermap replay` sends "
+            "recorded ones"
+        )
+    if len(starts) < visits:
+        typer.echo(
+            f"note: {counted(len(starts), 'visit')} instead of {visits}: the stored readings have "
+            f"no more that are {VISIT_GAP_S / 3600:g} hours apart",
+            err=True,
+        )
+    if every < OBSERVATION_EVERY:
+        typer.echo(
+            f"note: an observation every {every.total_seconds():.2g} s: the stored readings cover "
+            "no more",
+            err=True,
+        )
+    found = [list(_visit(start, places, i, every)) for i, start in enumerate(starts)]
+    return _Plan(found, "absolute")
+
+
+def _places(
+    thermap: ThermapClient, machine: str, components: Sequence[str] | None, positions: int
+) -> list[tuple[str, float | None]]:
+    """List component and position: evenly over the travel that all maps in use have."""
+    from app.geometry.components import COMPONENTS, parse_component
+
+    wanted = {_parsed(name, "--component", parse_component)[0].code for name in components or ()}
+    ranges: dict[str, tuple[float, float] | None] = {}
+    for error_map in thermap.error_maps(machine):
+        if not error_map.in_active_model:
+            continue
+        for table in error_map.components:
+            if table.positions_mm is None:
+                ranges[table.component] = None
+                continue
+            low, high = ranges.get(table.component) or (
+                table.positions_mm[0],
+                table.positions_mm[-1],
+            )
+            ranges[table.component] = (
+                max(low, table.positions_mm[0]),
+                min(high, table.positions_mm[-1]),
+            )
+    absent = sorted(wanted - ranges.keys())
+    if absent or not ranges:
+        raise NothingToSimulate(
+            f"the model of machine {machine!r} lacks {list_names(absent)}; "
+            f"it has {list_names(ranges)}"
+        )
+    travel = thermap.machine(machine).axes
+    found: list[tuple[str, float | None]] = []
+    for code in [code for code in COMPONENTS if code in (wanted or ranges) and code in ranges]:
+        span = ranges[code]
+        if span is None:
+            # One value in a visit would not show its scatter.
+            found += [(code, None)] * positions
+        else:
+            low, high = span
+            axis = travel.get(str(COMPONENTS[code].axis))
+            if axis is not None:
+                low, high = max(low, axis.min_mm), min(high, axis.max_mm)
+            steps = range(positions)
+            found += [(code, low + (high - low) * (i + 0.5) / positions) for i in steps]
+    return found
+
+
+def _spread(times: Sequence[datetime], visits: int, lasting: timedelta) -> list[datetime]:
+    """Choose beginnings of visits evenly among times; the last visit ends before the last time."""
+    possible = [time for time in times if times[-1] - time >= lasting]
+    if len(possible) <= visits:
+        return possible
+    last = len(possible) - 1
+    return [possible[round(i * last / max(visits - 1, 1))] for i in range(visits)]
+
+
+def _visit(
+    start: datetime,
+    places: Sequence[tuple[str, float | None]],
+    number: int,
+    every: timedelta,
+) -> Iterator[Observation]:
+    """Go through all places, from both sides in turn."""
+    for i, (code, position) in enumerate(places):
+        found: Observation = {
+            "time": (start + i * every).isoformat().replace("+00:00", "Z"),
+            "component": code,
+        }
+        if position is not None:
+            sign = "+" if (i + number) % 2 else "-"
+            found |= {"position_mm": round(position, 3), "direction": sign}
+        yield found
+
+
+def _reversed_by(observation: Mapping[str, Any], reversals: Mapping[str, float]) -> float:
+    """Give half a component's reversal value with the sign of the approach."""
+    sign = {"+": 0.5, "-": -0.5}.get(str(observation.get("direction")), 0.0)
+    return sign * reversals.get(_code(observation), 0.0)
+
+
+def _code(observation: Mapping[str, Any]) -> str:
+    from app.geometry.components import parse_component
+
+    name = observation.get("component")
+    return parse_component(name)[0].code if name else ""
+
+
+def _row(observation: Observation, values: Sequence[float]) -> list[Any]:
+    """Write one observation's line."""
+    from app.geometry.components import COMPONENTS
+    from app.units import Unit
+
+    time, code = observation["time"], _code(observation)
+    if not code:
+        signs = observation.get("direction", {})
+        tool = observation.get("tool_offset_mm", ["", "", ""])
+        places = [*observation["point_mm"], *tool, *values]
+        return [time, *[""] * 5, *places, *(signs.get(axis, "") for axis in "xyz")]
+    is_angle = COMPONENTS[code].unit in (Unit.URAD, Unit.UM_PER_M)
+    cells = ["", values[0]] if is_angle else [values[0], ""]
+    place = [observation.get("position_mm", ""), observation.get("direction", "")]
+    return [time, observation["component"], *place, *cells, *[""] * 12]
+
+
+def _written(head: Iterable[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Write the file, without the columns that hold nothing."""
+    used = [i for i in range(len(_COLUMNS)) if any(row[i] != "" for row in rows)]
+    text = StringIO()
+    text.writelines(f"# {line}\n" for line in head)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([_COLUMNS[i] for i in used])
+    writer.writerows([[row[i] for i in used] for row in rows])
+    return text.getvalue()
+
+
+def _spoilt_by(noise: float, seed: int, reversals: Mapping[str, float]) -> str:
+    parts = [f"noise of {noise:g} µm, µrad or µm/m (seed {seed})" if noise else "no noise"]
+    parts += [f"a reversal of {value:g} in {code}" for code, value in reversals.items()]
+    return ", ".join(parts)

@@ -1,0 +1,214 @@
+"""thermap verifications: list and delete them, and show what the model leaves of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import listing, or_nothing, show, when
+from app.cli.options import (
+    JsonOption,
+    MachineOption,
+    UrlOption,
+    YesOption,
+    chosen_machine,
+    command_group,
+    confirm,
+    connect,
+    expect_page,
+    write_file,
+)
+from app.client import DEFAULT_URL
+from app.errors import counted, list_names
+
+if TYPE_CHECKING:
+    from app.api.schemas.residuals import ResidualsAnswer, SizeAnswer
+    from app.api.schemas.verifications import VerificationAnswer
+    from app.client import ThermapClient
+
+verifications = command_group()
+
+VerificationsOption = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--verification",
+        "-v",
+        envvar="THERMAP_VERIFICATIONS",
+        metavar="NUMBER",
+        help="A verification's number, once for each; all that are stored without it.",
+    ),
+]
+
+
+@verifications.callback()
+def _describe() -> None:
+    """List and delete verifications; show what the model leaves of them."""
+
+
+@verifications.command("list")
+def list_verifications(
+    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """List a machine's verifications, oldest first, and what they said of the model.
+
+    Example: `thermap verifications list --machine vmc`
+    """
+    from app.client import loop_calls
+
+    with connect(url) as thermap:
+        call = loop_calls.verifications(chosen_machine(thermap, machine))
+        show(thermap, call, verifications_view, json=json)
+
+
+@verifications.command("residuals")
+def show_residuals(
+    numbers: Annotated[
+        list[int] | None,
+        typer.Argument(metavar="NUMBER…", help="Of the verifications; all without it."),
+    ] = None,
+    machine: MachineOption = None,
+    model_version: Annotated[
+        int | None,
+        typer.Option(
+            envvar="THERMAP_MODEL_VERSION", metavar="VERSION", help="The active one without it."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE.html",
+            help="Write a page with plots, which needs no internet.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Show what a model version leaves of verifications: measured minus predicted.
+
+    Example: `thermap verifications residuals 1 2 --machine vmc -o residuals.html`
+    """
+    from app.client import loop_calls
+
+    if output is not None:
+        expect_page(output)
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        asked = chosen_verifications(thermap, chosen, numbers)
+        call = loop_calls.residuals(chosen, asked, model_version, 0)
+        show(thermap, call, residuals_view, json=json)
+        if output is not None:
+            write_file(output, thermap.residuals_page(chosen, asked, model_version))
+            typer.echo(f"{output}: residuals as a page", err=True)
+
+
+@verifications.command("delete")
+def delete_verification(
+    number: Annotated[int, typer.Argument(metavar="NUMBER", help="The verification's number.")],
+    machine: MachineOption = None,
+    yes: YesOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Delete a verification; analyses of it keep their results.
+
+    Example: `thermap verifications delete 2 --machine vmc`
+    """
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        present = thermap.verification(chosen, number)
+        confirm(
+            f"verification {present.label!r} was not deleted",
+            f"Delete verification {present.label!r} (number {number}) of {chosen!r} with "
+            f"{counted(present.count, 'observation')}?",
+            yes=yes,
+        )
+        thermap.delete_verification(chosen, number)
+    typer.echo(f"verification {present.label!r} deleted")
+
+
+def chosen_verifications(
+    thermap: ThermapClient, machine: str, stated: Sequence[int] | None
+) -> list[int]:
+    """Give the verifications that are meant: those stated, or all.
+
+    Raises
+    ------
+    typer.BadParameter
+        If none is stored.
+    """
+    found = list(stated or ()) or [one.id for one in thermap.verifications(machine)]
+    if not found:
+        raise typer.BadParameter(
+            f"machine {machine!r} has no verification yet; `thermap analyse {machine} "
+            "--verification FILE` stores one",
+            param_hint="NUMBER",
+        )
+    return found
+
+
+def verifications_view(found: Sequence[VerificationAnswer]) -> RenderableType:
+    """Lay out all verifications."""
+    table = listing(
+        *("no.", "label", "measured [UTC]", "count", "components", "model"), right="rllrll"
+    )
+    for one in found:
+        judged = one.judgement.status if one.judgement else "not judged"
+        same_day = one.first_at.date() == one.last_at.date()
+        end = f"{one.last_at:%H:%M}" if same_day else when(one.last_at)
+        span = f"{when(one.first_at)} to {end}"
+        components = list_names(one.components)
+        table.add_row(str(one.id), one.label, span, str(one.count), components, judged)
+    return or_nothing(table, "no verification is stored yet")
+
+
+def residuals_view(found: ResidualsAnswer) -> RenderableType:
+    """Lay out the sizes of residuals, component by component."""
+    table = listing(
+        *("residuals", "unit", "values", "mean", "RMS", "95 % below", "repeatability"),
+        right="llrrrrr",
+    )
+    overall = [found.overall] if found.overall else []
+    for size in [*found.components, *overall]:
+        table.add_row(*_cells(size), style="bold" if size in overall else "")
+    of = list_names(map(str, found.verifications))
+    head = Text(
+        f"measured minus predicted by model version {found.model_version}; verifications {of}"
+    )
+    left_out = [
+        Text(f"! left out: {counted(one.count, 'value')}, {one.reason}", style="yellow")
+        for one in found.excluded
+    ]
+    if found.counted_as_zero:
+        codes = list_names(found.counted_as_zero)
+        left_out.append(
+            Text(
+                f"! counted as zero at points, no two maps have them: {codes}; the residuals there "
+                "contain them whole",
+                style="yellow",
+            )
+        )
+    guessed = [Text(_ORIGIN_NOTE, style="dim")] if _is_any_guessed(found) else []
+    shown = or_nothing(table, "nothing of them can be held against the model")
+    return Group(head, Text(), shown, *left_out, *guessed)
+
+
+_ORIGIN_NOTE: Final = "~ repeatability guessed from the residuals within visits: nobody stated it"
+
+
+def _is_any_guessed(found: ResidualsAnswer) -> bool:
+    return any("residuals" in size.repeatability_origin for size in found.components)
+
+
+def _cells(size: SizeAnswer) -> list[str]:
+    guessed = "~" if "residuals" in size.repeatability_origin else ""
+    known = "–" if size.repeatability is None else f"{guessed}{size.repeatability:.2f}"
+    name = "all lengths" if size.component == "all" else size.component
+    numbers = (f"{size.mean:+.2f}", f"{size.rms:.2f}", f"{size.p95:.2f}", known)
+    return [name, size.unit, str(size.count), *numbers]

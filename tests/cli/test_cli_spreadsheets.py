@@ -1,0 +1,161 @@
+"""What spreadsheets write is read the same way for maps, methods, verifications and recordings."""
+
+from datetime import datetime
+
+import pytest
+from openpyxl import Workbook
+
+from app.cli.csv_comments import Stated
+from app.cli.csv_error_map import read_csv_error_map
+from app.cli.csv_measurements import read_csv_measurement
+from app.cli.csv_recording import read_recording
+from app.cli.csv_verification import read_csv_verification
+from app.cli.delimited_text import UnreadableFile, read_text
+
+STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
+
+READERS = {
+    "map": (
+        [["component", "position_mm", "error_um"], ["EXX", 0, 0.5], ["EXX", 50.5, 1.25]],
+        lambda file: read_csv_error_map(file, STATED).error_map.components[0].errors_um,
+        [0.5, 1.25],
+    ),
+    "method": (
+        [["# axis: x"], ["target_mm", "forward_um"], [0, 0.5], [50.5, 1.25]],
+        lambda file: read_csv_measurement("positioning", read_text(file)).body["forward_um"],
+        [[0.5, 1.25]],
+    ),
+    "verification": (
+        [
+            ["# datum: free"],
+            ["time", "component", "position_mm", "measured_um"],
+            ["2026-03-01T06:00:00Z", "EXX", 50.5, 0.5],
+            ["2026-03-01T06:01:00Z", "EXX", 50.5, 1.25],
+        ],
+        lambda file: [
+            o["measured_um"] for o in read_csv_verification(file).body["observations"]
+        ],
+        [0.5, 1.25],
+    ),
+    "recording": (
+        [["time_s", "x-middle [°C]"], [0, 0.5], [60.5, 1.25]],
+        lambda file: [
+            values["x-middle"] for values in read_recording(file, ["x-middle"], {}, None)
+            .temperatures_c
+        ],
+        [0.5, 1.25],
+    ),
+}  # fmt: skip
+
+
+def as_text(rows, delimiter, decimal):
+    def cell(value):
+        return str(value).replace(".", decimal) if isinstance(value, float) else str(value)
+
+    return "".join(delimiter.join(map(cell, row)) + "\n" for row in rows)
+
+
+def workbook(file, *sheets):
+    book = Workbook()
+    book.remove(book.active)
+    for i, rows in enumerate(sheets):
+        sheet = book.create_sheet(f"Sheet {i + 1}")
+        for row in rows:
+            sheet.append(row)
+    book.save(file)
+    return file
+
+
+@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize(
+    ("before", "delimiter", "decimal", "encoding"),
+    [
+        ("", ";", ",", "cp1252"),
+        ("sep=;\n", ";", ",", "utf-8-sig"),
+        ('"sep=,"\n', ",", ".", "utf-8"),
+        ("SEP=\t\r\n", "\t", ",", "utf-16"),
+        ("sep=|\n", "|", ",", "utf-8"),
+    ],
+)
+def test_text(tmp_path, kind, before, delimiter, decimal, encoding):
+    rows, read, expected = READERS[kind]
+    file = tmp_path / "run.csv"
+    file.write_bytes((before + as_text(rows, delimiter, decimal)).encode(encoding))
+    assert read(file) == expected
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_workbook(tmp_path, kind):
+    rows, read, expected = READERS[kind]
+    assert read(workbook(tmp_path / "run.xlsx", rows, [])) == expected
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_several_sheets_are_none_to_choose_from(tmp_path, kind):
+    rows, read, _ = READERS[kind]
+    with pytest.raises(UnreadableFile) as caught:
+        read(workbook(tmp_path / "run.xlsx", rows, rows))
+    assert "expected one sheet that holds values, came 2: Sheet 1, Sheet 2; keep one, or save" in (
+        caught.value.detail
+    )
+
+
+@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "an old Excel workbook (.xls): save it"),
+        (b"PK\x03\x04" + bytes(600), "expected CSV or an Excel workbook (.xlsx), came neither"),
+    ],
+)
+def test_what_is_no_table_is_one_line(tmp_path, kind, content, said):
+    file = tmp_path / "run.xls"
+    file.write_bytes(content)
+    with pytest.raises(UnreadableFile) as caught:
+        READERS[kind][1](file)
+    assert said in caught.value.detail
+    assert "\n" not in caught.value.detail
+
+
+def test_rows_of_a_workbook_keep_their_numbers_and_comments_their_cells(tmp_path):
+    rows = [
+        ["# label:", "Run #1"],
+        ["# measured_at:", "2026-03-01T06:00:00Z"],
+        ["# temperature x-middle:", 20.1],
+        [],
+        ["component", "Position, nominal, in mm", "position_mm", "error_um"],
+        ["EXX", None, 0, 1.5],
+        ["EXX", None, 50, "much"],
+    ]
+    with pytest.raises(UnreadableFile) as caught:
+        read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Stated())
+    assert caught.value.detail.endswith(
+        "line 7, column 4 (error_um): expected a number in µm, came 'much'"
+    )
+    rows[-1][-1] = 2.5
+    found = read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Stated()).error_map
+    assert (found.label, found.temperatures_c) == ("Run #1", {"x-middle": 20.1})
+
+
+def test_times_of_a_workbook_have_no_zone_and_that_is_said(tmp_path):
+    rows = [["time", "component", "measured_um"], [datetime(2026, 3, 1, 6), "SXY", 1.5]]
+    with pytest.raises(UnreadableFile, match=r"its zone, such as 2026-03-01T06:00:00Z"):
+        read_csv_verification(workbook(tmp_path / "run.xlsx", rows))
+
+
+def test_sizes_are_judged_in_verifications_too(tmp_path):
+    file = tmp_path / "night.csv"
+    head = "time,component,position_mm,measured_um\n"
+    file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,0.004\n", encoding="utf-8")
+    (remark,) = read_csv_verification(file).remarks
+    assert remark.startswith("No reading is larger than 0.004 µm (measured_um): they may be in mm")
+    file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,20000\n", encoding="utf-8")
+    with pytest.raises(UnreadableFile, match=r"line 2: expected errors within ±10000 µm, came 200"):
+        read_csv_verification(file)
+
+
+def test_a_recording_in_kelvin_is_refused(tmp_path):
+    file = tmp_path / "warm.csv"
+    file.write_text("time_s,x-middle [K],z_c\n0,293.15,20\n", encoding="utf-8")
+    with pytest.raises(UnreadableFile, match=r"expected x-middle in °C, came the unit 'k'"):
+        read_recording(file, ["x-middle", "z"], {}, None)
