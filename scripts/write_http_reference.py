@@ -1,6 +1,7 @@
 """Write docs/http.md from the service's own OpenAPI: every route, and every field with its unit.
 
-A test holds that the page is what this script writes, so that no route or field
+Each route has its requests of `scripts/http_requests.sh`, and the routes stand in the order
+of these. A test holds that the page is what this script writes, so that no route or field
 changes without being seen.
 
     python scripts/write_http_reference.py
@@ -15,6 +16,12 @@ from typing import Any
 
 from app.main import create_app
 from app.settings import Settings
+from scripts.http_requests import (
+    CurlRequest,
+    requests_by_route,
+    requests_of_script,
+    routes_without_request,
+)
 
 PAGE = Path(__file__).parent.parent / "docs" / "http.md"
 
@@ -25,6 +32,14 @@ the service serves at `/openapi.json` and shows at `/docs`.
 
 Base path `/v1`, JSON throughout, times UTC ISO 8601. Units are in the fields' names.
 Refusals are `application/problem+json` (`Problem`). Fields marked * are required.
+There are no keys, no streams and no files in a controller's own format: whoever wants the table
+as it changes asks for it, and with `If-None-Match` is told 304 where it has not.
+
+Every route has a request to copy. They work in the order in which they stand here, against
+`thermap demo` on a new database; the number above each is its answer's status. What is looked
+at is the demo's machine, `mcfv5050`. What is changed is a machine `practice` that they make, and
+delete at the end; elsewhere maps, verifications and analyses have other numbers, which the
+listings show.
 """
 
 
@@ -45,21 +60,28 @@ def write_page(document: dict[str, Any]) -> str:
 
 
 def _routes(document: dict[str, Any]) -> Iterator[str]:
-    for path, operations in sorted(document["paths"].items()):
-        for method, operation in operations.items():
-            yield f"### {method.upper()} {path}\n"
-            yield f"{operation['summary']}. {operation.get('description', '')}\n"
-            for parameter in operation.get("parameters", []):
-                words = parameter.get("description", "")
-                yield f"- `{parameter['name']}` ({parameter['in']}): {words}"
-            body = operation.get("requestBody", {}).get("content", {}).get("application/json")
-            if body:
-                yield f"- body: {_kind(body['schema'])}"
-            for status, answer in sorted(operation["responses"].items()):
-                if not status.startswith(("4", "5")):
-                    content = answer.get("content", {}).get("application/json", {})
-                    yield f"- {status}: {_kind(content.get('schema', {})) or '–'}"
-            yield ""
+    requests = requests_of_script()
+    shown: dict[tuple[str, str], list[CurlRequest]] = requests_by_route(requests, document)
+    shown |= {route: [] for route in routes_without_request(requests, document)}
+    for (method, path), of_route in shown.items():
+        yield f"### {method.upper()} {path}\n"
+        yield from _route(document["paths"][path][method])
+        yield from (f"```sh\n{request.text}\n```\n" for request in of_route)
+
+
+def _route(operation: dict[str, Any]) -> Iterator[str]:
+    yield f"{operation['summary']}. {operation.get('description', '')}\n"
+    for parameter in operation.get("parameters", []):
+        words = parameter.get("description", "")
+        yield f"- `{parameter['name']}` ({parameter['in']}): {words}"
+    body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+    if body:
+        yield f"- body: {_kind(body['schema'])}"
+    for status, answer in sorted(operation["responses"].items()):
+        if not status.startswith(("4", "5")):
+            content = answer.get("content", {}).get("application/json", {})
+            yield f"- {status}: {_kind(content.get('schema', {})) or '–'}"
+    yield ""
 
 
 def _shapes(document: dict[str, Any]) -> Iterator[str]:
