@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any, NamedTuple
 
 from app.arrays import FloatArray
 from app.errors import SensorUnavailable, list_names
@@ -12,6 +13,35 @@ from app.geometry.components import ORDER, Component
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel, GroupState
 from app.thermal.sensor_health import Health, SensorState
+
+
+class Follows(NamedTuple):
+    """A sensor by which a component's maps are read [°C], and the share of that in its row."""
+
+    sensor: str
+    temperature_c: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """What a component's numbers rest on where effects take part.
+
+    Sensor, temperature [°C], the two maps, the upper one's weight and the status as in
+    `GroupState`; all but the status are None where no two maps have the component. `follows`
+    says by which sensors the maps are read where an adopted effect exchanges the assigned one:
+    `sensor` is then the one of the largest share, and the maps and the weight are those that
+    give the numbers, None where these are not on one line between two maps.
+    """
+
+    sensor: str | None
+    temperature_c: float | None
+    lower_map: str | None
+    upper_map: str | None
+    weight: float | None
+    status: str
+    stand_in_for: str | None = None
+    follows: tuple[Follows, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +54,8 @@ class ComponentCompensation:
     measurement of the maps goes; None where a map that enters states none, and where an
     adopted effect is in the errors: how sure that is, the maps do not say.
 
-    `origin` is the group's state between its maps, None where no two maps have the component
-    and it consists of effects alone; `effects` are the kinds of those that are in the errors.
+    `basis` is what the errors rest on: the group's state between its maps, or what effects made
+    of that; `effects` are the kinds of those that are in the errors.
     """
 
     component: Component
@@ -34,7 +64,7 @@ class ComponentCompensation:
     backward_errors: FloatArray | None
     standard_errors: FloatArray | None
     backward_standard_errors: FloatArray | None
-    origin: GroupState | None
+    basis: GroupState | Basis
     effects: tuple[str, ...] = ()
 
     @property
@@ -50,13 +80,21 @@ class ComponentCompensation:
 
 @dataclass(frozen=True, slots=True)
 class EffectInTable:
-    """An adopted effect of the model: what it is, and why it is not in a table, if it is not."""
+    """An adopted effect of the model: what it is, and where it was learnt.
+
+    `missing` says why it is not in a table, if it is not; `held` why it is held at the edge of
+    where it was learnt, if it is; `learnt_in` are its ranges, None where they are not known, and
+    `measure_again` says until when one that grows with time may be used.
+    """
 
     kind: str
     components: tuple[str, ...]
     sensors: tuple[str, ...]
     explanation: str
     missing: str = ""
+    held: Sequence[str] = ()
+    learnt_in: Mapping[str, Any] | None = None
+    measure_again: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +102,10 @@ class CompensationTable:
     """Every component at one thermal state.
 
     `complete` is False when a component of the maps or an adopted effect is not in the table,
-    or one rests on an old temperature; `warnings` say in sentences all that is not as it
-    should be; `states` are the groups of components that lie between the same maps, and
+    one rests on an old temperature, or ends where other maps of it go on, or when an effect lies
+    outside where it was learnt or nobody knows where that was; `warnings` say in
+    sentences all that is not as it should be; `states` are the groups of components that lie
+    between the same maps, and
     `corrected` the components with effects: they take the place of those in the groups.
     """
 
@@ -115,12 +155,12 @@ def compensation_table(
     usable: dict[str, float] = {}
     stale: dict[str, float] = {}
     failures: dict[str, str] = {}
-    for sensor in sensors:
-        if sensor.health is not Health.OK:
-            failures[sensor.sensor] = sensor.detail
-        if sensor.temperature_c is not None and sensor.health in (Health.OK, Health.STALE):
-            into = usable if sensor.health is Health.OK else stale
-            into[sensor.sensor] = sensor.temperature_c
+    for name, health, temperature_c, _, detail in sensors:
+        if health is not Health.OK:
+            failures[name] = detail
+        if temperature_c is not None and health in (Health.OK, Health.STALE):
+            into = usable if health is Health.OK else stale
+            into[name] = temperature_c
     try:
         states = model.errors_at(usable, stale)
     except SensorUnavailable as error:
@@ -133,12 +173,21 @@ def compensation_table(
         for state in states
         if state.sensor not in usable
     ]
+    shortened = [words for state in states for words in state.maps.shortened]
     return CompensationTable(
         machine_id=model.machine.id,
         model_version=model_version,
         computed_at=computed_at,
-        complete=not omitted and not old,
-        warnings=[*warnings, *failures.values(), *old, *_remarks(states), *omitted, *model.notes],
+        complete=not omitted and not old and not shortened,
+        warnings=[
+            *warnings,
+            *failures.values(),
+            *old,
+            *remarks(states),
+            *shortened,
+            *omitted,
+            *model.notes,
+        ],
         states=states,
     )
 
@@ -155,9 +204,9 @@ def group_compensation(state: GroupState) -> list[ComponentCompensation]:
             backward_standard_errors=(
                 None if member.backward is None else state.standard_errors(member.backward)
             ),
-            origin=state,
+            basis=state,
         )
-        for member in state.group.members
+        for member in state.members
     ]
 
 
@@ -172,17 +221,27 @@ _REMARKS: Mapping[Status, str] = {
 }
 
 
-def _remarks(states: Iterable[GroupState]) -> list[str]:
+def remarks(states: Iterable[GroupState]) -> list[str]:
     """Say what is not plain interpolation between maps of the assigned sensor."""
-    remarks = []
+    found = []
     for state in states:
         if state.status in _PLAIN:
             continue
         codes = list_names(state.group.codes)
         if state.is_stand_in:
-            remarks.append(f"{state.sensor} stands in for {state.group.sensor}: {codes}")
-        if state.status in _REMARKS:
-            remarks.append(
+            found.append(f"{state.sensor} stands in for {state.group.sensor}: {codes}")
+        beyond_c = state.limited_beyond_c
+        if beyond_c is not None:
+            nearest = state.upper_map if state.weight > 0.5 else state.lower_map
+            found.append(
+                f"{state.sensor} at {state.temperature_c:g} °C is outside the maps: {codes} "
+                f"extrapolated from {state.lower_map!r} and {state.upper_map!r}, which are "
+                f"{state.span_c:.3g} K apart, but held from {beyond_c:.3g} K beyond {nearest!r} "
+                "on, because the standard error grows too large there; measure a map at the "
+                "present temperature"
+            )
+        elif state.status in _REMARKS:
+            found.append(
                 _REMARKS[state.status].format(
                     sensor=state.sensor,
                     t=state.temperature_c,
@@ -192,4 +251,4 @@ def _remarks(states: Iterable[GroupState]) -> list[str]:
                     upper=state.upper_map,
                 )
             )
-    return remarks
+    return found

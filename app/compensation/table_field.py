@@ -6,13 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.arrays import FloatArray
 from app.compensation.table import CompensationTable, ComponentCompensation
-from app.geometry.components import Component
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
 from app.thermal.compiled_model import CompiledModel
-from app.thermal.thermal_field import MEAN_OF_BOTH, Directions, by_direction, thermal_tables
+from app.thermal.thermal_field import (
+    MEAN_OF_BOTH,
+    Directions,
+    by_direction,
+    side_by_side,
+    thermal_tables,
+)
 
 
 def table_field(
@@ -41,27 +45,14 @@ def table_field(
     corrected = {entry.component for table in tables for entry in table.corrected}
     entries = [{e.component: e for e in table.components} for table in tables if corrected]
     for component in corrected:
-        of_tables = [by_component.get(component) for by_component in entries]
-        found[component.code] = _side_by_side(component, of_tables, directions)
+        of_states = [_table(of_table.get(component), directions) for of_table in entries]
+        found[component.code] = side_by_side(of_states)
     return ErrorField.make(model.machine.chain, found, model.measuring_lines)
 
 
-def _side_by_side(
-    component: Component, entries: Sequence[ComponentCompensation | None], directions: Directions
-) -> Table:
-    """Bring one component of several tables to common positions; absent ones are zero."""
-    positions = np.unique(np.concatenate([e.positions_mm for e in entries if e is not None]))
-    rows = [
-        np.zeros(max(positions.size, 1)) if e is None else _on(positions, e, directions)
-        for e in entries
-    ]
-    return Table(positions, rows[0] if len(rows) == 1 else np.array(rows))
-
-
-def _on(
-    positions_mm: FloatArray, entry: ComponentCompensation, directions: Directions
-) -> FloatArray:
+def _table(entry: ComponentCompensation | None, directions: Directions) -> Table:
+    """Take one direction's table of a component; an absent one is zero."""
+    if entry is None:
+        return Table(np.empty(0), np.zeros(1))
     values = by_direction(entry.component, entry.errors, entry.backward_errors, directions)
-    if entry.positions_mm.size < 2:
-        return np.broadcast_to(values, (max(positions_mm.size, 1),))
-    return np.interp(positions_mm, entry.positions_mm, values)
+    return Table(entry.positions_mm, values)

@@ -1,7 +1,7 @@
-"""From error maps to the compiled model: thermal states ordered, tables on common positions.
+"""From error maps to the compiled model: thermal states ordered, tables side by side.
 
 One walk for each component: which sensor it follows, its maps in the order of that
-sensor's temperature, their tables on the same positions. Components with the same
+sensor's temperature, their tables on the union of their positions. Components with the same
 scale of temperature then stand side by side in one matrix.
 """
 
@@ -10,17 +10,31 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS, ORDER, Component
-from app.thermal.compiled_model import CompiledModel, Group, Member, Scale
+from app.thermal.compiled_model import (
+    CompiledModel,
+    Group,
+    Member,
+    Scale,
+    common_range_of_rows,
+    from_to_mm,
+)
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, SameTemperature, Sensor
 from app.thermal.one_measuring_line import on_one_line
-from app.thermal.resampling import common_positions, sample_table, sample_variances
+from app.thermal.resampling import (
+    common_range,
+    sample_table,
+    sample_variances,
+    united_positions,
+)
 
 
 def compile_model(
@@ -47,7 +61,8 @@ def compile_model(
         If a map lacks the temperature of a sensor that one of its components follows.
     Conflict
         If two maps lie closer in temperature than the sensor resolves (unless the
-        machine asks for their mean), or their positions have no common range.
+        machine asks for their mean), or two that follow each other in temperature have
+        no range of positions in common.
     """
     brought, lines, notes = on_one_line(machine.chain, maps)
     by_code: dict[str, list[ErrorMap]] = defaultdict(list)
@@ -67,7 +82,9 @@ def compile_model(
             continue
         scales = _scales(machine, sensor, states)
         labels = tuple(state.label for state in states)
-        together[(scales, labels)].append(_bring_together(code, states, notes))
+        part = _bring_together(code, scales, states, notes)
+        _check_common_ranges(code, scales, states, part)
+        together[(scales, labels)].append(part)
     return CompiledModel(
         machine=machine,
         groups=tuple(_group(*key, parts) for key, parts in together.items()),
@@ -86,23 +103,37 @@ class _State:
     tables: tuple[ComponentTable, ...]
 
 
+_Source: TypeAlias = tuple[int, int, bool]
+"""A measured table: its state, its place there, and whether the backward errors are meant."""
+
+_Sources: TypeAlias = dict[_Source, float]
+"""What errors are made of: measured tables, each with its coefficient."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Rows:
     """One direction of one component: a row for each state.
 
-    `variances` are those of `values`, NaN where a map of the state states none.
+    `variances` are those of `values`, NaN where a map of the state states none; `covariances`
+    those between two rows that rest on the same measurement.
     """
 
     values: FloatArray
     variances: FloatArray
+    covariances: Mapping[tuple[int, int], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """One component over its states: columns of the matrix to be."""
+    """One component over its states: columns of the matrix to be.
+
+    `own`, of the shape of the rows, says which positions are a state's own.
+    """
 
     component: Component
     positions_mm: FloatArray
+    ranges_mm: FloatArray
+    own: BoolArray
     forward: _Rows
     backward: _Rows | None
 
@@ -151,54 +182,160 @@ def _state(code: str, cluster: Sequence[ErrorMap]) -> _State:
     )
 
 
-def _bring_together(code: str, states: Sequence[_State], notes: list[str]) -> _Part:
-    """Put a component's tables on the union of their positions inside the common range."""
+def _bring_together(
+    code: str, scales: Sequence[Scale], states: Sequence[_State], notes: list[str]
+) -> _Part:
+    """Put a component's tables on the union of their positions, and say how far each reaches."""
     tables = [table for state in states for table in state.tables]
-    positions = common_positions(tables)
-    bidirectional = [table.backward_errors is not None for table in tables]
-    if any(bidirectional) and not all(bidirectional):
-        notes.append(
-            f"{code} is bidirectional in some maps only: the others' table serves both directions"
-        )
-    longest = [t.positions_mm for t in tables if t.depends_on_position]
-    if any(p[0] < positions[0] or p[-1] > positions[-1] for p in longest):
-        notes.append(
-            f"{code} is given from {positions[0]:g} to {positions[-1]:g} mm, where all its maps "
-            "have it"
-        )
+    positions = united_positions(tables)
+    backward = _backward_sources(code, scales[0].temperatures_c, states, notes)
+    neighbours = sorted(
+        {(min(pair), max(pair)) for scale in scales for pair in pairwise(scale.rows)}
+    )
+    ranges = np.array([common_range(state.tables) for state in states])
     return _Part(
         component=COMPONENTS[code],
         positions_mm=positions,
-        forward=_rows(states, positions, backward=False),
-        backward=_rows(states, positions, backward=True) if any(bidirectional) else None,
+        ranges_mm=ranges,
+        own=np.array(
+            [
+                _own(state, positions, backward[i] if backward else {}, states)
+                for i, state in enumerate(states)
+            ]
+        ),
+        forward=_combined(
+            states, [_means(i, state) for i, state in enumerate(states)], positions, neighbours
+        ),
+        backward=None if backward is None else _combined(states, backward, positions, neighbours),
     )
 
 
-def _rows(states: Sequence[_State], positions: FloatArray, *, backward: bool) -> _Rows:
-    """Sample each state's table, or the mean of its tables, at the positions: (M, n)."""
-    values = [
-        np.mean(
-            [sample_table(table, positions, backward=backward) for table in state.tables], axis=0
-        )
-        for state in states
-    ]
-    variances = [
-        _mean_variances(
-            [sample_variances(table, positions, backward=backward) for table in state.tables],
-            value.size,
-        )
-        for state, value in zip(states, values, strict=True)
-    ]
-    return _Rows(np.array(values), np.array(variances))
+def _means(i: int, state: _State) -> _Sources:
+    return {(i, k, False): 1.0 / len(state.tables) for k in range(len(state.tables))}
 
 
-def _mean_variances(of_tables: Sequence[FloatArray | None], n: int) -> FloatArray:
-    """Variances of the mean of independent measurements; NaN where one is not known."""
-    known = [variances for variances in of_tables if variances is not None]
-    if len(known) < len(of_tables):
-        return np.full(n, np.nan)
-    mean: FloatArray = np.sum(known, axis=0) / len(known) ** 2
-    return mean
+def _backward_sources(
+    code: str, scale_c: Sequence[float], states: Sequence[_State], notes: list[str]
+) -> list[_Sources] | None:
+    """Say what each state's backward errors are made of; None where no map is bidirectional.
+
+    A map's errors are those approached in the positive direction; where it states no backward
+    errors its reversal R = backward − forward is not known. The reversal then is that of the
+    states that have it, held beyond them and between two of them linear in the assigned
+    sensor's temperature T:
+
+        E⁻_i(x) = E⁺_i(x) + R(x, T_i)
+
+    So between a bidirectional and a unidirectional map the reversal stays what it is at the
+    former: E⁻ = (1 − w) E⁻_n + w (E⁺_m + R_n) = [(1 − w) E⁺_n + w E⁺_m] + R_n. Beyond the positions
+    of the map that has it, the reversal at its ends holds.
+    """
+    reversals: dict[int, _Sources] = {}
+    for i, state in enumerate(states):
+        both = [k for k, table in enumerate(state.tables) if table.backward_errors is not None]
+        if both:
+            reversals[i] = {
+                (i, k, backward): sign / len(both)
+                for k in both
+                for backward, sign in ((True, 1.0), (False, -1.0))
+            }
+    if not reversals:
+        return None
+    known = sorted(reversals)
+    found = []
+    for i, state in enumerate(states):
+        sources = _means(i, state)
+        for j, share in _neighbours(i, known, scale_c):
+            for source, coefficient in reversals[j].items():
+                sources[source] = sources.get(source, 0.0) + share * coefficient
+        found.append({source: c for source, c in sources.items() if c != 0.0})
+    lacking = [f"'{state.label}'" for i, state in enumerate(states) if i not in reversals]
+    if lacking:
+        having = [f"'{states[i].label}'" for i in known]
+        notes.append(
+            f"{code} has no backward errors in {list_names(lacking)}: the reversal of "
+            f"{list_names(having)} holds there"
+        )
+    return found
+
+
+def _neighbours(i: int, known: Sequence[int], scale_c: Sequence[float]) -> list[tuple[int, float]]:
+    """Find the known states around a state on the scale, each with its share."""
+    below = [j for j in known if j <= i]
+    above = [j for j in known if j >= i]
+    if not below or not above or below[-1] == above[0]:
+        return [(below[-1] if below else above[0], 1.0)]
+    low, high = below[-1], above[0]
+    share = (scale_c[i] - scale_c[low]) / (scale_c[high] - scale_c[low])
+    return [(low, 1.0 - share), (high, share)]
+
+
+def _own(
+    state: _State, positions_mm: FloatArray, sources: _Sources, states: Sequence[_State]
+) -> BoolArray:
+    """Say at which positions a state's lines bend; one without dependence takes all."""
+    low, high = common_range(state.tables)
+    if not np.isfinite(low):
+        return np.ones(max(positions_mm.size, 1), dtype=np.bool_)
+    tables = [*state.tables, *(states[i].tables[k] for i, k, _ in sources)]
+    found: BoolArray = np.isin(positions_mm, united_positions(tables))
+    return found & (positions_mm >= low) & (positions_mm <= high)
+
+
+def _check_common_ranges(
+    code: str, scales: Sequence[Scale], states: Sequence[_State], part: _Part
+) -> None:
+    """Refuse maps that can be in use together and have no range of positions in common."""
+    for scale in scales:
+        for lower, upper in pairwise(scale.rows):
+            low, high = common_range_of_rows(part.ranges_mm, lower, upper)
+            if low >= high:
+                one, other = (
+                    f"{states[row].label!r} ({from_to_mm(*part.ranges_mm[row])})"
+                    for row in (lower, upper)
+                )
+                raise Conflict(
+                    f"expected maps that follow each other in the temperature of {scale.sensor} "
+                    f"to share a range of positions of {code}, came {one} and {other}: between "
+                    "their temperatures there would be no table"
+                )
+
+
+def _combined(
+    states: Sequence[_State],
+    of_states: Sequence[_Sources],
+    positions: FloatArray,
+    neighbours: Sequence[tuple[int, int]],
+) -> _Rows:
+    """Add up what each state's errors are made of, sampled at the positions: (M, n).
+
+    Outside its range a table's end values hold; nothing reads them there, but for reversals.
+    """
+    values, variances = [], []
+    sampled: dict[_Source, FloatArray] = {}
+    for sources in of_states:
+        n = max(positions.size, 1)
+        value, variance = np.zeros(n), np.zeros(n)
+        for source, coefficient in sources.items():
+            i, k, backward = source
+            table = states[i].tables[k]
+            value = value + coefficient * sample_table(table, positions, backward=backward)
+            if source not in sampled:
+                found = sample_variances(table, positions, backward=backward)
+                sampled[source] = np.full(n, np.nan) if found is None else found
+            # Maps, and the two directions of one, are measured independently.
+            variance = variance + coefficient**2 * sampled[source]
+        values.append(value)
+        variances.append(variance)
+    covariances = {}
+    for one, other in neighbours:
+        shared = of_states[one].keys() & of_states[other].keys()
+        if shared:
+            covariances[one, other] = np.sum(
+                [of_states[one][s] * of_states[other][s] * sampled[s] for s in sorted(shared)],
+                axis=0,
+            )
+    return _Rows(np.array(values), np.array(variances), covariances)
 
 
 def _scales(machine: Machine, sensor: str, states: Sequence[_State]) -> tuple[Scale, ...]:
@@ -224,18 +361,35 @@ def _scales(machine: Machine, sensor: str, states: Sequence[_State]) -> tuple[Sc
 def _group(scales: tuple[Scale, ...], labels: tuple[str, ...], parts: Sequence[_Part]) -> Group:
     """Set the tables of one group side by side."""
     columns: list[_Rows] = []
+    own: list[BoolArray] = []
     members: list[Member] = []
     width = 0
     for part in parts:
         n = part.forward.values.shape[1]
         forward = slice(width, width + n)
         backward = None if part.backward is None else slice(width + n, width + 2 * n)
-        columns += [part.forward] if part.backward is None else [part.forward, part.backward]
-        width += n if part.backward is None else 2 * n
-        members.append(Member(part.component, part.positions_mm, forward, backward))
+        directions = [part.forward] if part.backward is None else [part.forward, part.backward]
+        columns += directions
+        own += [part.own] * len(directions)
+        width += n * len(directions)
+        members.append(Member(part.component, part.positions_mm, forward, backward, part.ranges_mm))
     nodes = np.hstack([rows.values for rows in columns])
     variances = np.hstack([rows.variances for rows in columns])
     for matrix in (nodes, variances):
         matrix.flags.writeable = False
     known = not np.isnan(variances).all()
-    return Group(scales, labels, tuple(members), nodes, variances if known else None)
+    pairs = sorted({pair for rows in columns for pair in rows.covariances}) if known else []
+    return Group(
+        scales,
+        labels,
+        tuple(members),
+        nodes,
+        np.hstack(own),
+        variances if known else None,
+        {
+            pair: np.hstack(
+                [rows.covariances.get(pair, np.zeros(rows.values.shape[1])) for rows in columns]
+            )
+            for pair in pairs
+        },
+    )

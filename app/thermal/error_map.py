@@ -31,7 +31,8 @@ class ComponentTable:
         Strictly increasing; empty for a component that has no argument. One
         position means that the error does not depend on position.
     errors : ndarray, shape (n,), or (1,) without argument
-        Actual minus nominal [component.unit].
+        Actual minus nominal [component.unit]; approached in the positive direction, where
+        that matters.
     backward_errors : ndarray, same shape, optional
         The errors when the position is approached in the negative direction.
     covariance, backward_covariance : ndarray, shape (n, n) or (n,), optional

@@ -128,6 +128,7 @@ class Machine:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     out_of_range: OutOfRange = OutOfRange.CLAMP
     extrapolation_margin_c: float = 5.0
+    extrapolation_error_ratio: float = 3.0
     same_temperature: SameTemperature = SameTemperature.REFUSE
 
     def __post_init__(self) -> None:

@@ -12,11 +12,11 @@ from app.errors import InvalidContent, NotEnoughMaps, OutsideMaps, list_names
 from app.geometry.components import LINEAR_LETTERS, ORDER
 from app.geometry.volumetric_error import volumetric_error
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import CompiledModel, Group, Member
+from app.thermal.compiled_model import CompiledModel, Group, Member, common_range_of_rows
 
 NO_READING = "no-reading"
 OUTSIDE_MAPS = "outside-maps"
-_GRAVITY = [
+GRAVITY = [
     Status.AT_MAP,
     Status.INTERPOLATED,
     Status.STAND_IN,
@@ -29,11 +29,24 @@ _GRAVITY = [
 
 
 @dataclass(frozen=True, slots=True)
+class BeyondTables:
+    """Places that the maps in use do not cover, so that the end values of their range hold.
+
+    `ranges_mm` are the different ranges, as tables at these places' temperatures have them.
+    """
+
+    code: str
+    count: int
+    ranges_mm: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Predicted:
     """Predicted errors, NaN where `status` says why there is none."""
 
     values: FloatArray
     status: list[str]
+    beyond: tuple[BeyondTables, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +78,8 @@ def predict_component(
         NaN where a sensor has no usable temperature, left out where it has none at
         all; its stand-in then serves.
     positions_mm : ndarray, shape (n,) [mm]
-        Positions on the component's axis; ignored where it has none. Outside the
-        table its end values hold.
+        Positions on the component's axis; ignored where it has none. Outside what the
+        maps in use cover, the end values of that range hold.
     directions : ndarray, shape (n,)
         +1 or −1 for the direction of approach, 0 where unknown (the mean of both).
 
@@ -89,7 +102,11 @@ def predict_component(
         )
     group, member = found
     brackets = _brackets(model, group, temperatures_c, len(positions_mm))
-    return Predicted(_values(group, member, brackets, positions_mm, directions), brackets.status)
+    return Predicted(
+        _values(group, member, brackets, positions_mm, directions),
+        brackets.status,
+        tuple(_beyond(member, brackets, positions_mm)),
+    )
 
 
 def predict_points(
@@ -125,6 +142,7 @@ def predict_points(
         raise NotEnoughMaps(model.why_nothing())
     errors: dict[str, FloatArray] = {}
     statuses: list[Sequence[str]] = []
+    beyond: list[BeyondTables] = []
     for group in model.groups:
         brackets = _brackets(model, group, temperatures_c, len(points_mm))
         statuses.append(brackets.status)
@@ -134,13 +152,14 @@ def predict_points(
             errors[member.component.code] = _values(
                 group, member, brackets, points_mm[:, row], directions[:, row]
             )
+            beyond += _beyond(member, brackets, points_mm[:, row])
     values, _ = volumetric_error(
         model.machine.chain, errors, points_mm, tool_offsets_mm, model.measuring_lines
     )
-    worst = [max(row, key=_GRAVITY.index) for row in zip(*statuses, strict=True)]
+    worst = [max(row, key=GRAVITY.index) for row in zip(*statuses, strict=True)]
     # Also where the unknown component happens to have no lever at this point.
     values[[status in (OUTSIDE_MAPS, NO_READING) for status in worst]] = np.nan
-    return Predicted(values, worst)
+    return Predicted(values, worst, tuple(beyond))
 
 
 def _brackets(
@@ -197,6 +216,8 @@ def _in_table(
     """Interpolate over temperature and position together: shape (n,)."""
     table = group.nodes[:, columns]
     grid = member.positions_mm
+    # Beyond what the maps in use cover, the end values of that range hold.
+    positions_mm = np.clip(positions_mm, *_range(member, brackets))
     if grid.size < 2:
         left = right = np.zeros(len(brackets.weight), dtype=np.intp)
         share = np.zeros(len(brackets.weight))
@@ -209,3 +230,26 @@ def _in_table(
     at_left = (1 - w) * table[brackets.lower, left] + w * table[brackets.upper, left]
     at_right = (1 - w) * table[brackets.lower, right] + w * table[brackets.upper, right]
     return (1 - share) * at_left + share * at_right
+
+
+def _range(member: Member, brackets: _Brackets) -> tuple[FloatArray, FloatArray]:
+    """Find what the maps in use cover of a component: shape (n,) [mm]."""
+    w = brackets.weight
+    lower = np.where(w == 1.0, brackets.upper, brackets.lower)
+    upper = np.where(w == 0.0, brackets.lower, brackets.upper)
+    return common_range_of_rows(member.ranges_mm, lower, upper)
+
+
+def _beyond(member: Member, brackets: _Brackets, positions_mm: FloatArray) -> list[BeyondTables]:
+    low, high = _range(member, brackets)
+    there = ((positions_mm < low) | (positions_mm > high)) & ~np.isnan(brackets.weight)
+    if not there.any():
+        return []
+    ranges = np.unique(np.column_stack([low[there], high[there]]), axis=0)
+    return [
+        BeyondTables(
+            member.component.code,
+            int(np.count_nonzero(there)),
+            tuple((float(a), float(b)) for a, b in ranges),
+        )
+    ]

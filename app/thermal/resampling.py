@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
@@ -44,18 +45,43 @@ def common_positions(tables: Sequence[ComponentTable]) -> FloatArray:
     ... ]).tolist()
     [50.0, 100.0, 150.0]
     """
-    union = reduce(np.union1d, [table.positions_mm for table in tables])
+    union = united_positions(tables)
+    low, high = common_range(tables)
+    return union[(union >= low) & (union <= high)]
+
+
+def united_positions(tables: Sequence[ComponentTable]) -> FloatArray:
+    """Unite all positions [mm] of one component's tables, at least one; shape (n,)."""
+    return reduce(np.union1d, [table.positions_mm for table in tables])
+
+
+def common_range(tables: Sequence[ComponentTable]) -> tuple[float, float]:
+    """Find the range [mm] that all of one component's tables cover.
+
+    Parameters
+    ----------
+    tables
+        One component's tables. A table with one position limits nothing.
+
+    Returns
+    -------
+    low, high : float [mm]
+        −∞ and ∞ where none depends on position.
+
+    Raises
+    ------
+    Conflict
+        As `common_positions`.
+    """
     ranges = [table.positions_mm for table in tables if table.depends_on_position]
-    if not ranges:
-        return union
-    low = max(float(positions[0]) for positions in ranges)
-    high = min(float(positions[-1]) for positions in ranges)
+    low = max((float(positions[0]) for positions in ranges), default=-math.inf)
+    high = min((float(positions[-1]) for positions in ranges), default=math.inf)
     if low >= high:
         raise Conflict(
             f"expected the maps' tables of {tables[0].component.code} to share a range of "
             f"positions, came a highest start of {low:g} mm and a lowest end of {high:g} mm"
         )
-    return union[(union >= low) & (union <= high)]
+    return low, high
 
 
 def sample_table(
@@ -71,7 +97,7 @@ def sample_table(
         Where; not used for a component that has no argument.
     backward
         Whether the errors of the negative approach are meant. A table without
-        them serves both directions.
+        them gives its only errors.
 
     Returns
     -------

@@ -166,7 +166,7 @@ def _change(code: str, maps: Sequence[ErrorMap]) -> tuple[FloatArray | None, str
         positions = common_positions(tables)
     except Conflict as conflict:
         return None, conflict.detail
-    both = (False, True) if any(t.backward_errors is not None for t in tables) else (False,)
+    both = (False, True) if all(t.backward_errors is not None for t in tables) else (False,)
     errors = np.array(
         [np.hstack([sample_table(t, positions, backward=b) for b in both]) for t in tables]
     )

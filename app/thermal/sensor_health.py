@@ -76,8 +76,8 @@ def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) ->
         except UnknownThing as unknown:
             errors.append(FieldError(f"temperatures_c.{name}", unknown.detail))
             continue
-        state = _judge_range(sensor, value, age_s=None)
-        if state.health is not Health.OK and sensor.looks_like_kelvin(value):
+        state = _judge_range(sensor, value)
+        if state.detail and sensor.looks_like_kelvin(value):
             errors.append(FieldError(f"temperatures_c.{name}", sensor.expectation(value)))
         states.append(state)
     if errors:
@@ -264,11 +264,11 @@ def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> Se
     return _grow_older(sensor, SensorState(sensor.name, health, value, age_s, detail), 0.0)
 
 
-def _judge_range(sensor: Sensor, value: float, age_s: float | None) -> SensorState:
-    if sensor.accepts(value):
-        return SensorState(sensor.name, Health.OK, value, age_s)
+def _judge_range(sensor: Sensor, value: float) -> SensorState:
+    if sensor.min_c <= value <= sensor.max_c:
+        return SensorState(sensor.name, Health.OK, value)
     detail = f"{sensor.name} is out of range: {sensor.expectation(value)}"
-    return SensorState(sensor.name, Health.OUT_OF_RANGE, value, age_s, detail)
+    return SensorState(sensor.name, Health.OUT_OF_RANGE, value, detail=detail)
 
 
 def _in_range(sensor: Sensor, values: FloatArray) -> BoolArray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
 from app.arrays import FloatArray
 from app.geometry.components import LINEAR_LETTERS, Component
 from app.geometry.error_table import Table
-from app.thermal.compiled_model import CompiledModel, GroupState
+from app.thermal.compiled_model import CompiledModel, GroupState, Member
 
 Directions = tuple[int, int, int]
 """+1, −1 or 0 (the mean of both) for the direction of approach of x, y, z."""
@@ -39,22 +40,44 @@ def thermal_tables(
     dict of component code to Table
         With an axis of states in the values if there are several.
     """
-    one = len(states) == 1
     tables: dict[str, Table] = {}
     for of_group in zip(*states, strict=True):
-        for member in of_group[0].group.members:
-            rows = [
-                by_direction(
-                    member.component,
-                    state.values[member.forward],
-                    None if member.backward is None else state.values[member.backward],
-                    directions,
-                )
-                for state in of_group
-            ]
-            values = rows[0] if one else np.array(rows)
-            tables[member.component.code] = Table(member.positions_mm, values)
+        for place, member in enumerate(of_group[0].members):
+            rows = [_table(state, state.members[place], directions) for state in of_group]
+            tables[member.component.code] = side_by_side(rows)
     return tables
+
+
+def _table(state: GroupState, member: Member, directions: Directions) -> Table:
+    backward = None if member.backward is None else state.values[member.backward]
+    forward = state.values[member.forward]
+    return Table(member.positions_mm, by_direction(member.component, forward, backward, directions))
+
+
+def side_by_side(tables: Sequence[Table]) -> Table:
+    """Bring one component's tables of several thermal states to the union of their positions.
+
+    Parameters
+    ----------
+    tables
+        At least one, with values of shape (k,); beyond a table its end values hold.
+
+    Returns
+    -------
+    Table
+        With an axis of states in the values if there are several.
+    """
+    if len(tables) == 1:
+        return tables[0]
+    grids = [np.asarray(table.positions_mm) for table in tables]
+    union = reduce(np.union1d, grids)
+    rows = [
+        np.interp(union, grid, np.asarray(table.values))
+        if grid.size > 1
+        else np.broadcast_to(table.values, (max(union.size, 1),))
+        for grid, table in zip(grids, tables, strict=True)
+    ]
+    return Table(union, np.array(rows))
 
 
 def by_direction(

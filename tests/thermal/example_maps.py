@@ -55,7 +55,7 @@ def state_of(model, code, temperatures_c):
     if isinstance(temperatures_c, int | float):
         temperatures_c = {"x-middle": temperatures_c, "z-column": temperatures_c}
     for state in model.errors_at(temperatures_c):
-        for member in state.group.members:
+        for member in state.members:
             if member.component.code == code:
                 return state, member
     raise AssertionError(f"{code} is not in the model")

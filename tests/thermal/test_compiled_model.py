@@ -166,7 +166,8 @@ def test_what_is_linear_in_temperature_is_exact_inside_and_beyond(scale, grid, d
     model = compiled(
         maps_of("EXX", scale, [a + b * t for t in scale], grid),
         out_of_range=OutOfRange.EXTRAPOLATE,
-        extrapolation_margin_c=20.0,
+        extrapolation_margin_c=20.001,
+        extrapolation_error_ratio=1e12,
     )
     t = data.draw(st.floats(min(scale) - 20.0, max(scale) + 20.0))
     # Beyond the maps the weight, at worst 20/0.1, multiplies the rounding of the nodes.
@@ -222,6 +223,7 @@ def test_the_order_does_not_matter_where_maps_are_averaged_either():
         assert [s.values.tobytes() for s in model.errors_at({"x-middle": 24.0})] == expected
 
 
+@pytest.mark.slow
 def test_hundreds_of_maps_with_every_component():
     """300 maps 0.1 °C apart, the sensor's resolution: each one exact, the middle their mean."""
     rng = np.random.default_rng(300)
@@ -294,7 +296,7 @@ def test_on_any_grids_it_is_both_maps_own_lines_weighted():
     """Two piecewise linear tables weighted are linear between the union's points.
 
     So sampled anywhere inside, the packed table is (1 − w) f_n(x) + w f_m(x) with each
-    map's own interpolant, here scipy's.
+    map's own interpolant, here numpy's; the third map, not in use, changes nothing.
     """
     rng = np.random.default_rng(105)
     for _ in range(30):
@@ -309,10 +311,10 @@ def test_on_any_grids_it_is_both_maps_own_lines_weighted():
         t = rng.uniform(23.0, 31.0)
         state, member = state_of(compiled(maps), "EYX", t)
         x = rng.uniform(member.positions_mm[0], member.positions_mm[-1], 50)
-        own = [RegularGridInterpolator((g,), r)(x) for g, r in zip(grids, rows, strict=True)]
+        _, *own = [np.interp(x, g, r) for g, r in zip(grids, rows, strict=True)]
         w = (t - 23.0) / 8.0
         found = np.interp(x, member.positions_mm, state.values[member.forward])
-        np.testing.assert_allclose(found, (1 - w) * own[1] + w * own[2], atol=1e-10)
+        np.testing.assert_allclose(found, (1 - w) * own[0] + w * own[1], atol=1e-10)
 
 
 def test_with_different_positions_each_maps_own_points_are_still_exact():
@@ -344,7 +346,7 @@ def test_maps_without_a_common_range_are_refused(second):
         error_map("Run #1", 20.0, table("EXX", [0.0, 1.0], [0, 100])),
         error_map("Run #2", 30.0, table("EXX", [0.0, 1.0], second)),
     ]
-    with pytest.raises(Conflict, match=r"EXX to share a range of positions, came .* mm"):
+    with pytest.raises(Conflict, match=r"share a range of positions of EXX, came .* mm"):
         compiled(maps)
 
 
@@ -362,17 +364,62 @@ def test_both_directions_are_interpolated_each_for_itself():
     assert model.notes == ()
 
 
-def test_a_map_of_one_direction_serves_both_and_the_user_is_told():
+def test_between_a_map_of_both_directions_and_one_of_one_the_reversal_is_held():
     maps = [
         error_map("Run #1", 20.0, table("EXX", [0.0, 1.0], [0, 100])),
-        error_map("Run #2", 30.0, table("EXX", [10.0, 11.0], [0, 100], [24.0, 25.0])),
+        error_map("Run #2", 30.0, table("EXX", [10.0, 11.0], [0, 100], [14.0, 16.0])),
     ]
     model = compiled(maps)
+    for temperature_c in (10.0, 20.0, 22.5, 25.0, 30.0, 40.0):
+        forward = errors_of(model, "EXX", temperature_c)
+        backward = errors_of(model, "EXX", temperature_c, backward=True)
+        assert (backward - forward).tolist() == [4.0, 5.0]
     assert errors_of(model, "EXX", 25.0).tolist() == [5.0, 6.0]
-    assert errors_of(model, "EXX", 25.0, backward=True).tolist() == [12.0, 13.0]
     assert model.notes == (
-        "EXX is bidirectional in some maps only: the others' table serves both directions",
+        "EXX has no backward errors in 'Run #1': the reversal of 'Run #2' holds there",
     )
+
+
+def test_between_two_maps_of_both_directions_the_reversal_is_linear_past_one_of_one():
+    """Reversals of 2 at 20 °C and 6 at 40 °C: 3 at 25 °C, where a map of one direction lies."""
+    maps = [
+        error_map("a", 20.0, table("EXX", [0.0], [0], [2.0])),
+        error_map("b", 25.0, table("EXX", [9.0], [0])),
+        error_map("c", 40.0, table("EXX", [1.0], [0], [7.0])),
+    ]
+    for temperature_c, reversal in [
+        (20.0, 2.0),
+        (22.5, 2.5),
+        (25.0, 3.0),
+        (35.0, 5.0),
+        (40.0, 6.0),
+    ]:
+        forward = errors_of(compiled(maps), "EXX", temperature_c)
+        backward = errors_of(compiled(maps), "EXX", temperature_c, backward=True)
+        np.testing.assert_allclose(backward - forward, reversal, rtol=1e-14)
+
+
+def test_a_held_reversal_bends_where_the_map_that_has_it_bends():
+    """The map of one direction has two positions; the reversal has a third in between."""
+    maps = [
+        error_map("a", 20.0, table("EXX", [0.0, 0.0, 0.0], [0, 50, 100], [1.0, 5.0, 2.0])),
+        error_map("b", 30.0, table("EXX", [0.0, 8.0], [-50, 150])),
+    ]
+    state, member = state_of(compiled(maps), "EXX", 30.0)
+    assert member.positions_mm.tolist() == [-50, 0, 50, 100, 150]
+    reversal = state.values[member.backward] - state.values[member.forward]
+    assert reversal.tolist() == [1.0, 1.0, 5.0, 2.0, 2.0]
+
+
+def test_a_mean_of_maps_takes_the_reversal_from_those_that_have_it():
+    maps = [
+        error_map("a", 20.0, table("EXX", [0.0], [0], [4.0])),
+        error_map("b", 20.0, table("EXX", [2.0], [0])),
+        error_map("c", 30.0, table("EXX", [1.0], [0])),
+    ]
+    model = compiled(maps, same_temperature=SameTemperature.MEAN)
+    assert errors_of(model, "EXX", 20.0).tolist() == [1.0]
+    assert errors_of(model, "EXX", 20.0, backward=True).tolist() == [5.0]
 
 
 def test_without_any_backward_table_there_is_none():
@@ -614,8 +661,11 @@ def test_a_narrowed_range_of_positions_is_said():
         error_map("a", 20.0, table("EXX", [0.0, 2.0], [0, 100])),
         error_map("b", 30.0, table("EXX", [4.0, 6.0], [20, 80])),
     ]
-    (note,) = compiled(maps).notes
-    assert note == "EXX is given from 20 to 80 mm, where all its maps have it"
+    state, _ = state_of(compiled(maps), "EXX", 25.0)
+    assert state.maps.shortened == (
+        "EXX: given from 20 to 80 mm only at this temperature, because map 'b' covers 20 to 80 "
+        "mm; the maps together reach from 0 to 100 mm",
+    )
 
 
 def test_the_mean_of_maps_on_different_positions_and_of_their_stand_ins_temperature():

@@ -177,4 +177,4 @@ def test_the_model_knows_its_line_and_says_what_was_brought_there():
     assert model.measuring_lines == {"x": MeasuringLine((0.0, 0.0, 100.0))}
     assert any("are brought there" in note for note in model.notes)
     state = model.errors_at({"x-middle": 30.0})[0]
-    assert state.values[state.group.members[0].forward].tolist() == pytest.approx([-2.0, 3.0])
+    assert state.values[state.members[0].forward].tolist() == pytest.approx([-2.0, 3.0])

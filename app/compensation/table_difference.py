@@ -1,0 +1,88 @@
+"""By how much each component of one compensation table differs from another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.compensation.table import CompensationTable, ComponentCompensation
+from app.geometry.components import Component
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentChange:
+    """The largest change of one component's error from one table to the next.
+
+    `change` is signed, in the component's unit; `position_mm` says where, None for a component
+    without positions, and `is_backward` in which direction of approach. The statuses say how
+    both came about.
+    """
+
+    component: Component
+    change: float
+    position_mm: float | None
+    is_backward: bool
+    status_before: str
+    status_after: str
+
+
+def component_changes(before: CompensationTable, after: CompensationTable) -> list[ComponentChange]:
+    """Compare the components that both tables have, over the positions that both cover.
+
+    Parameters
+    ----------
+    before, after
+        Two tables of one machine.
+
+    Returns
+    -------
+    list of ComponentChange
+        The largest number first, whatever its unit: a µrad is a µm at an arm of one metre.
+    """
+    known = {entry.component.code: entry for entry in before.components}
+    found = [
+        change
+        for entry in after.components
+        if entry.component.code in known
+        and (change := _change(known[entry.component.code], entry)) is not None
+    ]
+    return sorted(found, key=lambda one: -abs(one.change))
+
+
+def _change(before: ComponentCompensation, after: ComponentCompensation) -> ComponentChange | None:
+    positions = _common(before.positions_mm, after.positions_mm)
+    if after.component.is_table and not positions.size:
+        return None
+    sides = [_errors(after, positions, b) - _errors(before, positions, b) for b in (False, True)]
+    side = int(np.abs(sides[1]).max() > np.abs(sides[0]).max())
+    at = int(np.abs(sides[side]).argmax())
+    return ComponentChange(
+        component=after.component,
+        change=float(sides[side][at]),
+        position_mm=float(positions[at]) if positions.size else None,
+        is_backward=bool(side),
+        status_before=str(before.basis.status),
+        status_after=str(after.basis.status),
+    )
+
+
+def _common(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Unite two tables' positions inside the range of both; one position limits nothing."""
+    union = np.union1d(one, other)
+    ranges = [positions for positions in (one, other) if positions.size > 1]
+    if not ranges:
+        return union
+    low, high = max(p[0] for p in ranges), min(p[-1] for p in ranges)
+    found: FloatArray = union[(union >= low) & (union <= high)]
+    return found
+
+
+def _errors(entry: ComponentCompensation, positions_mm: FloatArray, backward: bool) -> FloatArray:
+    values = entry.errors
+    if backward and entry.backward_errors is not None:
+        values = entry.backward_errors
+    if entry.positions_mm.size < 2:
+        return np.broadcast_to(values, (max(positions_mm.size, 1),))
+    return np.interp(positions_mm, entry.positions_mm, values)
