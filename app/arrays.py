@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.intp]
 """Counts, and numbers of places, rows, visits, channels."""
+SparseArray: TypeAlias = "csr_array[np.float64]"
+"""A matrix by rows, of which only what is not zero is kept."""
 
 
 def frozen(values: ArrayLike) -> FloatArray:
@@ -24,6 +29,24 @@ def frozen(values: ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64, ndmin=1)
     array.flags.writeable = False
     return array
+
+
+def rms_length(vectors: FloatArray) -> float:
+    """Give the root mean square of vectors' lengths, shape (n, 3).
+
+    >>> rms_length(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]]))
+    3.5355339059327378
+    """
+    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
+
+
+def largest_length(vectors: FloatArray) -> float:
+    """Give the largest of vectors' lengths, shape (n, 3).
+
+    >>> largest_length(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]]))
+    5.0
+    """
+    return float(np.linalg.norm(vectors, axis=-1).max())
 
 
 def one_blas_thread() -> AbstractContextManager[Any]:

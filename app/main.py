@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 from fastapi import Depends
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import HTMLResponse, RedirectResponse
+from starlette.responses import RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
 import app as package
-from app.api.body_limit import BodyLimitMiddleware
 from app.api.dependencies import refuse_unknown_query
 from app.api.error_responses import install_error_responses
+from app.api.gate import Gate
 from app.api.metrics import Metrics, MetricsMiddleware
 from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
+from app.api.pages import PAGE_HEADERS, Page
 from app.api.routes import (
     analyses,
     compensation,
@@ -31,11 +33,14 @@ from app.api.routes import (
     verifications,
 )
 from app.api.short_way import ThermapService
+from app.api.turns import SharedQuestion, Turns, take_turn
+from app.services.check_readiness import check_readiness
 from app.services.context import Context
 from app.services.follow_database import DatabaseFollower
 from app.services.run_analyses import AnalysisRunner
-from app.settings import Settings
+from app.settings import Settings, make_own_folder
 from app.storage.database import Database
+from app.storage.limits import Limits
 from app.storage.migrate import upgrade
 
 ROOMS = (
@@ -55,6 +60,16 @@ ROOMS = (
 """The routes, in the order in which /docs lists them."""
 
 
+BEFORE_ALL = [Depends(refuse_unknown_query), Depends(take_turn, scope="function")]
+"""What comes before every route; whose turn it is ends with its function."""
+
+STOP_S = 2.0
+"""How long those who follow the database may take to end [s]: it may hang."""
+
+READY_S = 4.0
+"""How long the database may take to say that it is there [s]."""
+
+
 def create_app(settings: Settings | None = None) -> ThermapService:
     """Make the service: database upgraded, routes in place, memory filled at start-up.
 
@@ -66,9 +81,11 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         If the database cannot be reached.
     """
     settings = settings or Settings()
-    context = Context(Database(settings.database_url))
+    make_own_folder(settings.database_url)
+    limits = Limits(lock_s=settings.lock_limit_s, statement_s=settings.statement_limit_s)
+    context = Context(Database(settings.database_url, limits))
     try:
-        upgrade(context.database)
+        upgraded = upgrade(context.database)
     except BaseException:
         context.database.close()
         raise
@@ -82,8 +99,8 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         try:
             yield
         finally:
-            await run_in_threadpool(runner.stop)
-            await run_in_threadpool(follower.stop)
+            await run_in_threadpool(runner.stop, STOP_S)
+            await run_in_threadpool(follower.stop, STOP_S)
             context.database.close()
 
     service = ThermapService(
@@ -99,27 +116,45 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     )
     service.state.context = context
     service.state.runner = runner
+    service.state.database_is_new = upgraded.was_empty
+    service.state.turns = Turns(settings.waiting_requests, settings.waiting_limit_s)
+    # The context as it is then: whoever makes the service may give it another clock.
+    service.state.readiness = SharedQuestion(
+        lambda: check_readiness(service.state.context), READY_S
+    )
     service.state.metrics = Metrics(context.live)
-    service.add_middleware(BodyLimitMiddleware, max_body_bytes=settings.max_body_bytes)
+    service.state.gate = Gate(settings.host, settings.allowed_hosts)
+    service.state.max_body_bytes = settings.max_body_bytes
+    service.state.patience_s = settings.patience_s
     service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
     install_error_responses(service)
     for room in ROOMS:
-        service.include_router(room.router, dependencies=[Depends(refuse_unknown_query)])
+        service.include_router(room.router, dependencies=BEFORE_ALL)
     document_problems(service)
     _add_documentation(service)
     return service
+
+
+class _Files(StaticFiles):
+    """Files of installed packages, as what they are said to be."""
+
+    def file_response(self, *args: Any, **named: Any) -> Response:
+        """Let no browser guess what a file is."""
+        response = super().file_response(*args, **named)
+        response.headers.update(PAGE_HEADERS)
+        return response
 
 
 def _add_documentation(service: ThermapService) -> None:
     """Serve /docs and what pages need from installed packages: a shop floor has no internet."""
     service.mount(
         "/docs-assets",
-        StaticFiles(packages=[("fastapi_swagger", "resources"), ("plotly", "package_data")]),
+        _Files(packages=[("fastapi_swagger", "resources"), ("plotly", "package_data")]),
         "docs-assets",
     )
 
     @service.get("/docs", include_in_schema=False)
-    async def get_docs() -> HTMLResponse:
+    async def get_docs() -> Page:
         return swagger_page(service.title)
 
     @service.get("/", include_in_schema=False)

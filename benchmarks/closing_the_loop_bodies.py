@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings
 from app.api.schemas.readings import ReadingSchema
-from app.api.schemas.verifications import VerificationRequest, measured_observations
+from app.api.schemas.verifications import VerificationRequest
 from app.identification.campaign import Campaign
 from app.identification.observations import Verification
 from app.thermal.compile_model import compile_model
@@ -50,4 +50,4 @@ def campaign_of_bodies(
 
 def _verification(body: Body) -> Verification:
     stated = VerificationRequest.model_validate(body)
-    return stated.to_verification(measured_observations(stated.observations))
+    return stated.to_verification()

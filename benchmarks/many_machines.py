@@ -34,6 +34,7 @@ def multiply(url: str, n: int) -> None:
         source = "mcfv5050"
         columns = (
             "name, configuration, axes, sensors, out_of_range, extrapolation_margin_c, "
+            "extrapolation_error_ratio, "
             "same_temperature, active_version, revision, created_at"
         )
         map_columns = (

@@ -89,7 +89,7 @@ def check(states, scipy_tables, values) -> None:
     """Make sure that the same numbers are compared."""
     expected = dict(zip(scipy_tables, values, strict=True))
     for state in states:
-        for member in state.group.members:
+        for member in state.members:
             got = state.values[member.forward]
             want = expected[member.component.code][: got.size]
             np.testing.assert_allclose(got, want, rtol=0, atol=1e-9)

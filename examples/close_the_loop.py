@@ -69,7 +69,7 @@ async def close_the_loop(
     transport = httpx.ASGITransport(app=service)
     machine = made.machine["id"]
     try:
-        async with AsyncThermapClient("http://thermap", transport=transport) as thermap:
+        async with AsyncThermapClient("http://localhost", transport=transport) as thermap:
             await furnish(thermap, made)
             known = await store(thermap, machine, made.verifications[:learnt_from])
             job = await thermap.analyse(machine, {"verifications": known})

@@ -69,7 +69,7 @@ async def compare(folder: Path) -> list[Comparison]:
     machine = example_machine()
     rng = np.random.default_rng(2026)
     try:
-        async with AsyncThermapClient("http://thermap", transport=transport) as thermap:
+        async with AsyncThermapClient("http://localhost", transport=transport) as thermap:
             await thermap.create_machine(settings_of(machine))
             for number in MEASURED_RUNS:
                 await measure(thermap, machine.id, number, rng)

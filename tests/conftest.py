@@ -4,12 +4,19 @@ from contextlib import ExitStack
 
 import pytest
 from hypothesis import settings
+from sqlalchemy import make_url
 
+from app.services.follow_database import DatabaseFollower
 from tests.databases import KINDS, Databases, reachable
 from tests.service_examples import Clock, client_of, furnish_database, running
+from tests.services.tcp_proxy import TcpProxy
 
-# The same examples in every run, and no clock in the verdict.
-settings.register_profile("thermap", derandomize=True, deadline=None, database=None)
+# The same examples in every run, and no clock in the verdict. CI tries more of them, with
+# `--hypothesis-profile=thorough` beside the slow tests.
+settings.register_profile(
+    "thermap", derandomize=True, deadline=None, database=None, max_examples=20
+)
+settings.register_profile("thorough", settings.get_profile("thermap"), max_examples=100)
 settings.load_profile("thermap")
 
 
@@ -101,3 +108,24 @@ async def client(app):
     """A client of the service with the example machine."""
     async with client_of(app) as client:
         yield client
+
+
+@pytest.fixture
+def wire(databases):
+    """A cut-able wire to a database with the example machine, and the URL through it."""
+    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
+    parsed = make_url(url)
+    proxy = TcpProxy(parsed.host, parsed.port or 5432)
+    proxy.url = parsed.set(host="127.0.0.1", port=proxy.port).render_as_string(False)
+    yield proxy
+    proxy.cut()
+    databases.give_back(url)
+
+
+@pytest.fixture
+def wired(new_app, wire):
+    """A service on that wire, with its machine in memory."""
+    service = new_app(wire.url)
+    service.follower = DatabaseFollower(service.state.context, every_s=1.0)
+    service.follower.look()
+    return service

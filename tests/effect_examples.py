@@ -1,6 +1,7 @@
 """Effects that tests adopt on the example machine, and readings that drive them."""
 
 import math
+from dataclasses import replace
 from datetime import timedelta
 from itertools import pairwise
 
@@ -17,95 +18,140 @@ from app.identification.effects.driver import (
 from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Everywhere, Rising, Sensitivity, Wave
 from app.identification.effects.term import Term
+from app.identification.effects.valid import Valid
 from app.services.adopt_analysis import version_with_effects
 from app.services.change_model import changing_machine
 from tests.service_examples import ROOM, START, iso, reading
 
 HALF = Rising(250.0, 250.0)
+LEARNT_FROM, LEARNT_TO = START - timedelta(days=30), START + timedelta(days=2)
+
+
+def learnt(effect, days=30.0, **ranges):
+    """An effect that was learnt in all that these tests do, or in the ranges that are given.
+
+    What grows with time may be used for `days` after it was learnt.
+    """
+    names = ("x-middle", "y-front", "z-column", "spindle")
+    grows = any(term.driver.grows_with_time for term in effect.terms)
+    wide = {
+        "from_s": LEARNT_FROM.timestamp(),
+        "to_s": LEARNT_TO.timestamp(),
+        "temperatures_c": dict.fromkeys(names, (-10.0, 80.0)),
+        "state": dict.fromkeys(effect.states, (0.0, 12_000.0)),
+        "positions_mm": dict.fromkeys(effect.components, (0.0, 500.0)),
+        "use_until_s": LEARNT_TO.timestamp() + 86400.0 * days if grows else None,
+    }
+    return replace(effect, valid=Valid(**wide | ranges))
+
+
 TAU_S = 600.0
-LAG = Effect(
-    "thermal-lag",
-    ("EZZ",),
-    ("z-column",),
-    parameters={"time_constant_min": TAU_S / 60.0, "share": 1.0},
-    terms=(Term("EZZ", Behind("z-column", TAU_S), Sensitivity(is_local=False)),),
+LAG = learnt(
+    Effect(
+        "thermal-lag",
+        ("EZZ",),
+        ("z-column",),
+        parameters={"time_constant_min": TAU_S / 60.0, "share": 1.0},
+        terms=(Term("EZZ", Behind("z-column", TAU_S), Sensitivity(is_local=False)),),
+    )
 )
-SPEED = Effect(
-    "state-variable",
-    ("EXX",),
-    states=("spindle_rpm",),
-    variant="at once",
-    parameters={"slope_um_per_spindle_rpm": 0.001},
-    terms=(Term("EXX", State("spindle_rpm"), Everywhere(), 0.001),),
+SPEED = learnt(
+    Effect(
+        "state-variable",
+        ("EXX",),
+        states=("spindle_rpm",),
+        variant="at once",
+        parameters={"slope_um_per_spindle_rpm": 0.001},
+        terms=(Term("EXX", State("spindle_rpm"), Everywhere(), 0.001),),
+    )
 )
-SPEED_LATE = Effect(
-    "state-variable",
-    ("EXX",),
-    states=("spindle_rpm",),
-    variant="late",
-    parameters={"slope_um_per_spindle_rpm": 0.001, "time_constant_min": 15.0},
-    terms=(Term("EXX", State("spindle_rpm", 1, 900.0), Everywhere(), 0.001),),
+SPEED_LATE = learnt(
+    Effect(
+        "state-variable",
+        ("EXX",),
+        states=("spindle_rpm",),
+        variant="late",
+        parameters={"slope_um_per_spindle_rpm": 0.001, "time_constant_min": 15.0},
+        terms=(Term("EXX", State("spindle_rpm", 1, 900.0), Everywhere(), 0.001),),
+    )
 )
-BACKLASH = Effect(
-    "backlash",
-    ("EXX",),
-    variant="constant",
-    parameters={"reversal_um": 3.0},
-    terms=(Term("EXX", Always(), Everywhere(), 1.5, is_reversing=True),),
+BACKLASH = learnt(
+    Effect(
+        "backlash",
+        ("EXX",),
+        variant="constant",
+        parameters={"reversal_um": 3.0},
+        terms=(Term("EXX", Always(), Everywhere(), 1.5, is_reversing=True),),
+    )
 )
-SINE = Effect(
-    "periodic",
-    ("EXX",),
-    parameters={"pitch_mm": 20.0, "amplitude_um": 2.0, "phase_deg": 0.0},
-    terms=(Term("EXX", Always(), Wave(20.0, is_cosine=False), 2.0),),
+SINE = learnt(
+    Effect(
+        "periodic",
+        ("EXX",),
+        parameters={"pitch_mm": 20.0, "amplitude_um": 2.0, "phase_deg": 0.0},
+        terms=(Term("EXX", Always(), Wave(20.0, is_cosine=False), 2.0),),
+    )
 )
-ROLL = Effect(
-    "angular",
-    ("EAX",),
-    variant="constant",
-    parameters={"angle_urad": 7.0, "angle_rise_urad": 4.0},
-    terms=(Term("EAX", Always(), Everywhere(), 7.0), Term("EAX", Always(), HALF, 4.0)),
+ROLL = learnt(
+    Effect(
+        "angular",
+        ("EAX",),
+        variant="constant",
+        parameters={"angle_urad": 7.0, "angle_rise_urad": 4.0},
+        terms=(Term("EAX", Always(), Everywhere(), 7.0), Term("EAX", Always(), HALF, 4.0)),
+    )
 )
-SLOPE = Effect(
-    "nonrigid-slope",
-    ("EXX^z",),
-    ("spindle",),
-    variant="with temperature",
-    parameters={"slope_um_per_m_per_k": 2.0},
-    terms=(Term("EXX^z", AboveReference("spindle", 25.0), Everywhere(), 2.0),),
+SLOPE = learnt(
+    Effect(
+        "nonrigid-slope",
+        ("EXX^z",),
+        ("spindle",),
+        variant="with temperature",
+        parameters={"slope_um_per_m_per_k": 2.0},
+        terms=(Term("EXX^z", AboveReference("spindle", 25.0), Everywhere(), 2.0),),
+    )
 )
-DRIFT = Effect(
-    "drift",
-    ("SXY",),
-    parameters={"drift_um_per_m_per_day": 2.0},
-    terms=(Term("SXY", SinceReference(START.timestamp() - 86400.0), Everywhere(), 2.0),),
+DRIFT = learnt(
+    Effect(
+        "drift",
+        ("SXY",),
+        parameters={"drift_um_per_m_per_day": 2.0},
+        terms=(Term("SXY", SinceReference(START.timestamp() - 86400.0), Everywhere(), 2.0),),
+    )
 )
-OUTDATED = Effect(
-    "outdated-map",
-    ("EXX",),
-    variant="shift",
-    parameters={"shift_um": 3.0},
-    terms=(Term("EXX", Always(), Everywhere(), 3.0),),
+OUTDATED = learnt(
+    Effect(
+        "outdated-map",
+        ("EXX",),
+        variant="shift",
+        parameters={"shift_um": 3.0},
+        terms=(Term("EXX", Always(), Everywhere(), 3.0),),
+    )
 )
 
 
 def fault(sensor, codes, bias_k=1.5):
     changed_s = START.timestamp() - 3600.0
     term = (StepAfter(changed_s), Sensitivity(is_local=True), -bias_k)
-    return Effect(
-        "sensor-fault",
-        codes,
-        (sensor,),
-        variant="bias",
-        parameters={"bias_k": bias_k, "changed_at_unix_s": changed_s},
-        terms=tuple(Term(code, *term) for code in codes),
+    return learnt(
+        Effect(
+            "sensor-fault",
+            codes,
+            (sensor,),
+            variant="bias",
+            parameters={"bias_k": bias_k, "changed_at_unix_s": changed_s},
+            terms=tuple(Term(code, *term) for code in codes),
+        )
     )
 
 
-def adopt(service, *effects, machine_id="mcfv5050"):
+def adopt(service, *effects, machine_id="mcfv5050", accept_losses=True):
+    """Adopt effects, whether or not readings state what they need."""
     context = service.state.context
     with changing_machine(context, machine_id) as change:
-        return version_with_effects(context, change, effects, "adopted in a test")
+        return version_with_effects(
+            context, change, effects, "adopted in a test", accept_losses=accept_losses
+        )
 
 
 def warm_up(minutes=70, start=START):
@@ -132,7 +178,8 @@ async def current(client):
 
 async def predicted(client, *observations, time=START):
     asked = [{"time": iso(time), **observation} for observation in observations]
-    answer = await client.post(f"{ROOM}/predictions", json={"observations": asked})
+    body = {"observations": asked, "missing_components": "zero"}
+    answer = await client.post(f"{ROOM}/predictions", json=body)
     assert answer.status_code == 200, answer.text
     return answer.json()
 

@@ -5,11 +5,15 @@ be computed by hand: see `error_map`.
 """
 
 import asyncio
+import re
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import cache, lru_cache
+from tempfile import TemporaryDirectory
 
 import httpx
+import jsonschema_rs
 from sqlalchemy import select
 
 from app.main import create_app
@@ -101,10 +105,14 @@ def reading(time, t_c, **changes):
     return {"time": iso(time), "temperatures_c": temperatures(t_c), "state": {}} | changes
 
 
+UNHURRIED = {"lock_limit_s": 60, "statement_limit_s": 60, "waiting_limit_s": 60}
+"""What answers on a busy machine must not depend on how busy it is."""
+
+
 @contextmanager
 def running(url, clock=None, **options):
     """Make a service whose clock moves only when it is told to; its database is closed after."""
-    service = create_app(Settings(database_url=url, **options))
+    service = create_app(Settings(database_url=url, **UNHURRIED | options))
     service.state.context = replace(service.state.context, now=clock or Clock())
     try:
         yield service
@@ -116,7 +124,53 @@ def running(url, clock=None, **options):
 def client_of(service):
     """Make a client; the service's own exceptions come back as its answers."""
     transport = httpx.ASGITransport(app=service, raise_app_exceptions=False)
-    return httpx.AsyncClient(transport=transport, base_url="http://thermap", trust_env=False)
+    return httpx.AsyncClient(
+        transport=transport,
+        base_url="http://localhost",
+        trust_env=False,
+        event_hooks={"response": [as_published]},
+    )
+
+
+async def as_published(answer):
+    """Check that an answer in JSON is as the OpenAPI document says."""
+    if not answer.headers.get("content-type", "").endswith("json"):
+        return
+    check = _published(
+        _route_of(answer.request.url.path), answer.request.method, answer.status_code
+    )
+    if check is not None:
+        await answer.aread()
+        errors = [f"{e.instance_path}: {e.message}" for e in check.iter_errors(answer.json())]
+        assert not errors, errors[:3]
+
+
+@cache
+def _document():
+    """The OpenAPI document, which is the same for all services."""
+    with TemporaryDirectory() as folder, running(f"sqlite:///{folder}/thermap.db") as service:
+        return service.openapi()
+
+
+@lru_cache(maxsize=1000)
+def _route_of(path):
+    """The route of a path; one without a parameter comes first, as in the service."""
+    for route in sorted(_document()["paths"], key=lambda route: route.count("{")):
+        if re.fullmatch(re.sub(r"\{.*?\}", "[^/]+", route), path):
+            return route
+    return None
+
+
+@cache
+def _published(route, method, status):
+    """What checks a route's answer of one status; None where no shape of it is published."""
+    operation = _document()["paths"].get(route, {}).get(method.lower(), {})
+    contents = operation.get("responses", {}).get(str(status), {}).get("content", {})
+    shapes = [c["schema"] for kind, c in contents.items() if kind.endswith("json")]
+    if not shapes:
+        return None
+    components = {"components": _document()["components"]}
+    return jsonschema_rs.Draft202012Validator(shapes[0] | components, validate_formats=True)
 
 
 def furnish_database(url):

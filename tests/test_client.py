@@ -39,7 +39,7 @@ from app.client import (
 )
 from app.main import create_app
 from app.settings import Settings
-from tests.service_examples import MACHINE, START, error_map, furnish_database, reading
+from tests.service_examples import MACHINE, START, error_map, furnish_database, reading, table
 
 pytestmark = pytest.mark.anyio
 
@@ -76,7 +76,7 @@ def served_url(service):
 @pytest.fixture
 def awaiting(service):
     """In the same process: there is no connection to give up."""
-    return AsyncThermapClient("http://thermap", transport=httpx.ASGITransport(app=service))
+    return AsyncThermapClient("http://localhost", transport=httpx.ASGITransport(app=service))
 
 
 @pytest.fixture
@@ -100,14 +100,14 @@ def answering(*responses, requests=None):
             requests.append(request)
         return remaining.pop(0) if len(remaining) > 1 else remaining[0]
 
-    return ThermapClient("http://thermap", transport=httpx.MockTransport(handle))
+    return ThermapClient("http://localhost", transport=httpx.MockTransport(handle))
 
 
 def failing(error):
     def handle(request):
         raise error
 
-    return ThermapClient("http://thermap", timeout_s=2.0, transport=httpx.MockTransport(handle))
+    return ThermapClient("http://localhost", timeout_s=2.0, transport=httpx.MockTransport(handle))
 
 
 # -- every route ---------------------------------------------------------------------------
@@ -149,10 +149,27 @@ async def test_error_maps(client):
         ),
     )
     assert again.id == stored.id
-    assert await client.error_map("mcfv5050", stored.id) == stored
+    assert (stored.activated, [p.component for p in stored.loses]) == (False, ["EXX"])
+    of_storing = {"model_version": None, "loses": [], "gains": [], "next_step": None}
+    shown = stored.model_copy(update=of_storing)
+    assert await client.error_map("mcfv5050", stored.id) == shown
     assert [m.label for m in await client.error_maps("mcfv5050")][-1] == "Run #7"
     assert await client.delete_error_map("mcfv5050", stored.id) is None
     assert len(await client.error_maps("mcfv5050")) == 3
+
+
+async def test_previews_and_losses_that_are_accepted(client):
+    short = error_map("short", 40.0)
+    short["components"][0] = table("EXX", [0, 100], [0.0, 20.0])
+    look = await client.preview_error_map("mcfv5050", short)
+    assert (look.activated, [p.component for p in look.loses]) == (False, ["EXX"])
+    assert len(await client.error_maps("mcfv5050")) == 3
+    assert not (await client.store_error_map("mcfv5050", short)).activated
+    assert (await client.preview_activation("mcfv5050", 4)).loses == look.loses
+    assert (await client.store_error_map("mcfv5050", short, accept_losses=True)).activated
+    assert (await client.model_coverage("mcfv5050", 4)).components[0] == "EXX"
+    assert (await client.preview_assignment("mcfv5050", {"SXY": "spindle"})).activated
+    assert (await client.machine("mcfv5050")).active_model == 4
 
 
 async def test_sensor_assignment_and_models(client):
@@ -256,10 +273,15 @@ async def test_grids_accuracy_and_levels(client):
     lines = {"linear_um": {a: [3.0] for a in "xyz"}}
     lines["straightness_um"] = dict.fromkeys(("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"), 1.0)
     assert (await client.accuracy_from_lines(lines)).ratio == pytest.approx(5.0 / 3.0)
+    needed = await client.needed_components("mcfv5050", "large-gantry")
+    assert "EXY^x" in needed.missing
+    (kind,) = [one for one in await client.nonrigid_presets() if one.name == "large-gantry"]
+    assert kind == needed.preset
     turn = {"order": "C", "angles_deg": {"C": np.arange(4) * 90.0}, "points_mm": [[100, 0, 0]]}
     assert len((await client.rotary_axis_error("mcfv5050", ASKED | turn)).errors_um) == 4
 
 
+@pytest.mark.slow
 async def test_closing_the_loop(client):
     """EXX is 5 µm at 500 mm and 21 °C; here it is measured with 1 µm more."""
     seen = [
@@ -336,7 +358,7 @@ def test_every_route_has_its_method(service):
             "settings": {}, "changes": {}, "error_map": {}, "assignment": {}, "observations": [],
             "temperatures_c": {}, "question": {}, "lines": {}, "measurement": {}, "plan": {},
             "verification": {}, "verification_id": 7, "analysis_id": 7, "verifications": [],
-            "versions": [],
+            "versions": [], "time": 0, "since": 0, "until": 0,
         }  # fmt: skip
         needed = inspect.signature(method).parameters
         with suppress(UnexpectedAnswerError):
@@ -414,9 +436,13 @@ async def test_nobody_listens():
 @pytest.mark.parametrize(
     ("error", "kind", "words"),
     [
-        (httpx.ReadTimeout("slow"), ServiceUnavailableError, "no answer from http://thermap wit"),
-        (httpx.ReadError("reset"), ServiceUnavailableError, "the connection to http://thermap bro"),
-        (httpx.ConnectError("Name not known"), NotListeningError, r"thermap \(Name not known\)"),
+        (httpx.ReadTimeout("slow"), ServiceUnavailableError, "no answer from http://localhost wit"),
+        (
+            httpx.ReadError("reset"),
+            ServiceUnavailableError,
+            "the connection to http://localhost bro",
+        ),
+        (httpx.ConnectError("Name not known"), NotListeningError, r"localhost \(Name not known\)"),
     ],
 )
 def test_no_answer(error, kind, words):
@@ -430,12 +456,12 @@ async def test_a_plan_is_waited_for_longer_than_the_rest():
 
     transport = httpx.MockTransport(slow)
     told = "within 600 s; it may still be at work$"
-    with ThermapClient("http://thermap", timeout_s=2.0, transport=transport) as client:
+    with ThermapClient("http://localhost", timeout_s=2.0, transport=transport) as client:
         with pytest.raises(ServiceUnavailableError, match=told):
             client.plan_analysis("mcfv5050", {})
         with pytest.raises(ServiceUnavailableError, match="within 2 s"):
             client.analyses("mcfv5050")
-    async with AsyncThermapClient("http://thermap", transport=transport) as awaiting:
+    async with AsyncThermapClient("http://localhost", transport=transport) as awaiting:
         with pytest.raises(ServiceUnavailableError, match=told):
             await awaiting.plan_analysis("mcfv5050", {})
 
@@ -447,7 +473,7 @@ def test_the_limit_reaches_the_connection():
         seen.append(request.extensions["timeout"]["read"])
         return httpx.Response(200, json=[])
 
-    with ThermapClient("http://thermap", transport=httpx.MockTransport(answer)) as client:
+    with ThermapClient("http://localhost", transport=httpx.MockTransport(answer)) as client:
         client.content(loop_calls.plan_analysis("mcfv5050", {}))
         client.content(loop_calls.analyses("mcfv5050"))
     assert seen == [600.0, 30.0]

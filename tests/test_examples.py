@@ -33,6 +33,7 @@ def test_a_comparison_takes_out_the_machine_as_a_whole_and_no_more():
     assert chain.rms_length(chain.without_rigid_motion(points, stretched)) > 0.5
 
 
+@pytest.mark.slow
 def test_the_loop_is_closed_on_visits_of_which_nobody_knew(tmp_path):
     """A reversal, which twelve visits are enough for."""
     closed = asyncio.run(loop.close_the_loop(tmp_path, "backlash:constant", 12, 4))

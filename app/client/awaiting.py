@@ -11,12 +11,12 @@ from typing import Any, Self
 
 import httpx
 
-from app.api.routes.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
 from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.compensation import CompensationAnswer
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.grids import GridAnswer
+from app.api.schemas.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.machines import MachineAnswer
 from app.api.schemas.measurements.axes import PositioningAnswer
 from app.api.schemas.measurements.base import MeasurementAnswer
@@ -27,10 +27,19 @@ from app.api.schemas.measurements.parts import (
     RotaryAxisAnswer,
 )
 from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
-from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.model_change import PreviewAnswer
+from app.api.schemas.models import (
+    AssignmentSchema,
+    ChangedModelAnswer,
+    CorrelationAnswer,
+    ModelAnswer,
+    ModelCoverageAnswer,
+    WaitingAssignmentAnswer,
+)
+from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import ReadingSchema, StoredReadings
+from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer
 from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
@@ -82,14 +91,27 @@ class AsyncThermapClient:
     async def machine(self, machine: str) -> MachineAnswer:
         return await self.send(calls.machine(machine))
 
+    async def needed_components(
+        self, machine: str, preset: str | None = None, tool_length_mm: float = 0.0
+    ) -> NeededAnswer:
+        return await self.send(calls.needed_components(machine, preset, tool_length_mm))
+
+    async def nonrigid_presets(self) -> list[PresetAnswer]:
+        return await self.send(calls.nonrigid_presets())
+
     async def change_machine(self, machine: str, changes: Content) -> MachineAnswer:
         return await self.send(calls.change_machine(machine, changes))
 
     async def delete_machine(self, machine: str) -> None:
         return await self.send(calls.delete_machine(machine))
 
-    async def store_error_map(self, machine: str, error_map: Content) -> ErrorMapAnswer:
-        return await self.send(calls.store_error_map(machine, error_map))
+    async def store_error_map(
+        self, machine: str, error_map: Content, *, accept_losses: bool = False
+    ) -> ErrorMapAnswer:
+        return await self.send(calls.store_error_map(machine, error_map, accept_losses))
+
+    async def preview_error_map(self, machine: str, error_map: Content) -> PreviewAnswer:
+        return await self.send(calls.preview_error_map(machine, error_map))
 
     async def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
         return await self.send(calls.error_maps(machine))
@@ -104,9 +126,18 @@ class AsyncThermapClient:
         return await self.send(calls.sensor_assignment(machine))
 
     async def assign_sensors(
+        self,
+        machine: str,
+        assignment: AssignmentSchema | Mapping[str, str],
+        *,
+        accept_losses: bool = False,
+    ) -> dict[str, str] | WaitingAssignmentAnswer:
+        return await self.send(calls.assign_sensors(machine, assignment, accept_losses))
+
+    async def preview_assignment(
         self, machine: str, assignment: AssignmentSchema | Mapping[str, str]
-    ) -> dict[str, str]:
-        return await self.send(calls.assign_sensors(machine, assignment))
+    ) -> PreviewAnswer:
+        return await self.send(calls.preview_assignment(machine, assignment))
 
     async def correlate_sensors(self, machine: str) -> CorrelationAnswer:
         return await self.send(calls.correlate_sensors(machine))
@@ -117,8 +148,14 @@ class AsyncThermapClient:
     async def model(self, machine: str, version: int) -> ModelAnswer:
         return await self.send(calls.model(machine, version))
 
-    async def activate_model(self, machine: str, version: int) -> ModelAnswer:
+    async def model_coverage(self, machine: str, version: int) -> ModelCoverageAnswer:
+        return await self.send(calls.model_coverage(machine, version))
+
+    async def activate_model(self, machine: str, version: int) -> ChangedModelAnswer:
         return await self.send(calls.activate_model(machine, version))
+
+    async def preview_activation(self, machine: str, version: int) -> PreviewAnswer:
+        return await self.send(calls.preview_activation(machine, version))
 
     async def store_readings(
         self, machine: str, readings: Content | Iterable[Content]
@@ -136,6 +173,14 @@ class AsyncThermapClient:
     ) -> list[ReadingSchema]:
         return await self.send(calls.readings(machine, since, until, every_s, limit))
 
+    async def withdraw_reading(self, machine: str, time: datetime | str) -> WithdrawnReadings:
+        return await self.send(calls.withdraw_reading(machine, time))
+
+    async def withdraw_readings(
+        self, machine: str, since: datetime | str, until: datetime | str
+    ) -> WithdrawnReadings:
+        return await self.send(calls.withdraw_readings(machine, since, until))
+
     async def compensation(
         self,
         machine: str,
@@ -148,9 +193,15 @@ class AsyncThermapClient:
         return await self.send(calls.current_table(machine, etag))
 
     async def predict(
-        self, machine: str, observations: Sequence[Content], model_version: int | None = None
+        self,
+        machine: str,
+        observations: Sequence[Content],
+        model_version: int | None = None,
+        missing_components: str = "refuse",
     ) -> PredictionAnswer:
-        return await self.send(calls.predict(machine, observations, model_version))
+        return await self.send(
+            calls.predict(machine, observations, model_version, missing_components)
+        )
 
     async def volumetric_error(self, machine: str, question: Content) -> VolumetricErrors:
         return await self.send(calls.volumetric_error(machine, question))
@@ -177,39 +228,88 @@ class AsyncThermapClient:
         return await self.send(calls.picture(machine, question))
 
     async def measure_step_diagonal(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> StepDiagonalAnswer:
-        return await self.send(calls.measure_step_diagonal(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_step_diagonal(machine, measurement, storing))
 
     async def measure_body_diagonal(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> BodyDiagonalAnswer:
-        return await self.send(calls.measure_body_diagonal(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_body_diagonal(machine, measurement, storing))
 
     async def measure_positioning(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> PositioningAnswer:
-        return await self.send(calls.measure_positioning(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_positioning(machine, measurement, storing))
 
     async def measure_six_dof(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> MeasurementAnswer:
-        return await self.send(calls.measure_six_dof(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_six_dof(machine, measurement, storing))
 
     async def measure_machined_part(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> MachinedPartAnswer:
-        return await self.send(calls.measure_machined_part(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_machined_part(machine, measurement, storing))
 
     async def measure_drilled_plate(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> DrilledPlateAnswer:
-        return await self.send(calls.measure_drilled_plate(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_drilled_plate(machine, measurement, storing))
 
     async def measure_rotary_axis(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> RotaryAxisAnswer:
-        return await self.send(calls.measure_rotary_axis(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return await self.send(calls.measure_rotary_axis(machine, measurement, storing))
 
     async def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
         return await self.send(calls.simulate_step_diagonal(machine, plan))
@@ -283,9 +383,22 @@ class AsyncThermapClient:
         effects: Sequence[int] | None = None,
         *,
         onto_active: bool = False,
-    ) -> ModelAnswer:
+        accept_losses: bool = False,
+    ) -> ChangedModelAnswer:
         return await self.send(
-            loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active)
+            loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active, accept_losses)
+        )
+
+    async def preview_adoption(
+        self,
+        machine: str,
+        analysis_id: int,
+        effects: Sequence[int] | None = None,
+        *,
+        onto_active: bool = False,
+    ) -> PreviewAnswer:
+        return await self.send(
+            loop_calls.preview_adoption(machine, analysis_id, effects, onto_active)
         )
 
     async def send(self, call: Call[Answer]) -> Answer:

@@ -9,12 +9,12 @@ from typing import Any, Self
 
 import httpx
 
-from app.api.routes.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
 from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.compensation import CompensationAnswer
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.grids import GridAnswer
+from app.api.schemas.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.machines import MachineAnswer
 from app.api.schemas.measurements.axes import PositioningAnswer
 from app.api.schemas.measurements.base import MeasurementAnswer
@@ -25,10 +25,19 @@ from app.api.schemas.measurements.parts import (
     RotaryAxisAnswer,
 )
 from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
-from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.model_change import PreviewAnswer
+from app.api.schemas.models import (
+    AssignmentSchema,
+    ChangedModelAnswer,
+    CorrelationAnswer,
+    ModelAnswer,
+    ModelCoverageAnswer,
+    WaitingAssignmentAnswer,
+)
+from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import ReadingSchema, StoredReadings
+from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer
 from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
@@ -103,6 +112,16 @@ class ThermapClient:
         """Show one machine."""
         return self.send(calls.machine(machine))
 
+    def needed_components(
+        self, machine: str, preset: str | None = None, tool_length_mm: float = 0.0
+    ) -> NeededAnswer:
+        """List the errors that have to be measured, of a rigid machine or of a preset."""
+        return self.send(calls.needed_components(machine, preset, tool_length_mm))
+
+    def nonrigid_presets(self) -> list[PresetAnswer]:
+        """List the kinds of machines that are not rigid, and their slopes."""
+        return self.send(calls.nonrigid_presets())
+
     def change_machine(self, machine: str, changes: Content) -> MachineAnswer:
         """Change the settings that a `MachinePatch` states."""
         return self.send(calls.change_machine(machine, changes))
@@ -111,9 +130,19 @@ class ThermapClient:
         """Delete a machine with all its maps, models and readings."""
         return self.send(calls.delete_machine(machine))
 
-    def store_error_map(self, machine: str, error_map: Content) -> ErrorMapAnswer:
-        """Store an `ErrorMapSchema`; the same content again gives the map that is there."""
-        return self.send(calls.store_error_map(machine, error_map))
+    def store_error_map(
+        self, machine: str, error_map: Content, *, accept_losses: bool = False
+    ) -> ErrorMapAnswer:
+        """Store an `ErrorMapSchema`; the same content again gives the map that is there.
+
+        A model version whose tables would lose something waits, unless `accept_losses`: the
+        answer's `activated` is False then, and `loses` and `next_step` say the rest.
+        """
+        return self.send(calls.store_error_map(machine, error_map, accept_losses))
+
+    def preview_error_map(self, machine: str, error_map: Content) -> PreviewAnswer:
+        """Say what storing a map would do to the tables; nothing is stored."""
+        return self.send(calls.preview_error_map(machine, error_map))
 
     def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
         """List a machine's error maps in the order in which they were stored."""
@@ -132,10 +161,24 @@ class ThermapClient:
         return self.send(calls.sensor_assignment(machine))
 
     def assign_sensors(
+        self,
+        machine: str,
+        assignment: AssignmentSchema | Mapping[str, str],
+        *,
+        accept_losses: bool = False,
+    ) -> dict[str, str] | WaitingAssignmentAnswer:
+        """Assign sensors to components, the others keep theirs; gives the whole assignment.
+
+        Where tables would lose something the version waits, unless `accept_losses`: then the
+        answer is a `WaitingAssignmentAnswer`, which says what.
+        """
+        return self.send(calls.assign_sensors(machine, assignment, accept_losses))
+
+    def preview_assignment(
         self, machine: str, assignment: AssignmentSchema | Mapping[str, str]
-    ) -> dict[str, str]:
-        """Assign sensors to components, the others keep theirs; gives the whole assignment."""
-        return self.send(calls.assign_sensors(machine, assignment))
+    ) -> PreviewAnswer:
+        """Say what an assignment would do to the tables; nothing changes."""
+        return self.send(calls.preview_assignment(machine, assignment))
 
     def correlate_sensors(self, machine: str) -> CorrelationAnswer:
         """Propose sensors by their correlation with the maps; nothing changes."""
@@ -149,9 +192,17 @@ class ThermapClient:
         """Show one model version."""
         return self.send(calls.model(machine, version))
 
-    def activate_model(self, machine: str, version: int) -> ModelAnswer:
-        """Compute tables with this version from now on."""
+    def model_coverage(self, machine: str, version: int) -> ModelCoverageAnswer:
+        """Show which components the tables of a version have, and why they lack others."""
+        return self.send(calls.model_coverage(machine, version))
+
+    def activate_model(self, machine: str, version: int) -> ChangedModelAnswer:
+        """Compute tables with this version from now on; the answer says what they lose."""
         return self.send(calls.activate_model(machine, version))
+
+    def preview_activation(self, machine: str, version: int) -> PreviewAnswer:
+        """Say what activating a version would do to the tables; nothing changes."""
+        return self.send(calls.preview_activation(machine, version))
 
     def store_readings(self, machine: str, readings: Content | Iterable[Content]) -> StoredReadings:
         """Store one `ReadingSchema` or any number of them.
@@ -171,6 +222,16 @@ class ThermapClient:
     ) -> list[ReadingSchema]:
         """List readings in order of time, at most one in `every_s` seconds [s]."""
         return self.send(calls.readings(machine, since, until, every_s, limit))
+
+    def withdraw_reading(self, machine: str, time: datetime | str) -> WithdrawnReadings:
+        """Take the reading of exactly this time out of use; UnknownThingError if there is none."""
+        return self.send(calls.withdraw_reading(machine, time))
+
+    def withdraw_readings(
+        self, machine: str, since: datetime | str, until: datetime | str
+    ) -> WithdrawnReadings:
+        """Take all readings between two times, both included, out of use."""
+        return self.send(calls.withdraw_readings(machine, since, until))
 
     def compensation(
         self,
@@ -192,10 +253,14 @@ class ThermapClient:
         return self.send(calls.current_table(machine, etag))
 
     def predict(
-        self, machine: str, observations: Sequence[Content], model_version: int | None = None
+        self,
+        machine: str,
+        observations: Sequence[Content],
+        model_version: int | None = None,
+        missing_components: str = "refuse",
     ) -> PredictionAnswer:
         """Predict the error of each `ObservationSchema` with the stored readings."""
-        return self.send(calls.predict(machine, observations, model_version))
+        return self.send(calls.predict(machine, observations, model_version, missing_components))
 
     def volumetric_error(self, machine: str, question: Content) -> VolumetricErrors:
         """Sum all errors at the points of a `VolumetricErrorRequest`, as numpy arrays."""
@@ -230,46 +295,95 @@ class ThermapClient:
         return self.send(calls.picture(machine, question))
 
     def measure_step_diagonal(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> StepDiagonalAnswer:
         """Derive translations and squareness from a `StepDiagonalRequest`'s readings."""
-        return self.send(calls.measure_step_diagonal(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_step_diagonal(machine, measurement, storing))
 
     def measure_body_diagonal(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> BodyDiagonalAnswer:
         """Evaluate Ed, ESd and squareness of a `BodyDiagonalRequest`'s readings."""
-        return self.send(calls.measure_body_diagonal(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_body_diagonal(machine, measurement, storing))
 
     def measure_positioning(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> PositioningAnswer:
         """Evaluate a `PositioningRequest`'s runs by ISO 230-2."""
-        return self.send(calls.measure_positioning(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_positioning(machine, measurement, storing))
 
     def measure_six_dof(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> MeasurementAnswer:
         """Take up to six errors of one axis from a `SixDofRequest`."""
-        return self.send(calls.measure_six_dof(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_six_dof(machine, measurement, storing))
 
     def measure_machined_part(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> MachinedPartAnswer:
         """Take a `MachinedPartRequest`'s straightness, and compare it with the model."""
-        return self.send(calls.measure_machined_part(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_machined_part(machine, measurement, storing))
 
     def measure_drilled_plate(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> DrilledPlateAnswer:
         """Take scale, squareness and axis errors from a `DrilledPlateRequest`'s holes."""
-        return self.send(calls.measure_drilled_plate(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_drilled_plate(machine, measurement, storing))
 
     def measure_rotary_axis(
-        self, machine: str, measurement: Content, *, store: bool = False
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
     ) -> RotaryAxisAnswer:
         """Find a rotary axis from a `RotaryAxisRequest`'s places of a ball."""
-        return self.send(calls.measure_rotary_axis(machine, measurement, store))
+        storing = calls.Storing(store, accept_losses, preview)
+        return self.send(calls.measure_rotary_axis(machine, measurement, storing))
 
     def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
         """Say what a laser would read on the stored machine in a `StepDiagonalSimulation`."""
@@ -360,9 +474,23 @@ class ThermapClient:
         effects: Sequence[int] | None = None,
         *,
         onto_active: bool = False,
-    ) -> ModelAnswer:
+        accept_losses: bool = False,
+    ) -> ChangedModelAnswer:
         """Make the next, active model version with effects that an analysis found."""
-        return self.send(loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active))
+        return self.send(
+            loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active, accept_losses)
+        )
+
+    def preview_adoption(
+        self,
+        machine: str,
+        analysis_id: int,
+        effects: Sequence[int] | None = None,
+        *,
+        onto_active: bool = False,
+    ) -> PreviewAnswer:
+        """Say what adopting effects would do to the tables; nothing changes."""
+        return self.send(loop_calls.preview_adoption(machine, analysis_id, effects, onto_active))
 
     def send(self, call: Call[Answer]) -> Answer:
         """Send a call that `app.client.calls` describes, and read its answer."""

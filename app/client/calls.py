@@ -18,12 +18,12 @@ import numpy as np
 from pydantic import BaseModel
 
 from app.api.media_types import ANSWER_HEADER, HTML, NPY
-from app.api.routes.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
 from app.api.schemas.compensation import CompensationAnswer, CurrentCompensationAnswer
 from app.api.schemas.error_field import AnswerHead
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.grids import GridAnswer
+from app.api.schemas.health import HealthAnswer, ReadyAnswer
 from app.api.schemas.machines import MachineAnswer
 from app.api.schemas.measurements.axes import PositioningAnswer
 from app.api.schemas.measurements.base import MeasurementAnswer
@@ -34,9 +34,18 @@ from app.api.schemas.measurements.parts import (
     RotaryAxisAnswer,
 )
 from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
-from app.api.schemas.models import AssignmentSchema, CorrelationAnswer, ModelAnswer
+from app.api.schemas.model_change import PreviewAnswer
+from app.api.schemas.models import (
+    AssignmentSchema,
+    ChangedModelAnswer,
+    CorrelationAnswer,
+    ModelAnswer,
+    ModelCoverageAnswer,
+    WaitingAssignmentAnswer,
+)
+from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import ReadingSchema, StoredReadings
+from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
 from app.api.schemas.rotary import RotaryErrorAnswer
 from app.arrays import FloatArray
 from app.client.call import Answer, Call, Content, nothing, reader_of
@@ -44,6 +53,17 @@ from app.client.errors import error_of, unreadable
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
+
+PREVIEW: Final = {"preview": "true"}
+
+
+@dataclass(frozen=True, slots=True)
+class Storing:
+    """What is to become of a measurement: nothing, a preview of storing it, or a map."""
+
+    store: bool = False
+    accept_losses: bool = False
+    preview: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +123,20 @@ def machine(machine_id: str) -> Call[MachineAnswer]:
     return Call("GET", of_machine(machine_id), reader_of(MachineAnswer))
 
 
+def needed_components(
+    machine_id: str, preset: str | None = None, tool_length_mm: float = 0.0
+) -> Call[NeededAnswer]:
+    """GET …/needed-components."""
+    query = {"preset": preset, "tool_length_mm": tool_length_mm}
+    path = of_machine(machine_id, "needed-components")
+    return Call("GET", path, reader_of(NeededAnswer), query=query)
+
+
+def nonrigid_presets() -> Call[list[PresetAnswer]]:
+    """GET /v1/nonrigid-presets."""
+    return Call("GET", "/v1/nonrigid-presets", reader_of(list[PresetAnswer]))
+
+
 def change_machine(machine_id: str, changes: Content) -> Call[MachineAnswer]:
     """PATCH /v1/machines/{machine}."""
     return Call("PATCH", of_machine(machine_id), reader_of(MachineAnswer), changes)
@@ -116,9 +150,18 @@ def delete_machine(machine_id: str) -> Call[None]:
 # -- error maps ----------------------------------------------------------------------------
 
 
-def store_error_map(machine_id: str, error_map: Content) -> Call[ErrorMapAnswer]:
+def store_error_map(
+    machine_id: str, error_map: Content, accept_losses: bool = False
+) -> Call[ErrorMapAnswer]:
     """POST …/error-maps."""
-    return Call("POST", of_machine(machine_id, "error-maps"), reader_of(ErrorMapAnswer), error_map)
+    path = of_machine(machine_id, "error-maps")
+    return Call("POST", path, reader_of(ErrorMapAnswer), error_map, query=accepting(accept_losses))
+
+
+def preview_error_map(machine_id: str, error_map: Content) -> Call[PreviewAnswer]:
+    """POST …/error-maps?preview=true."""
+    path = of_machine(machine_id, "error-maps")
+    return Call("POST", path, reader_of(PreviewAnswer), error_map, query=PREVIEW)
 
 
 def error_maps(machine_id: str) -> Call[list[ErrorMapAnswer]]:
@@ -145,12 +188,21 @@ def sensor_assignment(machine_id: str) -> Call[dict[str, str]]:
 
 
 def assign_sensors(
+    machine_id: str,
+    assignment: AssignmentSchema | Mapping[str, str],
+    accept_losses: bool = False,
+) -> Call[dict[str, str] | WaitingAssignmentAnswer]:
+    """PUT …/sensor-assignment; 202 says that the version waits."""
+    path = of_machine(machine_id, "sensor-assignment")
+    return Call("PUT", path, _read_assigned, assignment, query=accepting(accept_losses))
+
+
+def preview_assignment(
     machine_id: str, assignment: AssignmentSchema | Mapping[str, str]
-) -> Call[dict[str, str]]:
-    """PUT …/sensor-assignment."""
-    return Call(
-        "PUT", of_machine(machine_id, "sensor-assignment"), reader_of(dict[str, str]), assignment
-    )
+) -> Call[PreviewAnswer]:
+    """PUT …/sensor-assignment?preview=true."""
+    path = of_machine(machine_id, "sensor-assignment")
+    return Call("PUT", path, reader_of(PreviewAnswer), assignment, query=PREVIEW)
 
 
 def correlate_sensors(machine_id: str) -> Call[CorrelationAnswer]:
@@ -169,11 +221,22 @@ def model(machine_id: str, version: int) -> Call[ModelAnswer]:
     return Call("GET", of_machine(machine_id, "models", version), reader_of(ModelAnswer))
 
 
-def activate_model(machine_id: str, version: int) -> Call[ModelAnswer]:
+def model_coverage(machine_id: str, version: int) -> Call[ModelCoverageAnswer]:
+    """GET …/models/{version}/coverage."""
+    path = of_machine(machine_id, "models", version, "coverage")
+    return Call("GET", path, reader_of(ModelCoverageAnswer))
+
+
+def activate_model(machine_id: str, version: int) -> Call[ChangedModelAnswer]:
     """POST …/models/{version}/activate."""
-    return Call(
-        "POST", of_machine(machine_id, "models", version, "activate"), reader_of(ModelAnswer)
-    )
+    path = of_machine(machine_id, "models", version, "activate")
+    return Call("POST", path, reader_of(ChangedModelAnswer))
+
+
+def preview_activation(machine_id: str, version: int) -> Call[PreviewAnswer]:
+    """POST …/models/{version}/activate?preview=true."""
+    path = of_machine(machine_id, "models", version, "activate")
+    return Call("POST", path, reader_of(PreviewAnswer), query=PREVIEW)
 
 
 # -- live ----------------------------------------------------------------------------------
@@ -193,11 +256,14 @@ def add_up(parts: Iterable[StoredReadings]) -> StoredReadings:
     """Add what became of each part of a long list of readings.
 
     >>> add_up([StoredReadings(stored=2, duplicates=1), StoredReadings(stored=1, duplicates=0)])
-    StoredReadings(stored=3, duplicates=1)
+    StoredReadings(stored=3, duplicates=1, ahead=0, warnings=[])
     """
     found = list(parts)
     return StoredReadings(
-        stored=sum(part.stored for part in found), duplicates=sum(part.duplicates for part in found)
+        stored=sum(part.stored for part in found),
+        duplicates=sum(part.duplicates for part in found),
+        ahead=sum(part.ahead for part in found),
+        warnings=[warning for part in found for warning in part.warnings],
     )
 
 
@@ -212,6 +278,22 @@ def readings(
     query = {"from": since, "to": until, "every_s": every_s, "limit": limit}
     return Call(
         "GET", of_machine(machine_id, "readings"), reader_of(list[ReadingSchema]), query=query
+    )
+
+
+def withdraw_reading(machine_id: str, time: datetime | str) -> Call[WithdrawnReadings]:
+    """DELETE …/readings of one time."""
+    path = of_machine(machine_id, "readings")
+    return Call("DELETE", path, reader_of(WithdrawnReadings), query={"time": time})
+
+
+def withdraw_readings(
+    machine_id: str, since: datetime | str, until: datetime | str
+) -> Call[WithdrawnReadings]:
+    """DELETE …/readings between two times."""
+    query = {"from": since, "to": until}
+    return Call(
+        "DELETE", of_machine(machine_id, "readings"), reader_of(WithdrawnReadings), query=query
     )
 
 
@@ -235,10 +317,14 @@ def current_table(machine_id: str, etag: str | None) -> Call[TaggedTable | None]
 
 
 def predict(
-    machine_id: str, observations: Iterable[Content], model_version: int | None
+    machine_id: str,
+    observations: Iterable[Content],
+    model_version: int | None,
+    missing_components: str,
 ) -> Call[PredictionAnswer]:
     """POST …/predictions."""
     body: dict[str, Any] = {"observations": list(observations)}
+    body["missing_components"] = missing_components
     if model_version is not None:
         body["model_version"] = model_version
     return Call("POST", of_machine(machine_id, "predictions"), reader_of(PredictionAnswer), body)
@@ -299,50 +385,52 @@ def picture(machine_id: str, question: Content) -> Call[dict[str, Any]]:
 
 
 def measure_step_diagonal(
-    machine_id: str, measurement: Content, store: bool
+    machine_id: str, measurement: Content, storing: Storing
 ) -> Call[StepDiagonalAnswer]:
     """POST …/measurements/step-diagonal."""
-    return _measure(machine_id, "step-diagonal", StepDiagonalAnswer, measurement, store)
+    return _measure(machine_id, "step-diagonal", StepDiagonalAnswer, measurement, storing)
 
 
 def measure_body_diagonal(
-    machine_id: str, measurement: Content, store: bool
+    machine_id: str, measurement: Content, storing: Storing
 ) -> Call[BodyDiagonalAnswer]:
     """POST …/measurements/body-diagonal."""
-    return _measure(machine_id, "body-diagonal", BodyDiagonalAnswer, measurement, store)
+    return _measure(machine_id, "body-diagonal", BodyDiagonalAnswer, measurement, storing)
 
 
 def measure_positioning(
-    machine_id: str, measurement: Content, store: bool
+    machine_id: str, measurement: Content, storing: Storing
 ) -> Call[PositioningAnswer]:
     """POST …/measurements/positioning."""
-    return _measure(machine_id, "positioning", PositioningAnswer, measurement, store)
+    return _measure(machine_id, "positioning", PositioningAnswer, measurement, storing)
 
 
-def measure_six_dof(machine_id: str, measurement: Content, store: bool) -> Call[MeasurementAnswer]:
+def measure_six_dof(
+    machine_id: str, measurement: Content, storing: Storing
+) -> Call[MeasurementAnswer]:
     """POST …/measurements/six-dof."""
-    return _measure(machine_id, "six-dof", MeasurementAnswer, measurement, store)
+    return _measure(machine_id, "six-dof", MeasurementAnswer, measurement, storing)
 
 
 def measure_machined_part(
-    machine_id: str, measurement: Content, store: bool
+    machine_id: str, measurement: Content, storing: Storing
 ) -> Call[MachinedPartAnswer]:
     """POST …/measurements/machined-part."""
-    return _measure(machine_id, "machined-part", MachinedPartAnswer, measurement, store)
+    return _measure(machine_id, "machined-part", MachinedPartAnswer, measurement, storing)
 
 
 def measure_drilled_plate(
-    machine_id: str, measurement: Content, store: bool
+    machine_id: str, measurement: Content, storing: Storing
 ) -> Call[DrilledPlateAnswer]:
     """POST …/measurements/drilled-plate."""
-    return _measure(machine_id, "drilled-plate", DrilledPlateAnswer, measurement, store)
+    return _measure(machine_id, "drilled-plate", DrilledPlateAnswer, measurement, storing)
 
 
 def measure_rotary_axis(
-    machine_id: str, measurement: Content, store: bool
+    machine_id: str, measurement: Content, storing: Storing
 ) -> Call[RotaryAxisAnswer]:
     """POST …/measurements/rotary-axis."""
-    return _measure(machine_id, "rotary-axis", RotaryAxisAnswer, measurement, store)
+    return _measure(machine_id, "rotary-axis", RotaryAxisAnswer, measurement, storing)
 
 
 def simulate_step_diagonal(machine_id: str, plan: Content) -> Call[SimulatedStepDiagonal]:
@@ -352,11 +440,17 @@ def simulate_step_diagonal(machine_id: str, plan: Content) -> Call[SimulatedStep
 
 
 def _measure(
-    machine_id: str, method: str, answer: type[Answer], measurement: Content, store: bool
+    machine_id: str, method: str, answer: type[Answer], measurement: Content, storing: Storing
 ) -> Call[Answer]:
     path = of_machine(machine_id, "measurements", method)
-    query = {"store": "true" if store else "false"}
+    query = {"store": "true" if storing.store else "false"} | accepting(storing.accept_losses)
+    query |= PREVIEW if storing.preview else {}
     return Call("POST", path, reader_of(answer), measurement, query=query)
+
+
+def accepting(accept_losses: bool) -> dict[str, str]:
+    """Write the query that lets a version be active although it loses something."""
+    return {"accept_losses": "true"} if accept_losses else {}
 
 
 def of_machine(machine_id: str, *further: str | int) -> str:
@@ -368,6 +462,12 @@ def of_machine(machine_id: str, *further: str | int) -> str:
     if not machine_id:
         raise ValueError("expected a machine's id, came an empty one")
     return "/".join(["/v1/machines", quote(machine_id, safe=""), *map(str, further)])
+
+
+def _read_assigned(response: httpx.Response) -> dict[str, str] | WaitingAssignmentAnswer:
+    if response.status_code == httpx.codes.ACCEPTED:
+        return reader_of(WaitingAssignmentAnswer)(response)
+    return reader_of(dict[str, str])(response)
 
 
 def _read_ready(response: httpx.Response) -> ReadyAnswer:

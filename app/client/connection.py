@@ -6,15 +6,13 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
-from typing import Any, Final
+from typing import Any
 
 import httpx
 
 import app as package
+from app.client import DEFAULT_URL, URL_VARIABLE
 from app.client.errors import NotListeningError, ServiceUnavailableError
-
-DEFAULT_URL: Final = "http://127.0.0.1:8000"
-URL_VARIABLE: Final = "THERMAP_URL"
 
 
 def service_url(base_url: str | None) -> httpx.URL:

@@ -5,8 +5,8 @@
      ├─ ConflictError            409: it contradicts what is stored
      ├─ TooLargeError            413: send it in parts
      ├─ InvalidContentError      422: the content cannot be right
-     ├─ NotAllowedError          401, 403: a key is missing or not enough
-     ├─ TooManyRequestsError     429: come back later
+     ├─ NotAllowedError          401, 403: refused for who asks, or from where
+     ├─ TooManyRequestsError     429: come back later; only a proxy says so
      ├─ ServiceUnavailableError  503, or no answer in time: try again
      │   └─ NotListeningError        nobody listens at the URL
      └─ UnexpectedAnswerError    any other status, or an answer that is not thermap's
@@ -70,11 +70,14 @@ class InvalidContentError(ThermapClientError):
 
 
 class NotAllowedError(ThermapClientError):
-    """401 or 403: a key is missing, or does not allow this."""
+    """401 or 403: who asks, or from where, is not allowed this.
+
+    The service has no keys of its own; a proxy before it may ask for them.
+    """
 
 
 class TooManyRequestsError(ThermapClientError):
-    """429: too many requests."""
+    """429: too many requests, for a proxy before the service; it never says so itself."""
 
 
 class ServiceUnavailableError(ThermapClientError):

@@ -7,13 +7,14 @@ from typing import Any, Final
 
 from app.api.media_types import HTML
 from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
-from app.api.schemas.models import ModelAnswer
+from app.api.schemas.model_change import PreviewAnswer
+from app.api.schemas.models import ChangedModelAnswer
 from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
 from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
 from app.api.schemas.watch import WatchAnswer
 from app.client.call import Call, Content, nothing, reader_of
-from app.client.calls import of_machine
+from app.client.calls import PREVIEW, accepting, of_machine
 
 PLANNING_S: Final = 600.0
 """A plan of many visits is computed while its request waits [s]."""
@@ -120,11 +121,27 @@ def delete_analysis(machine_id: str, number: int) -> Call[None]:
 
 
 def adopt_analysis(
-    machine_id: str, number: int, effects: Iterable[int] | None, onto_active: bool
-) -> Call[ModelAnswer]:
+    machine_id: str,
+    number: int,
+    effects: Iterable[int] | None,
+    onto_active: bool,
+    accept_losses: bool = False,
+) -> Call[ChangedModelAnswer]:
     """POST …/analyses/{id}/adopt."""
-    body: dict[str, Any] = {"onto_active": onto_active}
-    if effects is not None:
-        body["effects"] = list(effects)
     path = of_machine(machine_id, "analyses", number, "adopt")
-    return Call("POST", path, reader_of(ModelAnswer), body)
+    body = _adoption(effects, onto_active)
+    return Call("POST", path, reader_of(ChangedModelAnswer), body, query=accepting(accept_losses))
+
+
+def preview_adoption(
+    machine_id: str, number: int, effects: Iterable[int] | None, onto_active: bool
+) -> Call[PreviewAnswer]:
+    """POST …/analyses/{id}/adopt?preview=true."""
+    path = of_machine(machine_id, "analyses", number, "adopt")
+    body = _adoption(effects, onto_active)
+    return Call("POST", path, reader_of(PreviewAnswer), body, query=PREVIEW)
+
+
+def _adoption(effects: Iterable[int] | None, onto_active: bool) -> dict[str, Any]:
+    chosen = {} if effects is None else {"effects": list(effects)}
+    return {"onto_active": onto_active, **chosen}

@@ -104,7 +104,7 @@ def _predicted_errors(maps: Sequence[ErrorMap], measured: ErrorMap) -> dict[str,
     return {
         member.component.code: state.values[member.forward]
         for state in model.errors_at(measured.temperatures_c)
-        for member in state.group.members
+        for member in state.members
     }
 
 

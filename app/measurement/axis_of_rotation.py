@@ -5,9 +5,9 @@ compensation method using the Laser R-test, 2024), fitted by Levenberg and Marqu
 iteration; nothing is linearised in what comes out.
 
 All coordinates here are (first, second, along): along the nominal axis last, in cyclic
-order. So the one case serves a C axis (x, y, z) and an A axis (y, z, x). The axis
-direction is (cos τ sin ο, −sin τ, cos τ cos ο) with its tilt τ about the first and ο
-about the second coordinate, which is [R] 8 and, in cyclic order, [R] 21.
+order. So the one case serves a C axis (x, y, z), an A axis (y, z, x) and a B axis (z, x,
+y). The axis direction is (cos τ sin ο, −sin τ, cos τ cos ο) with its tilt τ about the
+first and ο about the second coordinate, which is [R] 8 and, in cyclic order, [R] 21.
 """
 
 from __future__ import annotations

@@ -16,10 +16,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray, frozen
+from app.arrays import FloatArray, frozen, largest_length, rms_length
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
-from app.geometry.rotary_axes import RotaryAxis, actual_axis, rotary_location_error
+from app.geometry.rotary_axes import (
+    AXIS_LETTERS,
+    RotaryAxis,
+    about,
+    actual_axis,
+    rotary_location_error,
+)
 from app.measurement.result import MeasurementResult
 from app.measurement.rotary_axis_points import checked_fit, checked_points, number_places
 from app.measurement.rotary_axis_report import (
@@ -32,8 +38,45 @@ from app.measurement.stated_numbers import as_point, as_standard_deviation
 from app.thermal.error_map import VALUE_LIMIT, ComponentTable
 from app.units import UM_PER_MM, URAD_PER_RAD
 
-_FRONT: Final = {"c": 0, "a": 1}
-"""How many coordinates go to the end: (x, y, z) for C, (y, z, x) for A."""
+_FRONT: Final = {letter: (about(letter) + 1) % 3 for letter in AXIS_LETTERS}
+"""How many coordinates go to the end: (x, y, z) for C, (y, z, x) for A, (z, x, y) for B."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathErrors:
+    """How far the measured ball was beside the place where a control follows it ([R] 4.2).
+
+    The control turns the ball's place at angle 0, by the fit, about the axis as it knows
+    it. In x, y, z, shape (n, 3) [µm], measured minus followed. What is left was measured at
+    the points from which the errors were found; at others it may be more.
+
+    Parameters
+    ----------
+    before_um
+        The control knows the nominal axis.
+    position_um
+        It knows the axis' two position errors: an axis of nominal direction through its
+        place at the ball's height, as two of [R]'s points give it.
+    all_um
+        It knows all errors that were found.
+    """
+
+    before_um: FloatArray
+    position_um: FloatArray
+    all_um: FloatArray
+
+    def figures(self) -> dict[str, float]:
+        """Sum up the lengths of each [µm]."""
+        stages = {
+            "before": self.before_um,
+            "after_position": self.position_um,
+            "after_all": self.all_um,
+        }
+        return {
+            f"path_{name}_{stage}_um": of(vectors)
+            for stage, vectors in stages.items()
+            for name, of in (("rms", rms_length), ("max", largest_length))
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +86,7 @@ class RotaryAxisMeasurement:
     Parameters
     ----------
     letter
-        `c` or `a`.
+        `a`, `b` or `c`.
     axis
         The axis as a line in the coordinates of the points.
     start_mm : ndarray, shape (3,) [mm]
@@ -62,6 +105,9 @@ class RotaryAxisMeasurement:
         Standard deviation of one coordinate [µm], from the residuals or as stated.
     degrees_of_freedom
         Of the noise; 0 where it was stated or nobody knows.
+    path
+        How far the ball was beside the spindle that follows it, before and after
+        compensation.
     result
         The components, figures and notes.
     """
@@ -75,6 +121,7 @@ class RotaryAxisMeasurement:
     residuals_um: FloatArray
     noise_um: float | None
     degrees_of_freedom: int
+    path: PathErrors
     result: MeasurementResult
 
 
@@ -91,7 +138,7 @@ def measure_rotary_axis(
     Parameters
     ----------
     axis
-        `C` or `A`.
+        `A`, `B` or `C`.
     angle_deg : array-like, shape (n,) [°]
         Angle of the rotary axis at each point, positive by the right-hand rule; repeats
         are welcome.
@@ -101,20 +148,21 @@ def measure_rotary_axis(
         Standard deviation of one coordinate [µm], used where the points have no
         redundancy of their own.
     pivot_mm : array-like, shape (3,) [mm]
-        A point of the nominal axis: C uses x and y, A uses y and z.
+        A point of the nominal axis; its coordinate along the axis does not matter.
 
     Returns
     -------
     RotaryAxisMeasurement
-        XOC, YOC, AOC, BOC, or YOA, ZOA, BOA, COA: the position is where the axis crosses
-        z = 0 (C) or x = 0 (A) of the given coordinates, less the pivot's. From two
+        XOC, YOC, AOC, BOC, or YOA, ZOA, BOA, COA, or ZOB, XOB, COB, AOB: the position is
+        where the axis crosses z = 0 (C), x = 0 (A) or y = 0 (B) of the given coordinates,
+        less the pivot's. From two
         different angles, or three of which two are almost the same, only the position, as
         if the direction were the nominal one.
 
     Raises
     ------
     InvalidContent
-        If the axis is neither, if there are fewer than two different angles, or if the
+        If there is no such axis, if there are fewer than two different angles, or if the
         points cannot have come from such a turn or lie on too short an arc.
 
     Notes
@@ -160,7 +208,7 @@ def path_error(
     angle_deg : array-like, shape (n,) [°]
         Angles of the path.
     axis
-        `C` (BK2: X, Y and C together) or `A` (BK1: Y, Z and A together).
+        `C` (BK2: X, Y and C together), `A` (BK1: Y, Z and A together) or `B`.
     compensated
         Location errors that the control knows and follows; none at first.
     pivot_mm : array-like, shape (3,) [mm]
@@ -174,7 +222,7 @@ def path_error(
     Raises
     ------
     InvalidContent
-        If the axis is neither, or a component is no location error.
+        If there is no such axis, or a component is no location error.
 
     Examples
     --------
@@ -193,6 +241,7 @@ def _measurement(found: FittedPoints, pivot_mm: FloatArray) -> RotaryAxisMeasure
     crossing, cofactor = found.fit.at_height_0()
     errors = _errors(found, crossing, pivot_mm)
     covariance = found.covariance_of(cofactor)
+    path = _path_errors(found, errors, pivot_mm)
     return RotaryAxisMeasurement(
         letter=found.letter,
         axis=actual_axis(found.letter, errors, pivot_mm),
@@ -203,10 +252,30 @@ def _measurement(found: FittedPoints, pivot_mm: FloatArray) -> RotaryAxisMeasure
         residuals_um=found.residuals_um(),
         noise_um=found.noise_um,
         degrees_of_freedom=found.degrees_of_freedom,
+        path=path,
         result=MeasurementResult(
-            _tables(errors, covariance), figures_of(found), notes_on(found, errors)
+            _tables(errors, covariance),
+            figures_of(found) | path.figures(),
+            notes_on(found, errors),
         ),
     )
+
+
+def _path_errors(
+    found: FittedPoints, errors: Mapping[str, float], pivot_mm: FloatArray
+) -> PathErrors:
+    front = _FRONT[found.letter]
+    measured_mm = np.roll(found.points_mm, front, axis=1)
+    start_mm = np.roll(found.fit.start_mm, front)
+    at_ball_um = (found.fit.crossing_mm - np.roll(pivot_mm, -front)[:2]) * UM_PER_MM
+    position = dict(zip(CODES[found.letter][:2], at_ball_um.tolist(), strict=True))
+
+    def beside_um(known: Mapping[str, float]) -> FloatArray:
+        axis = actual_axis(found.letter, known, pivot_mm)
+        starts = np.broadcast_to(start_mm, measured_mm.shape)
+        return (measured_mm - axis.turn(starts, found.angles_rad)) * UM_PER_MM
+
+    return PathErrors(beside_um({}), beside_um(position), beside_um(errors))
 
 
 def _errors(found: FittedPoints, crossing_mm: FloatArray, pivot_mm: FloatArray) -> dict[str, float]:
@@ -241,7 +310,5 @@ def _tables(
 def _checked_axis(axis: str) -> str:
     letter = axis.lower() if isinstance(axis, str) else ""
     if letter not in CODES:
-        raise InvalidContent.of_field(
-            "axis", f"expected rotary axis A or C (a B axis is not known), came {axis!r}"
-        )
+        raise InvalidContent.of_field("axis", f"expected rotary axis A, B or C, came {axis!r}")
     return letter

@@ -123,7 +123,7 @@ def checked_fit(
     Parameters
     ----------
     letter
-        `c` or `a`.
+        `a`, `b` or `c`.
     points_mm : ndarray, shape (n, 3) [mm]
         Places of the ball: first, second, and the coordinate along the nominal axis.
     angles_rad : ndarray, shape (n,) [rad]

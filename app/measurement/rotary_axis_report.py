@@ -11,7 +11,8 @@ from scipy.special import chdtrc, stdtrit
 
 from app.arrays import FloatArray
 from app.errors import counted, list_names
-from app.geometry.rotary_axes import location_codes
+from app.geometry.components import LINEAR_LETTERS
+from app.geometry.rotary_axes import AXIS_LETTERS, about, cyclic_codes
 from app.measurement.axis_of_rotation import AxisFit, fit_axis
 from app.measurement.rotary_axis_points import (
     arc_deg,
@@ -23,8 +24,8 @@ from app.measurement.run_out import run_out
 from app.measurement.stated_numbers import LARGEST_UM
 from app.units import UM_PER_MM, URAD_PER_RAD
 
-CODES: Final = {letter: tuple(location_codes(letter)) for letter in "ca"}
-"""First and second coordinate, and the tilts about them, of each axis that [R] treats."""
+CODES: Final = {letter: cyclic_codes(letter) for letter in AXIS_LETTERS}
+"""First and second coordinate, and the tilts about them, of each rotary axis."""
 
 WEAK_POSITION: Final = 2.0
 WEAK_DIRECTION_URAD: Final = 50.0
@@ -42,7 +43,7 @@ class FittedPoints:
     Parameters
     ----------
     letter
-        `c` or `a`.
+        `a`, `b` or `c`.
     fit
         The axis, in coordinates of which the last runs along the nominal axis.
     points_mm : ndarray, shape (n, 3) [mm]
@@ -174,7 +175,7 @@ def notes_on(found: FittedPoints, errors: Mapping[str, float]) -> tuple[str, ...
 def _without_direction(found: FittedPoints) -> str:
     """Say why there is no direction, and what that means for the position."""
     first, second, tilt, other = CODES[found.letter]
-    along = "z" if found.letter == "c" else "x"
+    along = LINEAR_LETTERS[about(found.letter)]
     reason = "Two different angles do not determine the direction"
     if np.unique(number_places(np.rad2deg(found.angles_rad))).size > 2:
         tilts = urad_per_um(fit_axis(found.points_mm, found.angles_rad)) or np.inf

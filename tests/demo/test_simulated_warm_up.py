@@ -51,6 +51,7 @@ def test_other_runs_are_refused_with_what_exists(number):
         run_temperatures(number)
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 4e9), st.integers(-3, 3))
 def test_live_temperatures_repeat_every_period(time_s, periods):
     now, later = temperatures_at(time_s), temperatures_at(time_s + periods * PERIOD_S)

@@ -20,6 +20,12 @@ import httpx
 import numpy as np
 import pytest
 
+from app.geometry.chain import Chain
+from app.geometry.components import COMPONENTS
+from app.thermal.compile_model import compile_model
+from app.thermal.error_map import ComponentTable, ErrorMap
+from app.thermal.machine import Machine, OutOfRange, Sensor
+from app.thermal.prediction import predict_component
 from benchmarks.measured.data_folder import data_folder
 from benchmarks.measured.lathe import MAPPED
 from benchmarks.measured.lathe_runs import FAILED, FOLDER, SENSORS, read_runs
@@ -120,7 +126,7 @@ def rms(values):
 async def lathe(new_app, sqlite_url, runs):
     service = new_app(sqlite_url)
     transport = httpx.ASGITransport(app=service)
-    async with httpx.AsyncClient(transport=transport, base_url="http://thermap") as client:
+    async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
         await store_maps(client, runs[MAPPED])
         yield client
 
@@ -140,7 +146,7 @@ async def test_replayed_runs_of_the_lathe(lathe, runs):
                 mapped.displacement_um[code][rows][order],
             )
             expected = measured - (predicted - predicted[0])
-            np.testing.assert_allclose(residual, expected, atol=1e-9)
+            np.testing.assert_allclose(residual, expected, atol=2e-4)  # rounded to 0.1 nm
             print(f"{date} {code} {sensor}: {rms(measured):.1f} -> {rms(residual):.1f} µm")
 
 
@@ -151,3 +157,46 @@ async def test_one_run_is_followed_and_others_are_made_worse(lathe, runs):
     for date in ("20200813", "20200818"):
         measured, residual = (await residuals(lathe, runs[date]))["EZZ"]
         assert rms(residual) > rms(measured)
+
+
+def test_states_that_lie_close_together_are_not_followed_far(runs):
+    """Of six states the first two are 0.3 K apart at PT11, and 14 µm: at 10 K below them their
+    line says 97 and 145 µm where the machine moved some 30.
+    """
+    mapped = runs[MAPPED]
+    maps = [
+        ErrorMap(
+            label=f"{mapped.minutes[row]:.0f} min",
+            measured_at=datetime.fromtimestamp(float(mapped.times_s[row]), UTC),
+            temperatures_c={"PT11": float(mapped.temperatures_c["PT11"][row])},
+            tables={
+                "EXX": ComponentTable.make(
+                    COMPONENTS["EXX"], [mapped.displacement_um["EXX"][row]], [0.0]
+                )
+            },
+        )
+        for row in states_of(mapped)
+    ]
+
+    def largest(run, ratio):
+        lathe = Machine(
+            "lathe",
+            "GV1-1203",
+            Chain.parse("FZX"),
+            sensors={"PT11": Sensor("PT11")},
+            out_of_range=OutOfRange.EXTRAPOLATE,
+            extrapolation_margin_c=20.0,
+            extrapolation_error_ratio=ratio,
+        )
+        t = run.temperatures_c["PT11"]
+        model, nowhere = compile_model(lathe, maps, {}), np.zeros(len(t))
+        found = predict_component(model, "EXX", {"PT11": t}, nowhere, nowhere).values
+        return np.abs(found - found[0]).max()
+
+    unlimited = 1e9
+    for date in ("20200824", "20200904"):
+        assert largest(runs[date], unlimited) > 90
+        assert np.abs(runs[date].displacement_um["EXX"]).max() < 40
+        assert largest(runs[date], 3.0) < 40
+    # The maps are 43 µm apart; the largest movement that any of the runs is told is 52 µm.
+    assert max(largest(run, 3.0) for run in runs.values()) < 1.25 * (26.3 + 17.2)

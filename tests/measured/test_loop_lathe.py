@@ -54,6 +54,7 @@ def test_rows_of_the_stopped_log_are_left_out_and_counted():
     assert 2600 <= residuals.left_out[0].count <= 2900
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [2, 6])
 def test_runs_that_took_no_part_are_predicted_better(lathe, part):
     """Four whole runs; the failed sensor drives nothing, and is named."""

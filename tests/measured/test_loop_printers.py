@@ -13,6 +13,7 @@ pytestmark = pytest.mark.skipif(
 FACTOR = {"voron": 5.0, "annex": 3.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PRINTERS)
 def test_the_bed_is_found_and_what_was_left_out_is_predicted(name):
     printer = PRINTERS[name]

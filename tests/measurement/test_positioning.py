@@ -193,6 +193,7 @@ def averaged(readings):
     return mean_of_runs(ALONG, readings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shift", "slope"), [(0.0, 0.0), (SHIFT, 0.0), (0.5, 0.008)])
 def test_the_stated_covariance_is_the_scatter_of_the_means(shift, slope):
     """3000 measurements: 3 % on a variance. A slope makes the far end scatter more than the near.
@@ -213,6 +214,7 @@ def test_the_stated_covariance_is_the_scatter_of_the_means(shift, slope):
     assert ratio == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.slow
 def test_where_positions_differ_each_has_its_own_standard_error():
     """Noise from 0.3 to 8 µm: the stated standard errors follow it, position by position."""
     rng = np.random.default_rng(2)
@@ -223,6 +225,7 @@ def test_where_positions_differ_each_has_its_own_standard_error():
     np.testing.assert_allclose(stated / empirical, 1.0, atol=0.12)
 
 
+@pytest.mark.slow
 def test_equal_positions_are_pooled_and_pooling_is_the_more_certain():
     """s of five readings varies by 35 %; beside a line of each run that of thirty by half."""
     rng = np.random.default_rng(3)
@@ -257,6 +260,7 @@ def test_two_positions_have_no_slope_and_one_has_no_shift():
         assert scatter.shift == pytest.approx(5.0 if shift else 0.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_standard_error_of_the_mean_reversal_is_its_scatter():
     """Both directions of a run share its shift: paired by run, it cancels."""
     rng = np.random.default_rng(4)

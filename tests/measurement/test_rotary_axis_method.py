@@ -23,13 +23,14 @@ TABLE_2 = np.array([
 C_ERRORS = {"XOC": 13.0, "YOC": -7.0, "AOC": 40.0, "BOC": -60.0}
 A_ERRORS = {"YOA": 11.0, "ZOA": 5.0, "BOA": 70.0, "COA": -30.0}
 TURN = np.arange(0.0, 360.0, 30.0)
-BALLS = {"C": [105.0, 20.0, -180.0], "A": [-150.0, 90.0, 60.0]}
+B_ERRORS = {"ZOB": -9.0, "XOB": 4.0, "COB": 50.0, "AOB": -20.0}
+BALLS = {"C": [105.0, 20.0, -180.0], "A": [-150.0, 90.0, 60.0], "B": [80.0, 110.0, -40.0]}
 
 
 def places(axis, errors, ball, angles, pivot=(0.0, 0.0, 0.0)):
     """Where the ball is: its nominal place about the pivot, and the geometry's error."""
     ball, pivot, angle = np.asarray(ball), np.asarray(pivot), np.deg2rad(np.asarray(angles))
-    u, v = {"C": (0, 1), "A": (1, 2)}[axis]
+    u, v = {"C": (0, 1), "A": (1, 2), "B": (2, 0)}[axis]
     nominal = np.tile(ball, (angle.size, 1))
     arm = ball - pivot
     nominal[:, u] = pivot[u] + np.cos(angle) * arm[u] - np.sin(angle) * arm[v]
@@ -91,7 +92,7 @@ def test_a_ball_that_is_lower_at_plus_x_is_on_an_axis_that_leans_to_plus_x():
     assert found.axis.direction[0] == pytest.approx(1e-5, rel=1e-6)
 
 
-@pytest.mark.parametrize(("axis", "errors"), [("C", C_ERRORS), ("a", A_ERRORS)])
+@pytest.mark.parametrize(("axis", "errors"), [("C", C_ERRORS), ("a", A_ERRORS), ("B", B_ERRORS)])
 @pytest.mark.parametrize("angles", [TURN, [0, -90, -180], [10, 10, 75, 140, 500.0]])
 def test_what_the_geometry_says_comes_back(axis, errors, angles):
     pivot = [20.0, -30.0, -500.0]
@@ -172,7 +173,8 @@ def estimates(axis, errors, angles, rounds, sigma_um=1.0, **options):
     return values, np.array([one.covariance for one in found]), found
 
 
-@pytest.mark.parametrize(("axis", "errors"), [("C", C_ERRORS), ("A", A_ERRORS)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("axis", "errors"), [("C", C_ERRORS), ("A", A_ERRORS), ("B", B_ERRORS)])
 @pytest.mark.parametrize("angles", [[0, -90, -180], [0, 40, 80, 120], TURN])
 def test_standard_errors_are_those_of_many_measurements(axis, errors, angles):
     """400 rounds know a standard deviation to 3.5 %; 14 % are four of those."""
@@ -186,6 +188,7 @@ def test_standard_errors_are_those_of_many_measurements(axis, errors, angles):
     assert np.abs(off).max() < 4.0
 
 
+@pytest.mark.slow
 def test_few_degrees_of_freedom_need_students_t_and_then_cover():
     values, covariances, found = estimates("C", C_ERRORS, [0, -90, -180], 500)
     assert found[0].degrees_of_freedom == 2
@@ -216,6 +219,7 @@ def test_standard_errors_of_the_position_alone(angles, freedom, options):
     np.testing.assert_allclose(values.mean(axis=0), [13.0, -7.0], atol=4 * stated.max() / 28)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angles", [[0, 0.2, 180], [0, 180, 180.2], [0, 0.2, 0.4, 180, 180.2]])
 def test_angles_that_are_almost_two_give_the_position_alone(angles):
     """A tilt across the line of 0 and 180° shows over 0.4 mm: 1 µm of noise would be 4 mrad."""
@@ -387,7 +391,7 @@ GOOD = places("C", C_ERRORS, BALLS["C"], [0, 90, 180])
 @pytest.mark.parametrize(
     ("axis", "angles", "points", "message"),
     [
-        ("B", [0, 90, 180], GOOD, r"axis: .* A or C \(a B axis is not known\), came 'B'"),
+        ("D", [0, 90, 180], GOOD, r"axis: .* A, B or C, came 'D'"),
         (None, [0, 90, 180], GOOD, "came None"),
         ("C", [0, 90], GOOD, r"points: expected an angle .* shape \(2,\) and \(3, 3\)"),
         ("C", [], np.empty((0, 3)), "expected points at 2 angles or more, .* came 0 at 0"),
@@ -431,7 +435,7 @@ def test_what_is_no_turn_is_refused(axis, angles, points, message):
 def test_what_is_no_statement_is_refused(options, message):
     with pytest.raises(InvalidContent, match=message):
         measure_rotary_axis("C", [0, 90, 180], GOOD, **options)
-    with pytest.raises(InvalidContent, match="expected rotary axis A or C"):
+    with pytest.raises(InvalidContent, match="expected rotary axis A, B or C"):
         path_error(C_ERRORS, BALL, [0], "X")
 
 
@@ -452,3 +456,66 @@ def test_the_page_has_the_figures_of_table_2():
     assert stated.keys() == expected.keys()
     for code, pair in expected.items():
         assert stated[code] == pytest.approx(pair, abs=0.0501)
+
+
+def test_g0_g3_and_g4_of_table_2_turn_about_a_b_axis():
+    """Their y is 104.791 to 104.794 mm. Angles are not printed: those of their own circle.
+
+    The circle in x and z has its centre at x = 2.1715, z = −290.3492 mm and a radius of
+    106.472 mm; the axis is the normal of the plane through the three points.
+    """
+    points = np.array([
+        [0.311, 104.794, -183.893], [-104.1525, 104.791, -284.729], [-71.3045, 104.791, -213.293],
+    ])  # fmt: skip
+    centre = circle_centre(points)
+    np.testing.assert_allclose(centre[[0, 2]], [2.1715, -290.3492], atol=1e-4)
+    arm = points - centre
+    angles = np.rad2deg(np.arctan2(arm[:, 0], arm[:, 2]))
+    angles -= angles[0]
+    np.testing.assert_allclose(angles, [0.0, -85.973, -42.636], atol=1e-3)
+    found = measure_rotary_axis("B", angles, points)
+    figures = found.result.figures
+    at_ball = [figures["axis_x_at_ball_mm"], figures["axis_z_at_ball_mm"]]
+    np.testing.assert_allclose(at_ball, centre[[0, 2]], atol=2e-4)
+    normal = np.cross(points[1] - points[0], points[2] - points[0])
+    normal /= normal[1]
+    tilts = [found.errors["AOB"], found.errors["COB"]]
+    np.testing.assert_allclose(tilts, [normal[2] * 1e6, -normal[0] * 1e6], rtol=1e-3)
+    at_0 = centre - centre[1] * normal
+    position = [found.errors["XOB"], found.errors["ZOB"]]
+    np.testing.assert_allclose(position, at_0[[0, 2]] * 1e3, atol=0.2)
+
+
+@pytest.mark.parametrize("axis", ["A", "B", "C"])
+def test_path_errors_before_and_after_compensation(axis):
+    """Before: what the geometry says; with the position, what the tilts leave; then nothing."""
+    errors = {"A": A_ERRORS, "B": B_ERRORS, "C": C_ERRORS}[axis]
+    ball, pivot = np.array(BALLS[axis]), np.array([1.0, -2.0, 3.0])
+    path = measure_rotary_axis(
+        axis, TURN, places(axis, errors, ball, TURN, pivot), pivot_mm=pivot
+    ).path
+    pivots = {axis: pivot}
+    before = rotary_location_error(errors, ball, {axis: TURN}, axis, pivots)
+    np.testing.assert_allclose(path.before_um, before, atol=1e-6)
+    along = "ABC".index(axis)
+    first, second, tilt, other = errors.values()
+    # Where the axis passes the ball's height: its tilts have carried it along.
+    height = ball[along] / 1000.0
+    known = dict(zip(errors, (first + height * other, second - height * tilt), strict=False))
+    followed = rotary_location_error(known, ball, {axis: TURN}, axis, pivots)
+    np.testing.assert_allclose(path.position_um, before - followed, atol=1e-3)
+    # What is left of it is along the axis alone: a wobble of tilt times radius.
+    across = np.delete(path.position_um, along, axis=1)
+    assert np.abs(across).max() < 0.01
+    np.testing.assert_allclose(path.all_um, 0.0, atol=1e-6)
+
+
+def test_rms_and_largest_of_the_path_errors_are_figures():
+    """A ball 100 mm off an axis that is 3 µm beside: 0 and 6 µm, of which nothing stays."""
+    found = measure_rotary_axis("C", [0, 180], places("C", {"XOC": 3.0}, [100, 0, 0], [0, 180]))
+    figures = found.result.figures
+    assert figures["path_max_before_um"] == pytest.approx(6.0)
+    assert figures["path_rms_before_um"] == pytest.approx(18.0**0.5)
+    for stage in ("position", "all"):
+        assert figures[f"path_max_after_{stage}_um"] == pytest.approx(0.0, abs=1e-6)
+        assert figures[f"path_rms_after_{stage}_um"] == pytest.approx(0.0, abs=1e-6)

@@ -338,6 +338,7 @@ def test_a_line_leaves_linear_and_angular_readings_alone():
         np.testing.assert_array_equal(as_read.errors, line.errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["as-read", "end-points", "least-squares"])
 @pytest.mark.parametrize("directions", [1, 2])
 def test_the_stated_covariance_is_the_scatter_of_the_tables(line, directions):
@@ -361,6 +362,7 @@ def test_the_stated_covariance_is_the_scatter_of_the_tables(line, directions):
     assert np.mean(stated, axis=0)[2, 2] > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["as-read", "end-points", "least-squares"])
 @pytest.mark.parametrize("opposite", [False, True])
 def test_what_both_directions_of_a_run_share_counts_once(line, opposite):

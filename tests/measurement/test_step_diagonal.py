@@ -141,6 +141,7 @@ def test_equations_7_and_8_agree_where_nothing_contradicts():
         np.testing.assert_allclose(printed[code], (values - values[0])[1:], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_least_squares_has_half_the_variance_of_equations_7_and_8():
     rng = np.random.default_rng(10)
     field = field_of({})

@@ -82,6 +82,7 @@ def test_what_is_suspicious_is_kept():
     assert np.abs(errors_of(derive(read))["EZZ"] - before["EZZ"]).max() > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("steps", "most"), [(4, 0.07), (12, 0.02)])
 def test_noise_alone_is_seldom_suspicious(steps, most):
     said = [bool(suspicions(readings(seed, steps))) for seed in range(300)]

@@ -203,6 +203,7 @@ def test_removing_the_means_keeps_tilts_out_of_the_noise():
     assert derive(read, mirror_angle_urad=0.0).noise.reading_um > 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diagonals", [tuple(WAYS), tuple(THREE)])
 def test_a_stated_tilt_is_in_the_standard_errors(diagonals):
     """Many set-ups of one machine, tilts only: the spread is what was stated."""

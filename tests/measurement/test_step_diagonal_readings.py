@@ -94,6 +94,7 @@ def test_a_misaligned_mirror_adds_a_constant_to_each_axis_step_that_sums_to_zero
     assert read["pnp"].any() == read["ppn"].any() == False  # noqa: E712
 
 
+@pytest.mark.slow
 def test_noise_is_of_every_reading_and_of_the_zero():
     rng = np.random.default_rng(7)
     runs = [

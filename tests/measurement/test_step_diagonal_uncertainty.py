@@ -44,6 +44,7 @@ def many(line="end-points", diagonals=tuple(WAYS), steps=N, runs=RUNS, seed=41, 
     return {code: np.array(values) for code, values in drawn.items()}, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diagonals", [tuple(WAYS), THREE])
 @pytest.mark.parametrize("line", ["end-points", "least-squares"])
 def test_covariances_are_those_of_many_measurements(line, diagonals):
@@ -85,6 +86,7 @@ def test_three_diagonals_have_twice_the_variance_of_four():
         assert one == pytest.approx(2 * scaled * other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mirror", [None, 0.0])
 def test_the_noise_has_the_stated_degrees_of_freedom(mirror):
     """Unbiased, and with the spread of a χ² of so many degrees of freedom."""
@@ -102,6 +104,7 @@ def test_the_noise_has_the_stated_degrees_of_freedom(mirror):
     assert 5.0 < freedom < (12.0 if mirror == 0.0 else 9.0)
 
 
+@pytest.mark.slow
 def test_squareness_by_the_ends_is_three_times_better_than_the_slopes_plain_sum():
     """√2 σ R/(2XY n) against the sum of both slopes, ten steps."""
     rng = np.random.default_rng(47)

@@ -60,6 +60,7 @@ def test_a_stretched_axis_is_drawn_where_one_reckons_it_by_hand():
     assert edges[:, 1:].max() == 500.0
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 50), st.sampled_from(["XYFZ", "FXYZ", "FZX"]), st.sampled_from([*VOLUMES]))
 def test_every_vector_is_the_exaggerated_error(seed, chain, name):
@@ -221,6 +222,7 @@ def test_all_that_is_drawn_is_in_the_picture_and_fills_it(name):
     assert max(wide, tall) > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rightward"),
     [
@@ -264,6 +266,7 @@ def test_an_axis_without_two_round_numbers_shows_its_ends(long_mm):
     assert axis.ticktext == ("1010", "<b>Z</b> 1990 mm")
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(
     st.lists(st.tuples(st.floats(-4e4, 4e4), st.floats(0.01, 4e4)), min_size=3, max_size=3).map(

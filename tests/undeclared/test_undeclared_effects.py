@@ -95,6 +95,7 @@ def test_a_fingerprint_is_of_all_components_of_one_sensor(campaign_of, name):
     assert tuple(effect["components"]) == following(effect["sensors"][0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [0.5, 4.0])
 def test_amplitude_counts_in_repeatabilities(campaign_of, amplitude):
     truth = campaign_of(3, "drift", amplitude, repeatability_um=0.5).truth

@@ -36,7 +36,8 @@ async def predicted_by_service(url, campaign):
     with running(url, Clock(LATER)) as service:
         async with client_of(service) as client:
             room = await send(client, campaign)
-            answer = await client.post(f"{room}/predictions", json={"observations": asked})
+            body = {"observations": asked, "missing_components": "zero"}
+            answer = await client.post(f"{room}/predictions", json=body)
     assert answer.status_code == 200, answer.text
     document = answer.json()
     values = np.concatenate([np.atleast_1d(v) for v in document["predicted_um"]])
@@ -54,8 +55,8 @@ async def test_without_scatter_the_service_reproduces_the_truth(url, campaign_of
     campaign = campaign_of(9, **NO_SCATTER, days=2, visits=8)
     predicted, status = await predicted_by_service(url, campaign)
     assert set(status) == {"interpolated"}
-    # The maps are handed out to six decimals.
-    np.testing.assert_allclose(predicted, campaign.truth.true_um, atol=1e-5)
+    # The maps are handed out to six decimals, the answer rounded to 0.1 nm.
+    np.testing.assert_allclose(predicted, campaign.truth.true_um, atol=1e-4)
 
 
 async def test_the_residual_without_effect_is_what_scatter_and_maps_predict(url, campaign_of, rms):
@@ -63,7 +64,7 @@ async def test_the_residual_without_effect_is_what_scatter_and_maps_predict(url,
     truth = campaign.truth
     predicted, status = await predicted_by_service(url, campaign)
     assert set(status) <= {"interpolated", "at-map"}
-    np.testing.assert_allclose(predicted, truth.predicted_um, atol=1e-5)
+    np.testing.assert_allclose(predicted, truth.predicted_um, atol=1e-4)
     weights = entry_weights(campaign.maps, campaign.record, truth.observations)
     map_variance = 0.45**2 * (weights**2).sum(axis=1)
     lines = truth.observations.coordinate < 0
@@ -73,15 +74,16 @@ async def test_the_residual_without_effect_is_what_scatter_and_maps_predict(url,
     assert rms(truth.measured_um - predicted) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.slow
 async def test_an_effect_is_in_the_services_residual(url, campaign_of):
     campaign = campaign_of(9, ["angular", "state-variable:speed"], 3.0, **NO_SCATTER)
     predicted, _ = await predicted_by_service(url, campaign)
     residual = campaign.truth.measured_um - predicted
-    np.testing.assert_allclose(residual, campaign.truth.contribution_um, atol=1e-4)
+    np.testing.assert_allclose(residual, campaign.truth.contribution_um, atol=2e-4)
 
 
 async def test_a_biased_sensor_is_believed(url, campaign_of):
     campaign = campaign_of(9, "sensor-fault:bias", 1.0, state_standard_errors=True)
     predicted, status = await predicted_by_service(url, campaign)
     assert set(status) <= {"interpolated", "at-map", "clamped"}
-    np.testing.assert_allclose(predicted, campaign.truth.predicted_um, atol=1e-5)
+    np.testing.assert_allclose(predicted, campaign.truth.predicted_um, atol=1e-4)

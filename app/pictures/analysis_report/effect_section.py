@@ -14,6 +14,7 @@ from app.pictures.analysis_report.names import (
     SHARES,
     explanation_name,
     kind_name,
+    learnt_words,
     parameter_name,
     parameter_text,
     rival_name,
@@ -103,6 +104,8 @@ def _facts(effect: Mapping[str, Any], noise_um: float | None) -> str:
         "driven by": list_names(drivers) if drivers else "",
         "residual there": f"{sizes[0]} → {sizes[1]} {unit} RMS, with all effects",
         **_sureness(evidence),
+        "learnt in": learnt_words(effect),
+        "use": effect.get("measure_again") or "",
     }
     return "".join(
         f"<dt>{name}</dt><dd>{escaped(value)}</dd>" for name, value in facts.items() if value

@@ -175,6 +175,42 @@ def kind_name(kind: str) -> str:
     return kind.replace("-", " ")
 
 
+def learnt_words(effect: Mapping[str, Any]) -> str:
+    """Say in which ranges an effect was learnt: beyond them it is held at the edge.
+
+    Parameters
+    ----------
+    effect
+        As the analysis describes it; analyses of older versions do not say it.
+
+    Returns
+    -------
+    str
+        Empty where it is not known.
+
+    Examples
+    --------
+    >>> learnt_words({"valid": {"from": "2026-03-01T06:00:00Z", "to": "2026-03-31T06:00:00Z",
+    ...     "temperatures_c": {"z-column": [21.43, 29.8]}, "state": {"rpm": [0, 12000]},
+    ...     "positions_mm": {"EZZ": [2.5, 497.5]}, "made_of": {}, "use_until": None}})
+    '2026-03-01 to 2026-03-31; z-column 21.4 to 29.8 °C; rpm 0 to 12000; EZZ 2.5 to 497.5 mm'
+    """
+    valid = effect.get("valid")
+    if valid is None:
+        return ""
+    parts = [f"{valid['from'][:10]} to {valid['to'][:10]}"]
+    for ranges, form, unit in (
+        (valid["temperatures_c"], ".1f", " °C"),
+        (valid["state"], "g", ""),
+        (valid["made_of"], ".3g", ""),
+        (valid["positions_mm"], "g", " mm"),
+    ):
+        for name, ends in ranges.items():
+            low, high = (true_minus(format(end, form)) for end in ends)
+            parts.append(f"{name} {low} to {high}{unit}")
+    return "; ".join(parts)
+
+
 def untested_together(
     not_testable: Iterable[Mapping[str, Any]],
 ) -> list[tuple[str, str, str]]:
