@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.measured.drive import TESTS, campaign, close_both_ways, read_points, verifications
-from benchmarks.measured.loop import by_component, effects_of, measured_and_left
+from benchmarks.measured.loop import by_component, effects_of, let_go, measured_and_left
 from benchmarks.measured.printing import pooled, print_figures, print_rounds
 
 CYCLES = (2, 3, 4, 5)
@@ -17,7 +17,7 @@ def print_report(data: Path, _: int) -> None:
         print(f"  axis {axis.upper()}, all cycles")
         points = read_points(data, axis)
         print_rounds(close_both_ways(axis, points, points))
-        before, after, raw = [], [], []
+        before, after, free, raw = [], [], [], []
         for cycle in CYCLES:
             learn = [p for p in points if p.cycle != cycle]
             asked = verifications(axis, [p for p in points if p.cycle == cycle], by_run=False)
@@ -27,11 +27,13 @@ def print_report(data: Path, _: int) -> None:
             raw.append(by_component(rows, measured))
             before.append(by_component(rows, left))
             after.append(by_component(rows, measured_and_left(known, asked, effects)[2]))
+            free.append(by_component(rows, measured_and_left(known, asked, let_go(effects))[2]))
         print_figures(
             "cycles left out [µm]",
             {
                 "measured": pooled(raw),
                 "first cycle's table": pooled(before),
                 "after the loop": pooled(after),
+                "nothing held": pooled(free),
             },
         )

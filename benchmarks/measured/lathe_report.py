@@ -18,13 +18,14 @@ from benchmarks.measured.loop import (
     by_component,
     close_the_loop,
     effects_of,
+    let_go,
     measured_and_left,
     without_means,
 )
 from benchmarks.measured.ordinary_look import ordinary_look
 from benchmarks.measured.printing import pooled, print_figures, print_rounds
 
-STEPS = ("measured", "first maps", "after the loop", "ordinary look")
+STEPS = ("measured", "first maps", "after the loop", "nothing held", "ordinary look")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +64,12 @@ def run_fold(lathe: Lathe, left_out: Sequence[str]) -> Fold:
     asked = lathe.verifications(left_out)
     rounds = close_the_loop(learn)
     rows, measured, before = measured_and_left(learn, asked)
-    _, _, after = measured_and_left(learn, asked, effects_of(learn, rounds))
+    effects = effects_of(learn, rounds)
+    _, _, after = measured_and_left(learn, asked, effects)
+    _, _, free = measured_and_left(learn, asked, let_go(effects))
     known, known_measured, _ = measured_and_left(learn, learn.verifications)
     ordinary = ordinary_look(lathe.runs, known, rows, (known_measured, measured))
-    steps = dict(zip(STEPS, (measured, before, after, ordinary), strict=True))
+    steps = dict(zip(STEPS, (measured, before, after, free, ordinary), strict=True))
     return Fold(
         left_out,
         rounds,

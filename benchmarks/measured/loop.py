@@ -75,6 +75,15 @@ def effects_of(campaign: Campaign, rounds: Iterable[Round]) -> list[Effect]:
     return [*campaign.effects, *(found.effect for each in rounds for found in each.adopted)]
 
 
+def let_go(effects: Iterable[Effect]) -> list[Effect]:
+    """Take off the ranges at whose edges effects are held: what they would say of any state.
+
+    No live table does this. It shows what of an error is left because nobody has measured
+    there, and what because the effect is wrong.
+    """
+    return [replace(effect, valid=None) for effect in effects]
+
+
 def worth_adopting(analysis: Analysis) -> list[FoundEffect]:
     """Pick the effects of components whose held-out residuals they make smaller.
 

@@ -9,12 +9,13 @@ from benchmarks.measured.loop import (
     by_component,
     close_the_loop,
     effects_of,
+    let_go,
     measured_and_left,
 )
 from benchmarks.measured.printers import PARTS, PRINTERS, campaign, read_homings
 from benchmarks.measured.printing import pooled, print_figures, print_rounds
 
-STEPS = ("measured, about its mean", "maps over the frame", "after the loop")
+STEPS = ("measured, about its mean", "maps over the frame", "after the loop", "nothing held")
 
 
 def print_report(data: Path, _: int) -> None:
@@ -28,9 +29,11 @@ def print_report(data: Path, _: int) -> None:
             rounds = close_the_loop(known)
             print_rounds(rounds)
             rows, measured, before = measured_and_left(known, asked)
-            _, _, after = measured_and_left(known, asked, effects_of(known, rounds))
+            effects = effects_of(known, rounds)
+            _, _, after = measured_and_left(known, asked, effects)
+            _, _, free = measured_and_left(known, asked, let_go(effects))
             for step, values in zip(
-                STEPS, (measured - homings.z_um.mean(), before, after), strict=True
+                STEPS, (measured - homings.z_um.mean(), before, after, free), strict=True
             ):
                 steps[step].append(by_component(rows, values))
         print_figures(

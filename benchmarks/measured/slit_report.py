@@ -8,6 +8,7 @@ from benchmarks.measured.loop import (
     by_component,
     close_the_loop,
     effects_of,
+    let_go,
     measured_and_left,
     without_means,
 )
@@ -21,7 +22,9 @@ def print_report(data: Path, _: int) -> None:
     rounds = close_the_loop(known)
     print_rounds(rounds)
     steps = {}
-    for name, effects in (("table at each mm", []), ("after the loop", effects_of(known, rounds))):
+    found = effects_of(known, rounds)
+    models = {"table at each mm": [], "after the loop": found, "nothing held": let_go(found)}
+    for name, effects in models.items():
         rows, _, left = measured_and_left(known, asked, effects)
         steps[name] = pooled([by_component(rows, without_means(rows, left))])
     print_figures("stretches left out, each without its mean [µm]", steps)

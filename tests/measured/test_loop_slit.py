@@ -1,7 +1,5 @@
 """The loop on the slit: a period that a table at every millimetre cannot show."""
 
-from dataclasses import replace
-
 import pytest
 
 from benchmarks.measured.data_folder import data_folder
@@ -9,6 +7,7 @@ from benchmarks.measured.loop import (
     Figures,
     close_the_loop,
     effects_of,
+    let_go,
     measured_and_left,
     without_means,
 )
@@ -41,7 +40,6 @@ def test_the_rest_of_the_sweep_is_predicted(loop):
     rows, _, before = measured_and_left(known, asked)
     # The rest of the sweep lies beyond the positions that taught: adopted, the effect is held
     # there and says so. What it would be if it were let go on is what a period is for.
-    unheld = [replace(effect, valid=None) for effect in effects]
-    _, _, after = measured_and_left(known, asked, unheld)
+    _, _, after = measured_and_left(known, asked, let_go(effects))
     assert Figures.of(without_means(rows, before)).rms == pytest.approx(14.7, abs=0.3)
     assert Figures.of(without_means(rows, after)).rms < 2.0
