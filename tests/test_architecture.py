@@ -8,12 +8,11 @@ import re
 import sys
 from pathlib import Path
 
-import pytest
-
 import app
 
 PACKAGE = Path(app.__file__).parent
-MODULES = sorted(PACKAGE.rglob("*.py"))
+TREES = {p: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
+MODULES = list(TREES)
 
 FLOORS = [
     {"units", "errors", "arrays"},
@@ -57,7 +56,7 @@ def floor_of(room):
 def imports_of(path):
     """Name every module that a file imports, whole paths."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(TREES.get(path) or ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -72,19 +71,20 @@ def test_every_room_has_a_floor():
             floor_of(room_of(path))
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_imports_go_down_only(path):
-    room = room_of(path)
+def test_imports_go_down_only():
+    wrong = [
+        f"{path.relative_to(PACKAGE)} may not import {module}"
+        for path in MODULES
+        for module in sorted(imports_of(path))
+        if module.startswith("app.") and not may_import(room_of(path), module.split(".")[1])
+    ]
+    assert wrong == []
+
+
+def may_import(room, other):
     if room == "__init__":
-        assert not {m for m in imports_of(path) if m.startswith("app")}
-        return
-    for module in imports_of(path):
-        parts = module.split(".")
-        if parts[0] != "app" or len(parts) == 1:
-            continue
-        other = parts[1]
-        allowed = other == room or floor_of(other) < floor_of(room) or (room, other) in MAY_ALSO
-        assert allowed, f"{room} may not import {module}"
+        return False
+    return other == room or floor_of(other) < floor_of(room) or (room, other) in MAY_ALSO
 
 
 def test_the_search_knows_only_its_rows():
@@ -96,16 +96,14 @@ def test_the_search_knows_only_its_rows():
             )
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in MODULES if room_of(p) in PURE], ids=lambda p: str(p.relative_to(PACKAGE))
-)
-def test_pure_rooms_know_no_clock_and_no_world(path):
-    roots = {module.split(".")[0] for module in imports_of(path)}
-    assert roots <= PURE_LIBRARIES, f"{path} imports {roots - PURE_LIBRARIES}"
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        assert not (isinstance(node, ast.Attribute) and node.attr in {"now", "utcnow", "today"}), (
-            f"{path} reads the clock"
-        )
+def test_pure_rooms_know_no_clock_and_no_world():
+    for path in (p for p in MODULES if room_of(p) in PURE):
+        roots = {module.split(".")[0] for module in imports_of(path)}
+        assert roots <= PURE_LIBRARIES, f"{path} imports {roots - PURE_LIBRARIES}"
+        for node in ast.walk(TREES[path]):
+            assert not (
+                isinstance(node, ast.Attribute) and node.attr in {"now", "utcnow", "today"}
+            ), f"{path} reads the clock"
 
 
 def test_storage_alone_speaks_sql():
@@ -140,31 +138,36 @@ def public_functions():
                         yield f"{info.name}.{name}.{method}", function
 
 
-PUBLIC_FUNCTIONS = dict(public_functions())
+def test_docstrings_of_pure_functions():
+    wrong = [f"{name} {what}" for name, f in public_functions() for what in missing_in(f)]
+    assert wrong == []
 
 
-@pytest.mark.parametrize("name", PUBLIC_FUNCTIONS)
-def test_docstrings_of_pure_functions(name):
-    function = PUBLIC_FUNCTIONS[name]
+def missing_in(function):
+    """Say what a docstring lacks."""
     text = inspect.getdoc(function)
-    assert text, f"{name} has no docstring"
-    first = text.split("\n\n")[0].strip()
-    assert first.endswith((".", "?")), f"{name}: the first paragraph is no sentence"
+    if not text:
+        yield "has no docstring"
+        return
+    if not text.split("\n\n")[0].strip().endswith((".", "?")):
+        yield "begins with a paragraph that is no sentence"
     section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.M | re.S)
     if section:
         described = set(re.findall(r"^([a-z_0-9]+(?:, [a-z_0-9]+)*)(?: :.*)?$", section[1], re.M))
         named = {one for names in described for one in names.split(", ")}
         taken = set(inspect.signature(function).parameters) - {"self", "cls"}
-        assert taken <= named, f"{name} does not describe {taken - named}"
+        if taken - named:
+            yield f"does not describe {taken - named}"
         for parameter in taken:
             array = re.search(rf"^{parameter} :.*ndarray.*$", section[1], re.M)
-            assert not array or "shape" in array[0], f"{name}: {parameter} has no shape"
+            if array and "shape" not in array[0]:
+                yield f"gives {parameter} no shape"
 
 
 def test_factors_of_thousand_stand_in_units_alone():
     for path in MODULES:
         if room_of(path) in PURE - {"units"}:
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in ast.walk(TREES[path]):
                 assert not (
                     isinstance(node, ast.BinOp)
                     and isinstance(node.right, ast.Constant)

@@ -158,6 +158,7 @@ async def test_error_maps(client):
     assert len(await client.error_maps("mcfv5050")) == 3
 
 
+@pytest.mark.slow
 async def test_previews_and_losses_that_are_accepted(client):
     short = error_map("short", 40.0)
     short["components"][0] = table("EXX", [0, 100], [0.0, 20.0])

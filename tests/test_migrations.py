@@ -82,6 +82,7 @@ def test_an_empty_database_is_brought_to_the_newest_tables(empty):
         assert current_revision(session.connection()) == REVISIONS[-1]
 
 
+@pytest.mark.slow
 def test_upgrading_again_changes_nothing(empty):
     upgrade(empty)
     before = schema(empty)
@@ -94,6 +95,7 @@ def test_migrations_and_tables_agree(empty):
     check(empty)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -162,6 +164,7 @@ def _set_revision(database, revision):
         session.execute(text("UPDATE alembic_version SET version_num = :r"), {"r": revision})
 
 
+@pytest.mark.slow
 def test_a_database_of_a_newer_version_is_refused_and_left_alone(furnished_url, new_app):
     app = new_app(furnished_url)
     database = app.state.context.database
@@ -200,6 +203,7 @@ def test_a_password_is_not_shown_where_a_database_is_refused(postgresql_url):
     database.close()
 
 
+@pytest.mark.slow
 def test_an_upgrade_that_fails_in_the_middle_leaves_nothing(empty):
     """A table that stands in the way of one of the last: the first are not made either."""
     with empty.writing() as session:
@@ -213,6 +217,7 @@ def test_an_upgrade_that_fails_in_the_middle_leaves_nothing(empty):
     check(empty)
 
 
+@pytest.mark.slow
 def test_services_that_start_together_in_threads_all_succeed(empty_database_url):
     services, failures = [], []
     together = threading.Barrier(4, timeout=10)

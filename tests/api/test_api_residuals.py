@@ -171,6 +171,7 @@ async def test_versions_side_by_side_on_what_both_can_judge(room):
     assert old["overall"] == before["overall"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "body", "status", "words"),
     [

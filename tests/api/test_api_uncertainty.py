@@ -355,6 +355,7 @@ async def test_extrapolated_it_grows(two_maps):
     assert entry["standard_error_um_per_m"] == pytest.approx(expected, abs=5.1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t_c", [20.0, 23.7, 30.0, 31.5, 35.0, 60.0])
 async def test_the_short_way_says_it_as_the_ordinary_way_does(two_maps, empty_app, t_c):
     class OrdinaryWay:

@@ -41,6 +41,7 @@ def in_pieces(text, size):
 SIZES = st.sampled_from([4, 16, 64])
 
 
+@pytest.mark.slow
 @given(
     size=SIZES, document=DOCUMENTS, indent=st.sampled_from([None, 0, 3]), ascii_only=st.booleans()
 )

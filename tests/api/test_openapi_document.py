@@ -60,6 +60,7 @@ def has_floats(document, content):
     return isinstance(content, list) and any(has_floats(document, v) for v in content)
 
 
+@pytest.mark.slow
 def test_there_is_something_to_look_at(document):
     assert len(fields(document)) > 100
     assert len(operations(document)) > 20

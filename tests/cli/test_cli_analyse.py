@@ -82,6 +82,7 @@ def plain(text):
     return " ".join(text.replace("│", " ").split())
 
 
+@pytest.mark.slow
 def test_from_files_to_the_report_and_the_adopted_effect(thermap, client, tmp_path):
     """Of every other visit CSV: it is the same content, so nothing is stored a second time."""
     bodies = small_campaign().verifications
@@ -172,6 +173,7 @@ def test_a_failed_analysis_says_why(thermap, client, tmp_path):
     assert not report.exists()
 
 
+@pytest.mark.slow
 def test_what_nothing_can_be_compared_with_is_told_once_before_it_is_stored(
     thermap, client, tmp_path
 ):
@@ -273,6 +275,7 @@ def test_another_machines_file_is_refused_by_the_arguments_own_name(thermap, tmp
     assert "Invalid value for MACHINE" in plain(found.stderr)
 
 
+@pytest.mark.slow
 def test_a_machine_without_verifications(thermap, client):
     for one in client.verifications(MACHINE_ID):
         client.delete_verification(MACHINE_ID, one.id)

@@ -84,6 +84,7 @@ def test_json_is_the_services_own(thermap, client, service_url):
     assert shown["components"] == answer["components"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "temperature", "words"),
     [

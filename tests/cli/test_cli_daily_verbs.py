@@ -147,6 +147,7 @@ def test_nothing_is_destroyed_without_a_word(thermap, client, measured, words):
     assert left == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("said", "is_there"), [("n\n", True), ("y\n", False)])
 def test_on_a_terminal_it_asks(start_on_terminal, service_url, client, said, is_there):
     process, ours = start_on_terminal(
@@ -352,6 +353,7 @@ def test_residuals_without_a_verification(thermap):
     assert "has no verification yet; `thermap analyse mcfv5050 --verification FILE`" in found.stderr
 
 
+@pytest.mark.slow
 def test_analyses(thermap, client, measured, tmp_path):
     assert lines(thermap("analyses", "list")) == ["no analysis yet; `thermap analyse` asks for one"]
     number = client.analyse("mcfv5050", {"verifications": [measured]}).id

@@ -126,6 +126,7 @@ def test_in_low_terminals_rotations_stand_beside_the_displacements_of_their_axis
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("columns", "rows"), [(60, 15), (80, 12), (120, 20), (80, 2), (80, 1)])
 def test_a_terminal_that_is_too_low_is_told_how_high_it_should_be(simulated_table, columns, rows):
     lines = lines_of(simulated_table, columns, rows)

@@ -140,6 +140,7 @@ def test_warnings_of_the_service_are_seen(thermap, write):
     assert "beyond the axis' travel" in found.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [

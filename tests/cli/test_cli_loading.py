@@ -49,6 +49,7 @@ def test_the_version_needs_nothing():
     assert not {name for name in modules if name.startswith("app.cli.")} - {"app.cli.application"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [(), ("machines",), ("maps", "delete"), ("verifications",)])
 def test_help_needs_no_numerics_and_no_service(words):
     said, modules = loaded(*words, "--help")
@@ -70,6 +71,7 @@ def test_completion_needs_no_numerics_and_no_service(written, completed):
     assert not modules & HEAVY
 
 
+@pytest.mark.slow
 def test_commands_that_only_ask_the_service_do_not_load_it(service_url):
     said, modules = loaded("machines", "list", THERMAP_URL=service_url)
     assert "mcfv5050" in said

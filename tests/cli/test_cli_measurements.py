@@ -44,6 +44,7 @@ def words(text):
     return [" ".join(line.split()) for line in text.splitlines()]
 
 
+@pytest.mark.slow
 def test_a_measurement_is_stored_once_and_shown(thermap, client, write):
     """The means by hand: forward 0.05 and 1.3 µm, backward −0.75 and −0.2 µm."""
     file = write("x.csv", STATE + POSITIONING)
@@ -242,6 +243,7 @@ def test_wrong_usage_is_told(thermap, write, arguments, said):
     assert said in " ".join(found.stderr.replace("│", " ").split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
@@ -318,6 +320,7 @@ RIGID = ("simulate", "step-diagonal", "rigid", "-t", "x-middle=22", "-t", "z-col
          "--missing-as-zero")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_simulated_file_gives_the_stored_machines_errors_back(thermap, client, tmp_path):
     rigid_machine(client)
     file = tmp_path / "laser.csv"
@@ -410,6 +413,7 @@ def test_at_the_latest_reading(thermap, client, tmp_path):
     assert body["temperatures_c"]["x-middle"] == 22.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -36,6 +36,7 @@ def warm_up(minutes=60, rise_c=3.0):
 # -- the command ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_all_at_once_shows_how_the_table_changed(thermap, client, write):
     found = thermap("replay", "mcfv5050", write(warm_up()), "--fast")
     assert found.exit_code == 0, found.output
@@ -51,6 +52,7 @@ def test_all_at_once_shows_how_the_table_changed(thermap, client, write):
     assert abs(datetime.now(UTC) - stored[-1].time) < timedelta(seconds=20)
 
 
+@pytest.mark.slow
 def test_at_speed_readings_are_stamped_as_they_are_sent(thermap, client, write):
     before = datetime.now(UTC)
     found = thermap("replay", "mcfv5050", write(warm_up(rise_c=0.9)), "--speed", "3600")
@@ -64,6 +66,7 @@ def test_at_speed_readings_are_stamped_as_they_are_sent(thermap, client, write):
     assert {s.health for s in table.sensors} == {"ok"}
 
 
+@pytest.mark.slow
 def test_where_sensors_would_seem_to_jump_the_recorded_spacing_stays(thermap, client, write):
     found = thermap("replay", "mcfv5050", write(warm_up(rise_c=15)), "--speed", "3600")
     assert found.exit_code == 0, found.output
@@ -75,6 +78,7 @@ def test_where_sensors_would_seem_to_jump_the_recorded_spacing_stays(thermap, cl
     assert {s.health for s in client.current_table("mcfv5050").table.sensors} == {"ok"}
 
 
+@pytest.mark.slow
 def test_recorded_dates_are_kept_and_a_repetition_adds_nothing(thermap, client, write):
     file = write("time,x-middle,z-column\n2026-03-01T06:00:00Z,20,22\n2026-03-01 07:05+01:00,21,23")
     for stored in ("2 readings stored, 0", "0 readings stored, 2"):
@@ -84,6 +88,7 @@ def test_recorded_dates_are_kept_and_a_repetition_adds_nothing(thermap, client, 
     assert [r.time.minute for r in client.readings("mcfv5050")] == [0, 5]
 
 
+@pytest.mark.slow
 def test_other_readings_about_that_time_are_told(thermap, write):
     file = write(warm_up())
     assert "other readings" not in thermap("replay", "mcfv5050", file, "--fast").stderr
@@ -97,6 +102,7 @@ def test_readings_without_a_table_are_stored_all_the_same(thermap, write):
     assert "no live table: expected a temperature of x-middle" in found.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -114,6 +120,7 @@ def test_options_that_cannot_be_right(thermap, write, options, words):
     assert words in found.stderr
 
 
+@pytest.mark.slow
 def test_times_in_the_future_are_the_services_to_refuse(thermap, write):
     start = (datetime.now(UTC) + timedelta(days=2)).isoformat()
     found = thermap("replay", "mcfv5050", write(warm_up()), "--fast", "--start", start)

@@ -100,6 +100,7 @@ def test_a_machine_without_readings(thermap, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_service_that_has_just_begun(thermap, client, tmp_path):
     """Five minutes of readings, as `thermap demo` has: one visit that fits into them."""
     client.store_readings("mcfv5050", [reading(START, 24.0)])
@@ -122,6 +123,7 @@ def test_a_service_that_has_just_begun(thermap, client, tmp_path):
     assert iso(START) <= made[0]["time"] < made[-1]["time"] < iso(last)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [

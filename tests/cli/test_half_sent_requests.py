@@ -54,6 +54,7 @@ HALF_SENT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pieces", HALF_SENT.values(), ids=HALF_SENT)
 def test_what_stops_half_way_is_ended(port, pieces):
     came = answer_to(port, *pieces)
@@ -71,6 +72,7 @@ def test_what_was_refused_early_is_not_answered_twice(port):
     assert came.startswith(b"HTTP/1.1 413 ")
 
 
+@pytest.mark.slow
 def test_a_slow_body_that_goes_on_is_taken(port):
     spaced = BODY + b" " * 600
     pieces = [spaced[i : i + 50] for i in range(0, len(spaced), 50)]

@@ -58,6 +58,7 @@ def test_a_saddle_of_two_parabolas_by_hand():
     assert found.most[2] == pytest.approx(76.25, abs=EXACT_WITHIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", ["FXYZ", "XYFZ", "XYZF"])
 @pytest.mark.parametrize("kinds", [RIGID, NONRIGID], ids=["rigid", "nonrigid"])
 @pytest.mark.parametrize("lines", [None, LINES], ids=["axes", "lines"])

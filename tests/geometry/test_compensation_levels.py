@@ -52,6 +52,7 @@ def test_mean_rms_and_largest_by_hand():
     assert nothing.rms_um == pytest.approx(math.sqrt(5.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", ["FXYZ", "XFYZ", "XYFZ", "XYZF"])
 def test_the_last_level_leaves_nothing_of_the_model_and_rigid_ones_need_no_nonrigid(chain):
     found = left_um(random_field(chain, NONRIGID, positions=3))
@@ -95,6 +96,7 @@ def test_on_the_measuring_lines_straightness_tables_leave_nothing():
     assert left[1] == pytest.approx(math.hypot(0.15 * 30.0, 0.5 * 30.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lines", [None, LINES])
 @pytest.mark.parametrize("chain", ["XFYZ", "XYZF"])
 def test_the_tables_of_a_level_leave_what_the_level_says(chain, lines):
@@ -164,6 +166,7 @@ def test_but_for_three_terms_they_are_fyxz_with_every_rotation_the_other_way():
     assert not_as_the_rule("FYXZ", -1.0) == {"8.83": {"EBY", "ECX", "EAZ"}, "8.95": {"EBX"}}
 
 
+@pytest.mark.slow
 def test_each_level_has_its_tables():
     field = random_field("XYFZ", NONRIGID, positions=4)
     counts = {level.level: len(level.tables) for level in compensation_levels(field, BOX)}
@@ -199,6 +202,7 @@ def test_squareness_is_folded_into_straightness_at_its_positions():
     assert level_tables(field, BOX, Level.DISPLACEMENT) == {}
 
 
+@pytest.mark.slow
 def test_more_of_the_same_errors_are_left_in_proportion():
     field = random_field("XYFZ", NONRIGID, positions=4)
     twice = ErrorField.make(

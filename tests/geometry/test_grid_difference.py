@@ -79,6 +79,7 @@ def by_brute_force(field, grid, seed, n=40_000):
     return most, longest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lines", [None, LINES], ids=["axes", "lines"])
 @pytest.mark.parametrize("kinds", [RIGID, NONRIGID], ids=["rigid", "nonrigid"])
 @pytest.mark.parametrize("chain", ["FXYZ", "XFYZ", "XYFZ", "XYZF"])

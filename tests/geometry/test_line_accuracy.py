@@ -164,6 +164,7 @@ def test_a_straight_machine_has_one_measure():
 deviation = st.floats(0.0, 1e3)
 
 
+@pytest.mark.slow
 @given(
     st.fixed_dictionaries({a: st.lists(deviation, min_size=1, max_size=4) for a in "xyz"}),
     st.fixed_dictionaries(dict.fromkeys(STRAIGHT, deviation)),

@@ -60,6 +60,7 @@ def test_definition_1_takes_the_root_of_the_sum_of_squares_not_of_their_mean():
     assert found.linear.definition_2 == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", ["FXYZ", "XYFZ", "XYZF"])
 @pytest.mark.parametrize("kinds", [RIGID, NONRIGID], ids=["rigid", "nonrigid"])
 def test_no_random_point_beats_the_sums_and_the_printed_ones_have_no_arms(chain, kinds):

@@ -39,6 +39,7 @@ def with_lag():
     return made, campaign, answer_of(campaign, kinds=None)
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_named_and_measured(with_lag):
     made, _, found = with_lag
     (effect,) = found["effects"]
@@ -56,6 +57,7 @@ def test_an_effect_is_found_named_and_measured(with_lag):
     assert 0.7 < effect["evidence"]["calibration_slope"] < 1.3
 
 
+@pytest.mark.slow
 def test_before_and_after_stand_beside_the_noise(with_lag):
     _, _, found = with_lag
     before, after = found["before"], found["after"]
@@ -71,6 +73,7 @@ def test_before_and_after_stand_beside_the_noise(with_lag):
     assert found["what_next"]
 
 
+@pytest.mark.slow
 def test_plots_can_be_drawn_without_the_data(with_lag):
     _, _, found = with_lag
     (curve,) = found["plots"]["effects"]
@@ -83,6 +86,7 @@ def test_plots_can_be_drawn_without_the_data(with_lag):
     assert len(visits["points x"]["time_s"]) == 20
 
 
+@pytest.mark.slow
 def test_what_is_adopted_explains_the_residuals(with_lag):
     made, campaign, found = with_lag
     effects = [effect_from_json(e["effect"]) for e in found["effects"]]
@@ -121,6 +125,7 @@ def test_a_drift_says_where_it_was_learnt_and_until_when_it_may_be_used():
     assert effect_from_json(effect["effect"]).valid.use_until_s == until
 
 
+@pytest.mark.slow
 def test_a_lag_knows_the_temperatures_and_how_far_behind_they_were(with_lag):
     _, campaign, found = with_lag
     (effect,) = found["effects"]
@@ -135,6 +140,7 @@ def test_a_lag_knows_the_temperatures_and_how_far_behind_they_were(with_lag):
     assert effect["measure_again"] is None
 
 
+@pytest.mark.slow
 def test_without_an_effect_nothing_is_found():
     _, campaign = campaign_with()
     found = answer_of(campaign)
@@ -166,6 +172,7 @@ def test_what_is_left_out_is_counted():
     assert excluded["repeated word for word"] >= 1
 
 
+@pytest.mark.slow
 def test_a_verification_in_another_unit_is_refused():
     _, campaign = campaign_with()
     in_mm = [
@@ -181,6 +188,7 @@ def test_a_verification_in_another_unit_is_refused():
         analyse(replace(campaign, verifications=in_mm))
 
 
+@pytest.mark.slow
 def test_an_unknown_kind_is_refused():
     _, campaign = campaign_with()
     with pytest.raises(InvalidContent, match="thermal-lag"):
@@ -238,6 +246,7 @@ def test_a_faulty_sensor_is_named(variant):
         assert effect["parameters"]["share"] == pytest.approx(share, rel=0.25)
 
 
+@pytest.mark.slow
 def test_heating_that_begins_is_no_spike():
     _, campaign = campaign_with()
     times = campaign.readings.times_s
@@ -283,6 +292,7 @@ def test_what_would_have_been_seen_does_not_hang_on_what_was_declared():
     assert told[2.0] == pytest.approx(told[1.0], rel=0.25)
 
 
+@pytest.mark.slow
 def test_an_unknown_zero_is_no_part_of_what_is_left():
     """Hysteresis is in no family; the instrument's zeros lie 100 µm apart."""
     _, campaign = campaign_with("chirped-pitch", amplitude=6.0, seed=9)

@@ -64,6 +64,7 @@ def test_it_can_be_stored(planned):
     assert any("repeatability" in note for note in found["notes"])
 
 
+@pytest.mark.slow
 def test_more_visits_see_smaller_effects(planned):
     more = plan(campaign_of(observations(visits_a_day=4)))
     before = {(e.kind, e.components, e.sensors, e.states): e.smallest_rms for e in planned.effects}
@@ -72,6 +73,7 @@ def test_more_visits_see_smaller_effects(planned):
     assert np.median([after[k] / before[k] for k in shared]) < 0.9
 
 
+@pytest.mark.slow
 def test_days_to_come_are_planned_on_recorded_days():
     later = [
         replace(

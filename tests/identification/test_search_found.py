@@ -58,6 +58,7 @@ def test_effect_at_twice_the_noise_is_found_with_its_amplitude(key, effect, seed
     assert held.after.low < held.after.rms < held.after.high
 
 
+@pytest.mark.slow
 def test_pitch_within_its_error():
     campaign = make_campaign(21, visits=20)
     for pitch in (0.21, 0.4):
@@ -68,6 +69,7 @@ def test_pitch_within_its_error():
         assert 0 < term.theta_error < 0.01
 
 
+@pytest.mark.slow
 def test_change_time_stays_on_its_grid_between_the_right_visits():
     campaign = make_campaign(22, visits=20)
     planted = 2.0 * ((campaign.time > 0.47) & campaign.on(0))
@@ -77,6 +79,7 @@ def test_change_time_stays_on_its_grid_between_the_right_visits():
     assert term.theta_error is None
 
 
+@pytest.mark.slow
 def test_fingerprint_is_one_parameter_on_two_channels():
     campaign = make_campaign(23, visits=20)
     part = {p.channel: p for p in fingerprint(campaign).columns(None)}
@@ -89,6 +92,7 @@ def test_fingerprint_is_one_parameter_on_two_channels():
     assert abs(found.terms[0].amplitudes[0] - 2.0) < 3 * found.terms[0].covariance[0, 0] ** 0.5
 
 
+@pytest.mark.slow
 def test_two_effects_on_one_channel():
     campaign = make_campaign(24, visits=20)
     planted = scaled(campaign.direction, campaign, 0, 1.5)
@@ -109,6 +113,7 @@ def test_a_fingerprint_and_an_effect_on_one_of_its_channels():
     assert {t.key for t in found.terms} == {"reversal-1", "fingerprint"}
 
 
+@pytest.mark.slow
 def test_nearly_equal_candidates_are_tied():
     campaign = make_campaign(26, visits=20)
     other = campaign.speed + 0.02 * campaign.temperature
@@ -127,6 +132,7 @@ def test_nearly_equal_candidates_are_tied():
     assert all(t.alias_share > 0.9 for k, t in tied.items() if k.startswith("other"))
 
 
+@pytest.mark.slow
 def test_rivals_of_every_family_come_with_evidence():
     campaign = make_campaign(27, visits=20)
     found = found_in(campaign.plus(scaled(campaign.direction, campaign, 0, 2.0)))
@@ -138,6 +144,7 @@ def test_rivals_of_every_family_come_with_evidence():
     assert term.global_p < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("datum", [Datum.FIRST, Datum.FREE])
 def test_without_a_zero_only_what_changes_within_a_visit_is_seen(datum):
     campaign = make_campaign(28, visits=20, datum=datum)
@@ -149,6 +156,7 @@ def test_without_a_zero_only_what_changes_within_a_visit_is_seen(datum):
     assert found.held_out[0].after.rms < 3.0
 
 
+@pytest.mark.slow
 def test_trend_is_also_judged_forward_in_time():
     campaign = make_campaign(29, visits=24)
     (term,) = found_in(campaign.plus(scaled(campaign.time, campaign, 0, 3.0))).terms
@@ -157,6 +165,7 @@ def test_trend_is_also_judged_forward_in_time():
     assert term.status is Status.CONFIRMED
 
 
+@pytest.mark.slow
 def test_effect_of_two_visits_cannot_be_confirmed_without_them():
     campaign = make_campaign(30, visits=20)
     rare = np.isin(campaign.rows.visit, [4, 9]) * 1.0
@@ -167,6 +176,7 @@ def test_effect_of_two_visits_cannot_be_confirmed_without_them():
     assert term.leverage > 0.8
 
 
+@pytest.mark.slow
 def test_effect_of_one_visit_is_not_confirmable():
     campaign = make_campaign(31, visits=20)
     once = (campaign.rows.visit == 7) * campaign.position

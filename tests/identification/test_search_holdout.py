@@ -56,6 +56,7 @@ def test_an_effect_is_confirmed_where_components_are_measured_in_turn():
         assert set(found.held_out) == {0, 1}
 
 
+@pytest.mark.slow
 def test_a_second_wave_is_not_confirmed_by_the_first():
     """The first is everywhere; the second in the visits of one fold of three only."""
     campaign = make_campaign(3, visits=16)
@@ -98,6 +99,7 @@ def test_a_few_visits_far_from_the_model_are_not_called_nothing(off, verdict):
     assert far == ([0] if verdict is Verdict.UNEXPLAINED else [])
 
 
+@pytest.mark.slow
 def test_an_effect_hides_no_outliers():
     """A reversal of ±6 repeatabilities makes all values scatter; five are 14 off beside it."""
     campaign = make_campaign(64, visits=16)

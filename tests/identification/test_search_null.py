@@ -45,6 +45,7 @@ def chosen_in(campaign, seed):
     return Selector(library, np.ones(1, dtype=bool), allowed, 0.01, 1).select(draws).terms
 
 
+@pytest.mark.slow
 def test_points_taken_as_independent_alarm_always():
     """The same search told that visits do not scatter: the mistake that it is there to avoid.
 

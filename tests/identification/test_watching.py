@@ -23,6 +23,7 @@ from benchmarks.undeclared import make_campaign
 ONE = np.ones(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variances", "weights"), [((1.0,), (1.0,)), ((0.25, 4.0), (0.7, 0.3)), ((9.0,), (1.0,))]
 )
@@ -173,6 +174,7 @@ def test_what_changed_is_named_also_by_a_verification_of_something_else():
     assert level.deviation == pytest.approx(25.0, abs=3.0)
 
 
+@pytest.mark.slow
 def test_nothing_is_said_before_the_scatter_is_known():
     """One value of a machine that nobody has measured yet, a metre off."""
     _, campaign = verifications_of(8)

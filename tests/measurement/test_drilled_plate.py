@@ -239,6 +239,7 @@ MISSING = np.delete(GRID, [3, 7, 16], axis=0)
 NOISE_UM = np.array([1.5, 0.6])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("holes", [GRID, MISSING, SCATTERED], ids=["grid", "gaps", "scattered"])
 def test_the_stated_covariances_are_the_scatter(holes):
     """600 plates with other noise in x than in y, turned at will: 6 % on a variance."""

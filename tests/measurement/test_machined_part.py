@@ -181,6 +181,7 @@ FORM = np.array([0.0, 4.0, 1.0, -2.0, -3.0, 5.0, 2.0])
 ALONG = np.array([0.0, 15.0, 40.0, 55.0, 80.0, 100.0, 130.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["least-squares", "end-points"])
 @pytest.mark.parametrize("passes", [1, 3])
 def test_the_stated_covariance_is_the_scatter_of_the_deviations(line, passes):
@@ -214,6 +215,7 @@ def test_the_straightness_has_the_scatter_that_is_stated():
     assert np.std([part.straightness_um for part in parts]) == pytest.approx(stated, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [6, 12, 17])
 def test_unrelated_columns_are_correlated_beyond_the_interval_once_in_twenty(n):
     """Regression takes one pair's worth: with n pairs the interval would be too narrow."""

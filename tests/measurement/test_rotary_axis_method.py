@@ -200,12 +200,14 @@ def test_few_degrees_of_freedom_need_students_t_and_then_cover():
     )
 
 
+@pytest.mark.slow
 def test_noise_is_estimated_without_bias():
     _, _, found = estimates("C", C_ERRORS, [0, 60, 120, 180, 240, 300], 250, sigma_um=0.7)
     variances = [one.noise_um**2 for one in found]
     assert np.mean(variances) == pytest.approx(0.49, rel=4.0 * np.sqrt(2.0 / 11.0 / 250))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("angles", "freedom", "options"),
     [([0, -90], 0, {"repeatability_um": 1.0}), ([0, 0, 120, 120, 120], 9, {})],

@@ -163,6 +163,7 @@ def test_without_its_closures_a_tilt_would_be_in_the_squareness():
         assert errors_of(four)[code][0] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_closures_show_how_large_the_tilts_are():
     """Three means of closures: a rough estimate, right on the average (root mean square)."""
     rng = np.random.default_rng(32)
@@ -179,6 +180,7 @@ def test_the_closures_show_how_large_the_tilts_are():
     assert np.sqrt(np.mean(np.square(seen))) == pytest.approx(100.0, rel=0.12)
 
 
+@pytest.mark.slow
 def test_noise_is_not_taken_for_a_tilt():
     rng = np.random.default_rng(33)
     field = field_of({})

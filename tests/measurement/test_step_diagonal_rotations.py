@@ -243,6 +243,7 @@ def named_in(note, code):
     return {name for bracket in brackets for name in re.findall(r"in (E[XYZ]{2})", bracket)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", ANGULAR)
 @pytest.mark.parametrize("chain", ["FXYZ", "FYXZ", "FZYX"])
 def test_the_note_puts_each_rotation_where_it_appears(chain, code):

@@ -119,6 +119,7 @@ def test_the_page_changes_no_figure_and_is_the_same_each_time():
     assert figure.to_json() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VOLUMES)
 def test_json_is_strict_and_reads_back_as_the_same_figure(name):
     figure = random_picture(VOLUMES[name])

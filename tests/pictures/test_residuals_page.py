@@ -141,6 +141,7 @@ def test_the_six_worst_are_open_and_the_others_can_be_chosen():
     assert {link.removeprefix("#") for link in links} <= ids
 
 
+@pytest.mark.slow
 def test_what_moves_a_component_most_is_drawn_first():
     found = read()
     titles = found.told.split("EXZ D_x(z) 40 values")[1].split("more plot")[0]

@@ -172,6 +172,7 @@ def test_the_nominal_box_has_its_edges(volume, edges):
     assert corners == {tuple(point) for point in points_of(*ends)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VOLUMES)
 def test_the_marked_point_is_the_one_of_the_volumetric_accuracy(name):
     field = random_field("FXYZ", seed=4, high=3000.0)
@@ -188,6 +189,7 @@ def test_the_marked_point_is_the_one_of_the_volumetric_accuracy(name):
     assert any(np.allclose(start, worst.worst_point_mm, atol=0.1) for start in starts)
 
 
+@pytest.mark.slow
 def test_among_too_many_nodes_ends_are_looked_at(monkeypatch):
     monkeypatch.setattr(distorted_volume, "MOST_POINTS", 60)
     field = random_field(seed=2, positions=40)
@@ -197,6 +199,7 @@ def test_among_too_many_nodes_ends_are_looked_at(monkeypatch):
     assert corners - 0.001 <= largest <= everywhere + 0.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VOLUMES)
 def test_a_millimetre_is_equally_long_along_all_axes(name):
     scene = random_picture(VOLUMES[name]).layout.scene

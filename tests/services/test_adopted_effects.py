@@ -61,6 +61,7 @@ async def test_a_restart_changes_nothing(client, app, new_app, furnished_url):
     ]
 
 
+@pytest.mark.slow
 async def test_two_services_over_one_database_agree(client, app, new_app, furnished_url):
     other_app = new_app(furnished_url)
     follower = DatabaseFollower(other_app.state.context, every_s=1.0)
@@ -84,6 +85,7 @@ async def test_two_services_over_one_database_agree(client, app, new_app, furnis
         assert tags[0] == tags[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["backwards", "late ones", "in one"])
 async def test_the_order_of_arrival_does_not_count(client, app, new_app, furnished_url, order):
     adopt(app, LAG, SPEED_LATE)
@@ -103,6 +105,7 @@ async def test_the_order_of_arrival_does_not_count(client, app, new_app, furnish
         np.testing.assert_allclose(numbers(await current(again)), numbers(document), atol=1e-9)
 
 
+@pytest.mark.slow
 async def test_sensors_that_report_apart_need_no_rebuilding(client, app, monkeypatch):
     adopt(app, LAG)
     readings = warm_up(60)
@@ -168,6 +171,7 @@ async def test_a_past_that_could_not_be_restored_is_restored_later(client, app, 
     assert said["predicted_um"] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 async def test_readings_from_many_sides_while_effects_are_adopted_are_all_taken_in(app, client):
     readings = warm_up(90)
     adopt(app, SPEED_LATE)
@@ -258,6 +262,7 @@ async def test_effects_are_carried_over_to_the_next_version(client, app):
     )
 
 
+@pytest.mark.slow
 async def test_a_component_that_is_measured_again_is_not_corrected_twice(client, app):
     adopt(app, OUTDATED, SPEED)
     await stored(client, reading(START, 35.0, state={"spindle_rpm": 0.0}))

@@ -211,6 +211,7 @@ async def test_a_range_is_withdrawn_with_both_its_ends(client):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("query", "status", "field"),
     [

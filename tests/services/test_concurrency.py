@@ -45,6 +45,7 @@ async def versions(client):
     return (await client.get(f"{ROOM}/models")).json()
 
 
+@pytest.mark.slow
 async def test_eight_maps_at_once_make_eight_versions(two):
     stated = [error_map(f"Run #{i}", 20.0 + i) for i in range(8)]
     answers = await asyncio.gather(
@@ -90,6 +91,7 @@ async def test_one_machine_made_by_all_at_once_is_made_once(two):
     assert (await two[0].get("/v1/machines/new")).json() == won
 
 
+@pytest.mark.slow
 async def test_overlapping_readings_at_once_are_stored_once_each(two, two_apps):
     def batch(first):
         times = [START - timedelta(seconds=s) for s in range(first, first + 300)]
@@ -120,6 +122,7 @@ async def test_the_same_readings_in_opposite_order_at_once_do_not_lock_each_othe
     assert sum(a.json()["stored"] for a in answers) == 3000
 
 
+@pytest.mark.slow
 async def test_readings_that_contradict_each_other_at_once_leave_one_whole_batch(two, two_apps):
     batches = [
         [reading(START - timedelta(seconds=s), 20.0 + i) for s in range(200)] for i in range(6)
@@ -166,6 +169,7 @@ async def test_everything_at_once_leaves_one_consistent_machine(two, two_apps):
     assert len(stored["error_map_component"]) == 8 * 4
 
 
+@pytest.mark.slow
 async def test_a_deletion_among_writers_leaves_nothing_behind(two, two_apps):
     for _ in range(3):
         requests = [

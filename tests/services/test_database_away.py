@@ -100,6 +100,7 @@ REQUESTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("look_first", [True, False], ids=["noticed", "not noticed yet"])
 async def test_what_needs_the_database_is_503_until_it_is_back(wired, wire, client, look_first):
     table = (await client.post(f"{ROOM}/compensation", json=STATED)).json()
@@ -162,6 +163,7 @@ async def test_what_others_stored_meanwhile_is_there_when_the_database_is_back(
     assert document["warnings"] == []
 
 
+@pytest.mark.slow
 async def test_the_service_itself_notices_and_recovers_without_a_restart(wired, wire, clock):
     """With the follower's own thread, as the service runs it."""
     async with client_of(wired) as client, wired.router.lifespan_context(wired):

@@ -213,6 +213,7 @@ async def test_a_look_that_fails_on_a_lock_is_said(new_app, postgresql_example, 
         assert (await live_answers(client))["warnings"] == []
 
 
+@pytest.mark.slow
 async def test_a_sqlite_file_that_another_program_holds(
     new_app, sqlite_example, clock, monkeypatch
 ):
@@ -243,6 +244,7 @@ async def test_a_sqlite_file_that_another_program_holds(
         assert (await client.post(f"{ROOM}/readings", json=early)).status_code == 201
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 async def test_a_server_that_is_frozen_costs_a_request_its_limit_and_no_more(new_app, wire):
     service = new_app(wire.url, statement_limit_s=0.2)

@@ -120,6 +120,7 @@ async def test_cancelling_ends_the_process_and_those_that_wait_never_begin(clien
     assert [await status_of(client, i) for i in (number, waiting)] == ["cancelled"] * 2
 
 
+@pytest.mark.slow
 async def test_deleting_ends_the_process_and_the_next_one_gets_its_turn(client):
     number, _ = await begun(client)
     waiting = (await client.post(PATH, json=BODY)).json()["id"]
@@ -154,6 +155,7 @@ async def test_a_service_that_stops_fails_its_job_and_leaves_the_queue_to_the_ne
             await until(runs)
 
 
+@pytest.mark.slow
 async def test_what_another_service_ran_fails_once_it_no_longer_beats(
     client, app, database, monkeypatch
 ):

@@ -77,6 +77,7 @@ def store_readings(url, first, number):
     database.close()
 
 
+@pytest.mark.slow
 @pytest.mark.anyio
 async def test_what_is_restored_is_what_was_there_and_new_numbers_go_on(
     furnished_url, target_url, file, new_app
@@ -192,6 +193,7 @@ def test_a_backup_of_a_newer_thermap_is_refused(sqlite_example, file, tmp_path, 
     assert not (tmp_path / "new.db").exists()
 
 
+@pytest.mark.slow
 def test_an_older_backup_is_upgraded_and_stays_as_it_is(tmp_path, file, target_url):
     older = Database(f"sqlite:///{tmp_path}/older.db")
     with older.writing() as session:
@@ -231,6 +233,7 @@ def test_a_restore_that_fails_leaves_everything_as_it_was(written, furnished_url
     assert everything(furnished_url) == before
 
 
+@pytest.mark.slow
 def test_a_running_service_is_in_the_way(written, target_url):
     service = Database(target_url)
     upgrade(service)

@@ -156,6 +156,7 @@ def test_a_database_of_the_former_version_is_upgraded_without_loss(former):
     assert after == before
 
 
+@pytest.mark.slow
 @pytest.mark.anyio
 async def test_and_serves_the_maps_that_it_had_and_takes_new_ones(former, new_app):
     url = former.engine.url.render_as_string(hide_password=False)

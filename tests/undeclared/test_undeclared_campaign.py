@@ -33,6 +33,7 @@ def everything(campaign):
     )
 
 
+@pytest.mark.slow
 def test_nothing_of_the_service_is_imported():
     script = (
         "import sys, benchmarks.undeclared.__main__\n"
@@ -230,6 +231,7 @@ def test_the_default_campaign_takes_less_than_three_seconds_of_this_process():
     assert sum(len(body) for body in campaign.reading_bodies) == len(campaign.readings)
 
 
+@pytest.mark.slow
 def test_files_are_the_bodies(tmp_path, capsys):
     arguments = "--seed 3 --planted thermal-lag --amplitude 2 --visits 8 --days 2 --out"
     main([*arguments.split(), str(tmp_path)])

@@ -44,6 +44,7 @@ def test_the_fourteen_families_and_at_least_eight_unknown_effects():
     assert not set(UNKNOWN) & set(FAMILIES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERY)
 def test_amplitude_reach_and_everything_else(campaign_of, name):
     campaign, plain = campaign_of(4, name, 1.5), campaign_of(4)

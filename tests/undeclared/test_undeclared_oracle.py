@@ -8,6 +8,7 @@ from benchmarks.undeclared.mapped_model import entry_weights, predict
 NAMES = ["thermal-lag:sensor", "backlash", "state-variable:payload", "drift", "setup-warp"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_oracle_finds_all_of_an_effect(campaign_of, rms, name):
     campaign = campaign_of(2, name, 2.0)
@@ -34,6 +35,7 @@ def test_plain_least_squares_is_what_it_says(campaign_of):
     assert fit.amplitudes == pytest.approx([column @ residual / (column @ column)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one_verification", [False, True])
 @pytest.mark.parametrize("datum", ["first", "free"])
 def test_the_oracle_bears_with_an_unknown_zero(campaign_of, datum, one_verification):
