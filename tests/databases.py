@@ -111,7 +111,7 @@ class Databases:
     def _execute(self, statement):
         if self._server is None:
             try:
-                self._server = psycopg.connect(POSTGRESQL, autocommit=True, connect_timeout=5)
+                self._server = psycopg.connect(POSTGRESQL, autocommit=True, connect_timeout=60)
             except psycopg.OperationalError as error:
                 shown = make_url(POSTGRESQL).render_as_string()
                 raise NotReachable(f"no PostgreSQL reachable at {shown}: {error}") from None

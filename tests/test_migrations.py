@@ -220,7 +220,7 @@ def test_an_upgrade_that_fails_in_the_middle_leaves_nothing(empty):
 @pytest.mark.slow
 def test_services_that_start_together_in_threads_all_succeed(empty_database_url):
     services, failures = [], []
-    together = threading.Barrier(4, timeout=10)
+    together = threading.Barrier(4, timeout=60)
 
     def start():
         together.wait()
@@ -274,7 +274,7 @@ def test_services_that_start_together_in_processes_all_succeed(empty_database_ur
         for process in processes:
             process.stdin.write("\n")
             process.stdin.flush()
-        ends = [(*process.communicate(timeout=30), process.returncode) for process in processes]
+        ends = [(*process.communicate(timeout=120), process.returncode) for process in processes]
     finally:
         for process in processes:
             process.kill()

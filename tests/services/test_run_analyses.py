@@ -195,7 +195,7 @@ def test_the_process_ends_with_a_service_that_is_killed(databases):
     """Nobody waits for its result; another service says later that the job failed."""
     url = databases.prepared("sqlite", campaign_database)
     server = Server(url)
-    with httpx.Client(base_url=server.url, timeout=20, trust_env=False) as client:
+    with httpx.Client(base_url=server.url, timeout=120, trust_env=False) as client:
         client.post(PATH, json=BODY).raise_for_status()
         children = Path(f"/proc/{server.pid}/task")
         deadline = time.monotonic() + 60.0
