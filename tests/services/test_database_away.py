@@ -23,8 +23,8 @@ from tests.service_examples import (
 
 pytestmark = pytest.mark.anyio
 
-PATIENCE_S = 6.0
-"""Nothing may hang for longer."""
+PATIENCE_S = 60.0
+"""A machine may be slow, but nothing hangs."""
 
 STATED = {"temperatures_c": temperatures(25.5)}
 
@@ -177,7 +177,7 @@ async def test_the_service_itself_notices_and_recovers_without_a_restart(wired, 
 
 
 async def _until(client, line):
-    deadline = monotonic() + 10.0
+    deadline = monotonic() + PATIENCE_S
     while line not in (await client.get("/metrics")).text:
         assert monotonic() < deadline, f"{line} does not come"
         await asyncio.sleep(0.05)
