@@ -51,7 +51,7 @@ With standard errors half as much again.
 _SOME_TIME = datetime(1970, 1, 1, tzinfo=UTC)
 _SOME_TIME_TEXT = orjson.dumps(_SOME_TIME, option=OPTIONS)
 
-_REQUEST = TypeAdapter(CompensationRequest)
+_REQUEST = TypeAdapter(CompensationRequest).validator
 
 
 class ThermapService(FastAPI):
@@ -105,7 +105,7 @@ def plain_answer(context: Context, machine_id: str, body: bytes) -> bytes | None
 @lru_cache(maxsize=REMEMBERED)
 def _around_time(current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
     """Write the answer to a body: what comes before and after the time of computing."""
-    if sum(group.nodes.shape[1] for group in current.model.groups) > LARGEST_PLAIN_TABLE:
+    if current.model.numbers > LARGEST_PLAIN_TABLE:
         raise ValueError("too large to be remembered")
     before, _, after = _answer(current, body, _SOME_TIME).partition(_SOME_TIME_TEXT)
     return before, after

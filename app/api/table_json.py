@@ -8,9 +8,10 @@ errors, compensations and standard errors, are rounded and written in one go and
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,7 +82,7 @@ def _components_json(table: CompensationTable) -> bytes:
     )
     rows = [row for state in table.states for row in _rows(state)]
     texts = [_corrected_json(entry) for entry in table.corrected]
-    texts += [orjson.dumps(_basis_fields(state))[1:] for state in table.states]
+    texts += [_basis_json(state) for state in table.states]
     if len(layout.columns):
         numbers = np.concatenate(rows).take(layout.columns)
         numbers *= layout.steps
@@ -89,9 +90,7 @@ def _components_json(table: CompensationTable) -> bytes:
         numbers /= STEPS
         numbers += 0.0  # no −0
         texts += orjson.dumps(numbers, option=OPTIONS)[1:-1].split(_BETWEEN)
-    pieces = list(layout.text)
-    pieces[1::2] = [texts[i] for i in layout.order]
-    return b"".join(pieces)
+    return layout.text % layout.in_order(texts)
 
 
 def _rows(state: GroupState) -> tuple[FloatArray, ...]:
@@ -178,9 +177,9 @@ class _Layout:
     Parameters
     ----------
     text
-        Pieces of text; each second one is empty and is filled.
-    order
-        For each of those which text fills it, of: the corrected components, what is said of
+        All text, with `%b` where one is filled in.
+    in_order
+        Picks the texts that are filled in, of: the corrected components, what is said of
         each group's origin, and the ranges of numbers.
     columns : ndarray of int
         For each number to be written its place in all groups' rows, one behind the other.
@@ -190,8 +189,8 @@ class _Layout:
         two ranges.
     """
 
-    text: tuple[bytes, ...]
-    order: tuple[int, ...]
+    text: bytes
+    in_order: Callable[[Sequence[bytes]], Sequence[bytes]]
     columns: IntArray
     steps: FloatArray
 
@@ -231,7 +230,7 @@ def _layout(
     before = b"["
     for _, slots in sorted(components.items()):
         for piece, filled in slots:
-            text += [before + piece, b""]
+            text.append(_literally(before + piece) + b"%b")
             before = b""
             if isinstance(filled, int):
                 order.append(filled)
@@ -244,11 +243,16 @@ def _layout(
         before = b","
     text.append(b"]" if components else b"[]")
     return _Layout(
-        tuple(text),
-        tuple(order),
+        b"".join(text),
+        itemgetter(*order) if order else tuple,
         np.array(columns[:-1], dtype=np.intp),
         np.array(steps[:-1], dtype=np.float64),
     )
+
+
+def _literally(text: bytes) -> bytes:
+    """Let a text stand as it is where others are filled in."""
+    return text.replace(b"%", b"%%")
 
 
 class _Numbers(NamedTuple):
@@ -303,18 +307,39 @@ def _member_fields(
     return slots
 
 
-def _basis_fields(state: GroupState | Basis, effects: Sequence[str] = ()) -> dict[str, Any]:
-    """Say how a group's numbers came about; the last fields of each component."""
-    stand_in = {"stand_in_for": state.stand_in_for} if state.stand_in_for else {}
-    follows = state.follows if isinstance(state, Basis) else ()
+def _basis_json(state: GroupState) -> bytes:
+    """Write how a group's numbers came about, after its numbers."""
+    text = _basis_text(
+        state.sensor, state.stand_in_for, state.lower_map, state.upper_map, state.status
+    )
+    weight = round(state.weight, WEIGHT_DECIMALS)
+    return text % (orjson.dumps(state.temperature_c), orjson.dumps(weight))
+
+
+@lru_cache(maxsize=LAYOUTS_REMEMBERED)
+def _basis_text(
+    sensor: str, stand_in_for: str | None, lower_map: str, upper_map: str, status: str
+) -> bytes:
+    """Lay out what is said of a group's origin: two numbers are filled in."""
+    number = "\0"  # stands in no text of ours: JSON writes it as \\u0000
+    basis = Basis(sensor, None, lower_map, upper_map, None, status, stand_in_for)
+    fields = _basis_fields(basis) | {"temperature_c": number, "weight": number}
+    text = _literally(orjson.dumps(fields)[1:])
+    return text.replace(orjson.dumps(number), b"%b")
+
+
+def _basis_fields(basis: GroupState | Basis, effects: Sequence[str] = ()) -> dict[str, Any]:
+    """Say how numbers came about; the last fields of each component."""
+    stand_in = {"stand_in_for": basis.stand_in_for} if basis.stand_in_for else {}
+    follows = basis.follows if isinstance(basis, Basis) else ()
     return {
-        "sensor": state.sensor,
+        "sensor": basis.sensor,
         **stand_in,
         **({"follows": [one._asdict() for one in follows]} if follows else {}),
-        "temperature_c": state.temperature_c,
-        "lower_map": state.lower_map,
-        "upper_map": state.upper_map,
-        "weight": None if state.weight is None else round(state.weight, WEIGHT_DECIMALS),
-        "status": state.status,
+        "temperature_c": basis.temperature_c,
+        "lower_map": basis.lower_map,
+        "upper_map": basis.upper_map,
+        "weight": None if basis.weight is None else round(basis.weight, WEIGHT_DECIMALS),
+        "status": basis.status,
         "effects": effects,
     }

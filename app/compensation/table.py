@@ -97,8 +97,7 @@ class EffectInTable:
     measure_again: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class CompensationTable:
+class CompensationTable(NamedTuple):
     """Every component at one thermal state.
 
     `complete` is False when a component of the maps or an adopted effect is not in the table,

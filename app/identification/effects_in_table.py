@@ -121,8 +121,7 @@ def add_effects(
     shortened = [words for state in by_others for words in state.maps.shortened]
     corrected = [_corrected(c, effects, read.get(c.component.code)) for c in own]
     outside = [r.sentence for r in (*found.held, *found.unknown)]
-    return replace(
-        table,
+    return table._replace(
         complete=table.complete and not missing and not old and not outside and not shortened,
         warnings=[
             *_warnings_of_maps(table, read, by_others),

@@ -73,17 +73,20 @@ def find_bracket(
     >>> find_bracket([20.0, 24.0, 30.0], 35.0).status
     <Status.CLAMPED: 'clamped'>
     """
+    upper = bisect_right(map_temperatures_c, temperature_c)
+    if 0 < upper < len(map_temperatures_c):
+        t_n, t_m = map_temperatures_c[upper - 1], map_temperatures_c[upper]
+        if temperature_c == t_n:
+            return Bracket(upper - 1, 0.0, Status.AT_MAP)
+        weight = (temperature_c - t_n) / (t_m - t_n)
+        return Bracket(upper - 1, weight, Status.INTERPOLATED)
     if not math.isfinite(temperature_c):
         raise InvalidContent(f"expected a finite temperature in °C, came {temperature_c:g}")
     last = len(map_temperatures_c) - 1
-    lower = min(max(bisect_right(map_temperatures_c, temperature_c) - 1, 0), last - 1)
+    lower = min(max(upper - 1, 0), last - 1)
     t_n, t_m = map_temperatures_c[lower], map_temperatures_c[lower + 1]
-    if temperature_c == t_n:
-        return Bracket(lower, 0.0, Status.AT_MAP)
     if temperature_c == t_m:
         return Bracket(lower, 1.0, Status.AT_MAP)
-    if t_n < temperature_c < t_m:
-        return Bracket(lower, (temperature_c - t_n) / (t_m - t_n), Status.INTERPOLATED)
     beyond_c = max(t_n - temperature_c, temperature_c - t_m)
     if policy is OutOfRange.CLAMP:
         return Bracket(lower, 0.0 if temperature_c < t_n else 1.0, Status.CLAMPED)

@@ -13,6 +13,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -314,7 +315,7 @@ class GroupState(NamedTuple):
         return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CompiledModel:
     """A machine's maps and assignment, ready for live temperatures.
 
@@ -337,6 +338,11 @@ class CompiledModel:
     omitted: Mapping[str, str]
     notes: tuple[str, ...]
     measuring_lines: MeasuringLines
+
+    @cached_property
+    def numbers(self) -> int:
+        """How many errors the table of all components has."""
+        return sum(group.nodes.shape[1] for group in self.groups)
 
     def errors_at(
         self, temperatures_c: Mapping[str, float], stale_c: Mapping[str, float] | None = None
@@ -390,20 +396,19 @@ class CompiledModel:
         w = bracket.weight
         # A map that has no weight does not shorten the table either.
         maps = group.maps_in_use(lower if w != 1.0 else upper, upper if w != 0.0 else lower)
+        uncertain = maps.lower_variances is not None
         return GroupState(
-            group=group,
-            maps=maps,
-            sensor=scale.sensor,
-            temperature_c=temperature_c,
-            lower_map=group.labels[lower],
-            upper_map=group.labels[upper],
-            weight=w,
-            status=bracket.status,
+            group,
+            maps,
+            scale.sensor,
+            temperature_c,
+            group.labels[lower],
+            group.labels[upper],
+            w,
+            bracket.status,
             # (1 − w) E_n + w E_m rather than E_n + w (E_m − E_n): exact at both maps.
-            values=(1.0 - w) * maps.lower + w * maps.upper,
-            variances=None
-            if maps.lower_variances is None
-            else self._variances(maps, scale, bracket),
+            (1.0 - w) * maps.lower + w * maps.upper,
+            self._variances(maps, scale, bracket) if uncertain else None,
         )
 
     def bracket(self, group: Group, scale: Scale, temperature_c: float) -> Bracket:

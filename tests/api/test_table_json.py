@@ -57,7 +57,7 @@ def any_compensation_table(seed):
         for entry in table.components
         if rng.random() < 0.3
     ]
-    return replace(table, corrected=corrected)
+    return table._replace(corrected=corrected)
 
 
 def decimal(error):
