@@ -11,6 +11,7 @@
      │   └─ OutsideMaps           a temperature beyond what the machine's policy allows
      ├─ StorageUnavailable    the database is away
      │   └─ StorageBusy           it is there, but others write for too long
+     │       └─ StorageOvertaken      another's change came first: the same again may succeed
      └─ StorageTooNew         the database was written by a newer thermap
 
 Each carries one sentence for a person and, where fields are to blame, a
@@ -89,6 +90,13 @@ class StorageUnavailable(ThermapError):
 
 class StorageBusy(StorageUnavailable):
     """The database is there, but its locks are held for too long."""
+
+
+class StorageOvertaken(StorageBusy):
+    """The database undid a transaction in favour of another's, and nothing of it is left.
+
+    Of two that wait for each other one has to give way. Repeated as a whole it may succeed.
+    """
 
 
 class StorageTooNew(ThermapError):

@@ -12,9 +12,11 @@ from app.services.change_model import (
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
 from app.services.preview_model import Preview, preview_activation
+from app.services.repeating import repeated
 from app.storage.model_versions import activate_version, find_version, let_wait
 
 
+@repeated
 def activate_model(context: Context, machine_id: str, version: int) -> MadeVersion:
     """Activate a version, whatever its tables lose: the answer says what.
 

@@ -27,6 +27,7 @@ from app.services.choose_version import no_model_yet
 from app.services.context import Context
 from app.services.load_machine import adopted_effects
 from app.services.preview_model import Preview, preview_draft
+from app.services.repeating import repeated
 from app.storage.analyses import find_analysis
 from app.storage.model_versions import find_version
 from app.storage.records import AnalysisStatus
@@ -34,6 +35,7 @@ from app.storage.tables import AnalysisRow
 from app.thermal.machine import Machine
 
 
+@repeated
 def adopt_analysis(
     context: Context,
     machine_id: str,

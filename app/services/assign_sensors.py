@@ -18,6 +18,7 @@ from app.services.change_model import (
 )
 from app.services.context import Context
 from app.services.preview_model import Preview, preview_draft, preview_latest
+from app.services.repeating import repeated
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version
 from app.storage.records import ModelVersion
@@ -36,6 +37,7 @@ class Assigned:
     made: MadeVersion | None
 
 
+@repeated
 def assign_sensors(
     context: Context,
     machine_id: str,

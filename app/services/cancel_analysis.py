@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from app.errors import Conflict
 from app.services.context import Context
+from app.services.repeating import repeated
 from app.storage.analyses import cancel_analysis as cancel_stored
 from app.storage.analyses import find_analysis, stored_analysis
 from app.storage.machines import find_machine
 from app.storage.records import AnalysisStatus, StoredAnalysis
 
 
+@repeated
 def cancel_analysis(context: Context, machine_id: str, analysis_id: int) -> StoredAnalysis:
     """Cancel an analysis that waits or runs; whoever runs it ends its process.
 

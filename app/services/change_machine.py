@@ -11,6 +11,7 @@ from app.identification.past import sensors_of
 from app.services.change_model import changing_machine
 from app.services.context import Context
 from app.services.load_machine import adopted_effects
+from app.services.repeating import repeated
 from app.storage.error_maps import list_error_maps
 from app.storage.machines import stored_machine, update_machine
 from app.storage.records import ModelVersion, StoredMachine, StoredMap
@@ -18,6 +19,7 @@ from app.storage.watches import watch_status
 from app.thermal.machine import Machine
 
 
+@repeated
 def change_machine(
     context: Context, machine_id: str, edit: Callable[[Machine], Machine]
 ) -> StoredMachine:

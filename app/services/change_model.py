@@ -33,7 +33,7 @@ from app.services.load_machine import (
     live_model,
 )
 from app.services.restore_past import restore_past
-from app.storage.machines import find_machine, stored_machine
+from app.storage.machines import Held, find_machine, stored_machine
 from app.storage.model_versions import (
     activate_version,
     active_version,
@@ -116,7 +116,7 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
         If the maps, the assignment and the machine's sensors contradict each other.
     """
     with context.database.writing() as session:
-        row = find_machine(session, machine_id, lock=True)
+        row = find_machine(session, machine_id, Held.CHANGED)
         yield MachineChange(session, row)
         session.flush()
         live = live_model(context, session, row)

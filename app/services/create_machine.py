@@ -8,11 +8,13 @@ from app.errors import Conflict
 from app.live.registry import Arrived
 from app.services.context import Context
 from app.services.load_machine import as_live, compile_version
+from app.services.repeating import repeated
 from app.storage.machines import insert_machine
 from app.storage.records import StoredMachine
 from app.thermal.machine import Machine
 
 
+@repeated
 def create_machine(context: Context, machine: Machine) -> StoredMachine:
     """Store a new machine.
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from app.services.context import Context
+from app.services.repeating import repeated
 from app.storage.analyses import find_analysis
 from app.storage.machines import find_machine
 
 
+@repeated
 def delete_analysis(context: Context, machine_id: str, analysis_id: int) -> None:
     """Delete an analysis; where it runs, its process is ended.
 

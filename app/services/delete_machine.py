@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from app.services.context import Context
+from app.services.repeating import repeated
 from app.storage.limits import LONG
-from app.storage.machines import find_machine
+from app.storage.machines import Held, find_machine
 
 
+@repeated
 def delete_machine(context: Context, machine_id: str) -> None:
     """Delete everything about a machine.
 
@@ -16,5 +18,5 @@ def delete_machine(context: Context, machine_id: str) -> None:
         If there is no such machine.
     """
     with context.database.writing(LONG) as session:
-        session.delete(find_machine(session, machine_id, lock=True))
+        session.delete(find_machine(session, machine_id, Held.DELETED))
     context.live.forget(machine_id)

@@ -13,11 +13,13 @@ from app.identification.watching import WatchState, watch
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications
-from app.storage.machines import find_machine
+from app.services.repeating import repeated
+from app.storage.machines import Held, find_machine
 from app.storage.verifications import find_verification, list_verifications
 from app.storage.watches import write_watch
 
 
+@repeated
 def delete_verification(context: Context, machine_id: str, verification_id: int) -> None:
     """Delete a verification; analyses of it keep their results.
 
@@ -29,7 +31,7 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
         If the machine has no such verification.
     """
     with context.database.writing() as session:
-        find_machine(session, machine_id, lock=True)
+        find_machine(session, machine_id, Held.CHANGED)
         row = find_verification(session, machine_id, verification_id)
         version = _judged_by(row.judgement)
         session.delete(row)

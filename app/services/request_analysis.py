@@ -8,12 +8,14 @@ from app.errors import expect_each_once
 from app.identification.effects.registry import kind_of
 from app.services.choose_version import choose_version
 from app.services.context import Context
+from app.services.repeating import repeated
 from app.storage.analyses import insert_analysis
-from app.storage.machines import find_machine
+from app.storage.machines import Held, find_machine
 from app.storage.records import AnalysisTask, StoredAnalysis
 from app.storage.verifications import find_verification
 
 
+@repeated
 def request_analysis(
     context: Context,
     machine_id: str,
@@ -52,7 +54,7 @@ def request_analysis(
     expect_each_once("effects", kinds or ())
     expect_each_once("verifications", verification_ids)
     with context.database.writing() as session:
-        find_machine(session, machine_id, lock=True)
+        find_machine(session, machine_id, Held.CHANGED)
         _, version = choose_version(session, machine_id)
         for verification_id in verification_ids:
             find_verification(session, machine_id, verification_id)

@@ -19,6 +19,7 @@ from app.services.change_model import (
 )
 from app.services.context import FUTURE_TOLERANCE, Context
 from app.services.preview_model import Preview, preview_draft, preview_latest
+from app.services.repeating import repeated
 from app.storage.error_maps import find_label, insert_error_map, same_content
 from app.storage.records import ModelVersion, StoredMap
 from app.thermal.error_map import ComponentTable, ErrorMap
@@ -45,6 +46,7 @@ SHORT = 0.1
 """A table that covers less than this share of its axis' travel is remarkable."""
 
 
+@repeated
 def store_error_map(
     context: Context, machine_id: str, error_map: ErrorMap, *, accept_losses: bool = False
 ) -> StoredOnce:

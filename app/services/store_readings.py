@@ -19,8 +19,9 @@ from app.live.registry import Arrived
 from app.services.context import Context
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine
+from app.services.repeating import repeated
 from app.services.restore_past import restore_past
-from app.storage.machines import find_machine, stored_machine
+from app.storage.machines import Held, find_machine, stored_machine
 from app.storage.readings import find_readings, insert_readings
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
@@ -43,6 +44,7 @@ class StoreOutcome:
     warnings: Sequence[str]
 
 
+@repeated
 def store_readings(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
     """Store readings whole or not at all.
 
@@ -57,16 +59,15 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
         If a time has a reading with other content.
     """
     with context.database.writing() as session:
-        row = find_machine(session, machine_id)
+        row = find_machine(session, machine_id, Held.KEPT)
         _check(context, stored_machine(row).machine, readings)
         once = _each_time_once(readings)
         added = insert_readings(session, machine_id, once)
         repeated = [r for r in once if r.time not in added]
         known = find_readings(session, machine_id, [r.time for r in repeated])
         for reading in repeated:
-            if reading.time not in known:  # the machine went in between, or the reading did
-                find_machine(session, machine_id)
-            elif known[reading.time] != reading:
+            # One that is not known any more was withdrawn in between.
+            if known.get(reading.time, reading) != reading:
                 raise _other_content(known[reading.time], reading)
     until = context.usable_until()
     # They are stored: what goes wrong now is put right later.

@@ -12,7 +12,8 @@ from app.geometry.components import COMPONENTS
 from app.identification.observations import Observation, Verification
 from app.services.context import FUTURE_TOLERANCE, Context
 from app.services.judge_verification import judge_verification
-from app.storage.machines import find_machine, stored_machine
+from app.services.repeating import repeated
+from app.storage.machines import Held, find_machine, stored_machine
 from app.storage.records import StoredVerification
 from app.storage.verifications import (
     find_label,
@@ -32,6 +33,7 @@ class VerificationStoredOnce:
     is_new: bool
 
 
+@repeated
 def store_verification(
     context: Context, machine_id: str, verification: Verification
 ) -> VerificationStoredOnce:
@@ -61,7 +63,7 @@ def store_verification(
         judged = judge_verification(context, machine_id, verification)
         with context.database.writing() as session:
             # Under the machine's lock: two of one label, and the watch's sequence, need an order.
-            find_machine(session, machine_id, lock=True)
+            find_machine(session, machine_id, Held.CHANGED)
             known = _known(session, machine_id, verification)
             if known is not None:
                 return VerificationStoredOnce(known, False)

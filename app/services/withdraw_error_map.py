@@ -9,9 +9,11 @@ from app.services.change_model import (
     remake_waiting,
 )
 from app.services.context import Context
+from app.services.repeating import repeated
 from app.storage.error_maps import find_error_map, withdraw_error_map
 
 
+@repeated
 def withdraw_map(context: Context, machine_id: str, map_id: int) -> None:
     """Delete a map from the machine; versions made of it keep it.
 

@@ -8,8 +8,9 @@ from datetime import datetime
 from app.errors import InvalidContent, StorageUnavailable, UnknownThing
 from app.services.context import Context
 from app.services.live_table import exact_time
+from app.services.repeating import repeated
 from app.services.restore_past import restore_past
-from app.storage.machines import find_machine
+from app.storage.machines import Held, find_machine
 from app.storage.readings import withdraw_stored
 
 
@@ -30,6 +31,7 @@ def withdraw_reading(context: Context, machine_id: str, time: datetime) -> int:
     return count
 
 
+@repeated
 def withdraw_readings(context: Context, machine_id: str, since: datetime, until: datetime) -> int:
     """Withdraw the readings between two times, both included; say how many there were.
 
@@ -47,7 +49,7 @@ def withdraw_readings(context: Context, machine_id: str, since: datetime, until:
             "to", f"expected a time not before {exact_time(since)}, came {exact_time(until)}"
         )
     with context.database.writing() as session:
-        machine = find_machine(session, machine_id, lock=True)
+        machine = find_machine(session, machine_id, Held.CHANGED)
         count = withdraw_stored(session, machine, since, until, context.now())
     live = context.live.get(machine_id)
     if count and live is not None:

@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
+from time import monotonic
 from typing import Any, Final
 
 import psycopg
@@ -20,7 +21,13 @@ from sqlalchemy.exc import (
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
-from app.errors import Conflict, InvalidContent, StorageBusy, StorageUnavailable
+from app.errors import (
+    Conflict,
+    InvalidContent,
+    StorageBusy,
+    StorageOvertaken,
+    StorageUnavailable,
+)
 from app.storage.limits import UNLIMITED, Limits
 from app.storage.postgresql import APPLICATION_NAME, PostgresqlConnections
 from app.storage.sqlite import SqliteConnections
@@ -42,8 +49,8 @@ class Database:
 
     On SQLite one writer of this process writes at a time, and takes the file's write lock
     at the beginning, so that writers queue instead of failing; on PostgreSQL the use cases
-    lock the machine's row. Nothing is committed but by leaving `writing()` without an
-    exception.
+    lock the machine's row before anything else (`app.storage.machines.Held`). Nothing is
+    committed but by leaving `writing()` without an exception.
 
     Parameters
     ----------
@@ -79,9 +86,15 @@ class Database:
 
     @contextmanager
     def writing(self, limits: Limits | None = None) -> Iterator[Session]:
-        """Open a session that is committed at the end, or rolled back whole."""
+        """Open a session that is committed at the end, or rolled back whole.
+
+        Raises
+        ------
+        StorageOvertaken
+            If it was rolled back because of another transaction: the same again may succeed.
+        """
         writer = self._limited(limits).execution_options(thermap_writes=True)
-        with self._turn(limits), _saying_when_away():
+        with self._turn(limits), _saying_when_away((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
             if self._file is not None:
@@ -257,22 +270,32 @@ def _parse(url: str) -> URL:
 _WAITED_IN_VAIN: Final = (
     psycopg.errors.LockNotAvailable,
     psycopg.errors.QueryCanceled,
-    psycopg.errors.DeadlockDetected,
 )
 """What PostgreSQL says where it is there, but others hold what is needed."""
 
+_OVERTAKEN: Final = (psycopg.errors.DeadlockDetected, psycopg.errors.SerializationFailure)
+"""What it says to the one of several transactions that has to give way."""
+
 
 @contextmanager
-def _saying_when_away() -> Iterator[None]:
-    """Turn the driver's many ways of being away into one."""
+def _saying_when_away(lock_s: float | None = 0.0) -> Iterator[None]:
+    """Turn the driver's many ways of being away into one.
+
+    A SQLite file that is locked before locks were waited for as long as `lock_s` [s] did not
+    let anybody wait, because whoever waited would have stood in the other's way.
+    """
+    began_at = monotonic()
     try:
         yield
     except (OperationalError, InterfaceError, DisconnectionError, PoolTimeout) as error:
         cause = getattr(error, "orig", None) or error
         lines = str(cause).strip().splitlines()
         reason = lines[0] if lines else type(error).__name__
-        waited = isinstance(cause, (PoolTimeout, *_WAITED_IN_VAIN))
-        if waited or "locked" in reason:
+        is_locked = "locked" in reason
+        at_once = lock_s is None or monotonic() - began_at < lock_s
+        if isinstance(cause, _OVERTAKEN) or (is_locked and at_once):
+            raise StorageOvertaken(f"the database is busy, try again: {reason}") from error
+        if is_locked or isinstance(cause, (PoolTimeout, *_WAITED_IN_VAIN)):
             raise StorageBusy(f"the database is busy, try again: {reason}") from error
         raise StorageUnavailable(f"the database is away: {reason}") from error
     except DatabaseError as error:

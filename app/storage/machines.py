@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from datetime import datetime
+from enum import Enum
+from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -15,6 +17,27 @@ from app.storage.tables import MachineRow
 from app.thermal.machine import Machine, OutOfRange, SameTemperature, Sensor, Travel
 
 
+class Held(Enum):
+    """How a transaction holds a machine's row, on PostgreSQL.
+
+    Whoever writes holds the machine first, and everything else after: thus no two wait for
+    each other. What is inserted for a machine holds it anyway (its foreign key), but only then,
+    and behind those who wait to change it.
+    """
+
+    KEPT = "key share"
+    """It cannot be deleted meanwhile; any number may hold it so, and one may change it."""
+    CHANGED = "no key update"
+    """Nobody else changes it meanwhile."""
+    DELETED = "update"
+    """Nobody else holds it in any way."""
+
+    @property
+    def clause(self) -> dict[str, bool]:
+        """SQLAlchemy's words for it."""
+        return {"read": self is Held.KEPT, "key_share": self is not Held.DELETED}
+
+
 def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredMachine:
     """Add a machine; one of the same id is an IntegrityError."""
     row = MachineRow(id=machine.id, created_at=now, revision=1, active_version=None)
@@ -24,8 +47,8 @@ def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredM
     return stored_machine(row)
 
 
-def find_machine(session: Session, machine_id: str, *, lock: bool = False) -> MachineRow:
-    """Find a machine's row; with `lock`, nobody else changes the machine meanwhile.
+def find_machine(session: Session, machine_id: str, held: Held | None = None) -> MachineRow:
+    """Find a machine's row, and hold it until the transaction ends.
 
     Raises
     ------
@@ -33,7 +56,8 @@ def find_machine(session: Session, machine_id: str, *, lock: bool = False) -> Ma
         With the machines that exist.
     """
     can_be = "\0" not in machine_id  # PostgreSQL cannot even be asked for it
-    row = session.get(MachineRow, machine_id, with_for_update=lock or None) if can_be else None
+    lock: Any = None if held is None else held.clause
+    row = session.get(MachineRow, machine_id, with_for_update=lock) if can_be else None
     if row is None:
         existing = session.scalars(select(MachineRow.id).order_by(MachineRow.id).limit(20)).all()
         raise UnknownThing(f"there is no machine {machine_id!r}; there are: {list_names(existing)}")

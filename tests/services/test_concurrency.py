@@ -1,11 +1,13 @@
 """Many at once: the service's own threads, and two services on one database."""
 
 import asyncio
+import random
 from collections import Counter
 from datetime import timedelta
 
 import pytest
 
+from app.services import repeating
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -14,6 +16,7 @@ from tests.service_examples import (
     contents,
     error_map,
     furnish,
+    iso,
     reading,
     temperatures,
 )
@@ -167,6 +170,84 @@ async def test_everything_at_once_leaves_one_consistent_machine(two, two_apps):
     assert len(stored["reading"]) == 6
     assert len(stored["error_map"]) == 8
     assert len(stored["error_map_component"]) == 8 * 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+async def test_writers_of_every_kind_never_wait_for_each_other(two, two_apps, monkeypatch, seed):
+    """Whatever meets whatever is answered, and no transaction has to give way to another."""
+    pauses = []
+    monkeypatch.setattr(repeating, "sleep", pauses.append)
+    rng = random.Random(seed)
+    requests = iter([_any_request(rng) for _ in range(250)])
+    answers = []
+
+    async def work(client):
+        for method, path, body in requests:
+            answer = await client.request(method, path, json=body)
+            answers.append((method, path, answer))
+
+    await asyncio.gather(*(work(two[i % 2]) for i in range(16)))
+    wrong = [
+        (method, path, answer.text)
+        for method, path, answer in answers
+        if answer.status_code not in (200, 201, 202, 204, 404, 409)
+    ]
+    assert not wrong, wrong[:3]
+    assert {200, 201, 204} <= {answer.status_code for *_, answer in answers}
+    assert not pauses
+    await two[0].post("/v1/machines", json=MACHINE)  # it may be gone
+    made = await versions(two[0])
+    assert made == await versions(two[1])
+    assert [v["version"] for v in made] == list(range(1, len(made) + 1))
+    assert sum(v["active"] for v in made) == bool(made)
+    stored = contents(two_apps[0])
+    assert len(stored["error_map_component"]) == 4 * len(stored["error_map"])
+    times = [r["time"] for r in (await two[0].get(READINGS, params={"limit": 10_000})).json()]
+    assert len(times) == len(set(times)) == len(stored["reading"])
+
+
+def _any_request(rng):
+    """A request of one of the kinds that write, about one of a few things."""
+    i = rng.randrange(6)
+    since = rng.randrange(2000)
+    seconds = range(since, since + rng.choice([1, 30, 1200, 2500]))
+    readings = [reading(START - timedelta(seconds=s), 20.0) for s in seconds]
+    until, begin = (iso(START - timedelta(seconds=s)) for s in (since, since + 300))
+    verification = {
+        "label": f"visit {i}",
+        "datum": "absolute",
+        "repeatability_um": 0.5,
+        "observations": [
+            {
+                "time": iso(START - timedelta(seconds=10 * k)),
+                "component": "EXX",
+                "position_mm": 50.0 * k,
+                "measured_um": rng.gauss(0, 1),
+            }
+            for k in range(10)
+        ],
+    }
+    stored = rng.randrange(1, 12)
+    return rng.choice(
+        [
+            ("POST", READINGS, rng.sample(readings, len(readings))),
+            ("POST", READINGS, readings),
+            ("DELETE", f"{READINGS}?from={begin}&to={until}", None),
+            ("POST", MAPS, error_map(f"Run #{i}", 20.0 + 3 * i)),
+            ("POST", MAPS, error_map(f"Run #{i}", 20.0 + 3 * i)),
+            ("DELETE", f"{MAPS}/{stored}", None),
+            ("PUT", f"{ROOM}/sensor-assignment", {"EXX": rng.choice(["spindle", "x-middle"])}),
+            ("POST", f"{ROOM}/models/{stored}/activate", None),
+            ("PATCH", ROOM, {"name": f"by {i}"}),
+            ("POST", f"{ROOM}/verifications", verification),
+            ("DELETE", f"{ROOM}/verifications/{stored}", None),
+            ("POST", f"{ROOM}/analyses", {"verifications": [stored]}),
+            ("DELETE", f"{ROOM}/analyses/{stored}", None),
+            ("POST", "/v1/machines", MACHINE),
+            *([("DELETE", ROOM, None)] if rng.random() < 0.3 else []),
+        ]
+    )
 
 
 @pytest.mark.slow
