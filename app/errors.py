@@ -12,7 +12,8 @@
      ├─ StorageUnavailable    the database is away
      │   └─ StorageBusy           it is there, but others write for too long
      │       └─ StorageOvertaken      another's change came first: the same again may succeed
-     └─ StorageTooNew         the database was written by a newer thermap
+     ├─ StorageTooNew         the database was written by a newer thermap
+     └─ ServiceEnds           the service was told to end, and takes nothing on any more
 
 Each carries one sentence for a person and, where fields are to blame, a
 `FieldError` for each of them.
@@ -101,6 +102,10 @@ class StorageOvertaken(StorageBusy):
 
 class StorageTooNew(ThermapError):
     """The database has migrations that this version does not know."""
+
+
+class ServiceEnds(ThermapError):
+    """The service was told to end: whoever still waits is sent away."""
 
 
 def list_names(names: Iterable[str], limit: int = 20) -> str:

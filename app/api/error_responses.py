@@ -21,6 +21,7 @@ from app.errors import (
     Conflict,
     FieldError,
     InvalidContent,
+    ServiceEnds,
     StorageBusy,
     StorageUnavailable,
     ThermapError,
@@ -36,6 +37,7 @@ STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
     InvalidContent: (422, "Invalid content"),
     StorageUnavailable: (503, "The database is away"),
     StorageBusy: (503, "The database is busy"),
+    ServiceEnds: (503, "The service ends"),
 }
 """A kind of error, or the nearest above it, to its status and title."""
 

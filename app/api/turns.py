@@ -16,7 +16,7 @@ import anyio
 from anyio.to_thread import run_sync
 from fastapi import Request
 
-from app.errors import StorageBusy
+from app.errors import ServiceEnds, StorageBusy
 
 Answer = TypeVar("Answer")
 
@@ -40,7 +40,14 @@ class Turns:
         self._free = anyio.Semaphore(AT_WORK, fast_acquire=True)
         self._most_waiting = most_waiting
         self._wait_s = wait_s
-        self._waiting = 0
+        self._waiting: set[anyio.CancelScope] = set()
+        self._ends = False
+
+    def end(self) -> None:
+        """Send away who waits, and from now on whoever would have to; to be called by the loop."""
+        self._ends = True
+        for waiting in self._waiting:
+            waiting.cancel()
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
@@ -50,6 +57,8 @@ class Turns:
         ------
         StorageBusy
             If too many wait already, or the turn does not come in time.
+        ServiceEnds
+            If it does not come before the service ends.
         """
         await self._take()
         try:
@@ -58,18 +67,29 @@ class Turns:
             self._free.release()
 
     async def _take(self) -> None:
-        if self._free.value == 0 and self._waiting >= self._most_waiting:
-            raise StorageBusy(f"{self._waiting} requests wait for the database already, try again")
-        self._waiting += 1
-        try:
-            with anyio.move_on_after(self._wait_s) as waiting:
+        if self._free.value == 0:
+            self._expect_place()
+        with anyio.move_on_after(self._wait_s) as waiting:
+            self._waiting.add(waiting)
+            try:
                 await self._free.acquire()
-        finally:
-            self._waiting -= 1
+            finally:
+                self._waiting.discard(waiting)
         if waiting.cancelled_caught:
+            self._expect_future()
             raise StorageBusy(
                 f"the database is busy, try again: other requests work on it for {self._wait_s:g} s"
             )
+
+    def _expect_place(self) -> None:
+        self._expect_future()
+        if len(self._waiting) >= self._most_waiting:
+            count = len(self._waiting)
+            raise StorageBusy(f"{count} requests wait for the database already, try again")
+
+    def _expect_future(self) -> None:
+        if self._ends:
+            raise ServiceEnds("the service ends: nothing was done, try again when it is back")
 
 
 async def take_turn(request: Request) -> AsyncIterator[None]:

@@ -1,4 +1,6 @@
-"""Ending requests that stop half-way: neither the server nor the framework ever would.
+"""Ending requests that stop half-way, and those that the service's end overtakes.
+
+Neither the server nor the framework ever ends the former, and the latter get no answer of theirs.
 
 Who opens many connections and sends a little over each would otherwise keep them all. The
 server looks at all connections once a second: what costs a plain request next to nothing.
@@ -7,6 +9,8 @@ server looks at all connections once a second: what costs a plain request next t
 from __future__ import annotations
 
 import asyncio
+import json
+from http import HTTPStatus
 from typing import Final
 
 import uvicorn
@@ -15,14 +19,33 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 SLOWEST_BYTES_PER_S: Final = 200
 """Of a body, once it has had twice the patience: the slowest radio link sends more."""
 
-_ANSWER: Final = (
-    b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\n"
-    b"content-type: application/problem+json\r\ncontent-length: %d\r\n\r\n%s"
+
+def _answer(status: HTTPStatus, title: str, detail: str, *headers: str) -> bytes:
+    """Write a whole answer, after which the connection is closed."""
+    content = {"type": "about:blank", "title": title, "status": status.value, "detail": detail}
+    body = json.dumps(content | {"errors": []}, separators=(",", ":"))
+    lines = [
+        f"HTTP/1.1 {status.value} {status.phrase}",
+        *headers,
+        "connection: close",
+        "content-type: application/problem+json",
+        f"content-length: {len(body)}",
+    ]
+    return "\r\n".join([*lines, "", body]).encode("ascii")
+
+
+_STOPPED: Final = _answer(
+    HTTPStatus.REQUEST_TIMEOUT,
+    "Request stopped half-way",
+    "expected the rest of the request, came nothing or next to nothing for too long",
 )
-_PROBLEM: Final = (
-    b'{"type":"about:blank","title":"Request stopped half-way","status":408,'
-    b'"detail":"expected the rest of the request, came nothing or next to nothing for too long",'
-    b'"errors":[]}'
+
+_ENDS: Final = _answer(
+    HTTPStatus.SERVICE_UNAVAILABLE,
+    "The service ends",
+    "the service ends before the answer is there: whether something was changed is not known, "
+    "try again when it is back",
+    "retry-after: 5",
 )
 
 
@@ -88,7 +111,15 @@ class PatientProtocol(HttpToolsProtocol):
         else:
             may_answer = self.came_bytes > 0
         if may_answer:
-            self.transport.write(_ANSWER % (len(_PROBLEM), _PROBLEM))
+            self.transport.write(_STOPPED)
+        self.transport.close()
+
+    def end_with_service(self) -> None:
+        """Answer 503 and close, where the answer has not begun."""
+        if self.transport.is_closing():
+            return
+        if self.cycle is not None and not self.cycle.response_started:
+            self.transport.write(_ENDS)
         self.transport.close()
 
 
@@ -103,7 +134,14 @@ class PatientServer(uvicorn.Server):
         """Look at all connections once a second; the server calls this ten times as often."""
         if counter % 10 == 0:
             now = asyncio.get_running_loop().time()
-            for connection in list(self.server_state.connections):
-                if isinstance(connection, PatientProtocol):
-                    connection.end_if_stopped(now, self.patience_s)
+            for connection in self._connections():
+                connection.end_if_stopped(now, self.patience_s)
         return await super().on_tick(counter)
+
+    def end_connections(self) -> None:
+        """Answer whoever has no answer yet that the service ends."""
+        for connection in self._connections():
+            connection.end_with_service()
+
+    def _connections(self) -> list[PatientProtocol]:
+        return [c for c in self.server_state.connections if isinstance(c, PatientProtocol)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import signal
@@ -18,6 +19,7 @@ import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
 
+from app.api.turns import Turns
 from app.cli.http_protocol import PatientProtocol, PatientServer
 from app.errors import InvalidContent, ThermapError
 from app.main import create_app
@@ -26,6 +28,9 @@ from app.settings import Settings
 BACKLOG: Final = 2048
 GRACE_S: Final = 5
 """How long a request may still take when the service ends [s]."""
+
+ANSWER_S: Final = 4.5
+"""When what has no answer until then is told that the service ends [s]."""
 
 END_S: Final = 10
 """When the process ends at the latest after it was told to [s], whatever hangs."""
@@ -69,8 +74,20 @@ class CannotListen(ThermapError):
 class EndingServer(PatientServer):
     """A server that ends in time: threads that hang in the database do not keep it.
 
-    What was answered with 201 is on the disk before the answer, so nothing is lost.
+    Who waits for a turn at the database is sent away at once, who is at work has until
+    `ANSWER_S`; everybody gets an answer. What was answered with 201 is on the disk before the
+    answer, so nothing is lost.
     """
+
+    def __init__(self, config: uvicorn.Config, patience_s: float, turns: Turns) -> None:
+        super().__init__(config, patience_s)
+        self._turns = turns
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let every request that has come have an answer, and end."""
+        self._turns.end()
+        asyncio.get_running_loop().call_later(ANSWER_S, self.end_connections)
+        await super().shutdown(sockets)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to end, and see to it that there is an end."""
@@ -158,6 +175,7 @@ def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
             server_header=False,
         ),
         service.state.patience_s,
+        service.state.turns,
     )
 
 

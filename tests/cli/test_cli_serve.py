@@ -1,25 +1,34 @@
 """thermap serve, and what all commands share: versions, help, one sentence for a failure."""
 
+import json
 import signal
+import socket
 import sqlite3
+import subprocess
 import threading
 import time
-from contextlib import suppress
+from collections import Counter
+from contextlib import ExitStack, closing, contextmanager, suppress
 from types import SimpleNamespace
 
 import httpx
+import psycopg
 import pytest
 from sqlalchemy import make_url
 
 from app import __version__
+from app.api.turns import AT_WORK
 from app.cli.listening import CannotListen, listening, url_of
 from app.cli.options import read_named_numbers
 from app.storage.database import Database
 from app.storage.readings import list_readings
-from tests.cli.conftest import ended, wait_until_it_answers
-from tests.databases import reachable
+from tests.cli.conftest import ENVIRONMENT, ended, wait_until_it_answers
+from tests.databases import KINDS, reachable
 from tests.service_examples import ROOM, START, furnish_database, reading
 from tests.services.tcp_proxy import TcpProxy
+
+SOON_S = 60.0
+"""A machine may be slow, but nothing hangs."""
 
 COMMANDS = (
     *("serve", "demo", "import", "compensate", "accuracy", "picture", "replay"),
@@ -94,6 +103,77 @@ def test_it_ends_in_time_though_the_database_hangs(start, free_port, databases):
         assert [r.time for r in list_readings(session, "mcfv5050")] == [START]
     database.close()
     databases.give_back(direct)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_whoever_waits_when_it_ends_is_told(start, free_port, databases, kind, monkeypatch):
+    """Twenty are at work in a database that others hold, the rest wait for their turn."""
+    for limit in ("LOCK_LIMIT", "STATEMENT_LIMIT", "WAITING_LIMIT", "PATIENCE"):
+        monkeypatch.setitem(ENVIRONMENT, f"THERMAP_{limit}_S", "300")
+    url = reachable(lambda kind: databases.prepared(kind, furnish_database), kind)
+    process = start(
+        *("serve", "--port", free_port, "--database-url", url),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until_it_answers(f"http://127.0.0.1:{free_port}")
+    body = json.dumps(reading(START, 25.5)).encode()
+    asked = (
+        b"POST %s/readings HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        b"Content-Length: %d\r\n\r\n%s" % (ROOM.encode(), len(body), body)
+    )
+    half = asked[: -len(body) // 2]
+    with ExitStack() as opened:
+        opened.enter_context(held_by_another(url))
+        address = ("127.0.0.1", free_port)
+        clients = [
+            opened.enter_context(socket.create_connection(address, timeout=SOON_S))
+            for _ in range(AT_WORK + 30)
+        ]
+        for client in clients[:-1]:
+            client.sendall(asked)
+        clients[-1].sendall(half)
+        for _ in range(3):  # who asked before has been read by then
+            wait_until_it_answers(f"http://127.0.0.1:{free_port}")
+        code, _, err = ended(process)
+        answers = [everything_of(client) for client in clients]
+    assert code == 0, err
+    said = Counter()
+    for head, content in answers:
+        assert head[0] == "HTTP/1.1 503 Service Unavailable"
+        assert "connection: close" in head
+        assert "retry-after: 5" in head
+        said[json.loads(content)["detail"].partition(":")[0]] += 1
+    waited, at_work = "the service ends", "the service ends before the answer is there"
+    assert said == {waited: 29, at_work: AT_WORK + 1}
+    databases.give_back(url)
+
+
+@contextmanager
+def held_by_another(url):
+    """Hold what everybody who writes needs."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite":
+        with closing(sqlite3.connect(parsed.database, isolation_level=None)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            yield
+        return
+    plain = parsed.set(drivername="postgresql", query={}).render_as_string(hide_password=False)
+    with psycopg.connect(plain) as other:
+        other.execute("LOCK TABLE machine IN ACCESS EXCLUSIVE MODE")
+        yield
+        other.rollback()
+
+
+def everything_of(client):
+    """Read until the connection is closed; return the lines of the head, and the content."""
+    came = b""
+    while piece := client.recv(65536):
+        came += piece
+    head, _, content = came.decode().partition("\r\n\r\n")
+    return [line if i == 0 else line.lower() for i, line in enumerate(head.splitlines())], content
 
 
 def given_up(url):

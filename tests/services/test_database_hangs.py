@@ -17,7 +17,7 @@ from anyio.to_thread import current_default_thread_limiter
 from sqlalchemy import make_url, text
 
 from app.api.turns import AT_WORK, Turns
-from app.errors import StorageBusy, StorageUnavailable
+from app.errors import ServiceEnds, StorageBusy, StorageUnavailable
 from app.live import database_watch
 from app.services import check_readiness, follow_database
 from app.services.follow_database import DatabaseFollower
@@ -314,3 +314,32 @@ async def test_turns_are_given_back_whatever_happens():
         with pytest.raises(ZeroDivisionError):
             async with turns.taken():
                 raise ZeroDivisionError
+
+
+async def test_at_the_end_who_waits_for_a_turn_is_sent_away_and_who_has_one_goes_on():
+    turns = Turns(most_waiting=10, wait_s=SOON_S)
+    done, sent_away = [], []
+    may_end = anyio.Event()
+
+    async def work():
+        try:
+            async with turns.taken():
+                await may_end.wait()
+                done.append(1)
+        except ServiceEnds:
+            sent_away.append(1)
+
+    async with anyio.create_task_group() as group:
+        for _ in range(AT_WORK + 5):
+            group.start_soon(work)
+        await anyio.wait_all_tasks_blocked()
+        turns.end()
+        await anyio.wait_all_tasks_blocked()
+        assert (len(done), len(sent_away)) == (0, 5)
+        with pytest.raises(ServiceEnds, match="nothing was done"):
+            async with turns.taken():
+                pytest.fail("nobody waits any more")
+        may_end.set()
+    assert (len(done), len(sent_away)) == (AT_WORK, 5)
+    async with turns.taken():
+        pass
