@@ -8,9 +8,8 @@ than for a piece.
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Coroutine
-from threading import Lock
+from contextlib import nullcontext
 from typing import Annotated, Any, Final, TypeVar, cast
 
 from anyio import CapacityLimiter, to_thread
@@ -23,6 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import Message
 
+from app.api.collector import uncollected
 from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 from app.api.media_types import JSON
 from app.api.schemas.in_pieces import shown_errors
@@ -38,8 +38,7 @@ USUAL_LIMIT: Final = 8 * MEGABYTE
 
 _LIMIT: Final = "x-largest-body-bytes"
 _LONG_BODIES_AT_ONCE: Final = 2
-_reading = 0
-_reading_lock = Lock()
+_MANY_OBJECTS: Final = MEGABYTE
 _limiters: RunVar[CapacityLimiter] = RunVar("long bodies")
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
@@ -70,8 +69,14 @@ class BodyRoute(APIRoute):
             if not body:
                 return await handle(_ReadRequest(request, b"", None))
             _refuse_other_kinds(request)
-            said = await _off_the_loop(len(body), lambda: _checked(adapter, body))
-            return await handle(_ReadRequest(request, body, said))
+            with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
+                said = await _off_the_loop(len(body), lambda: _checked(adapter, body))
+                read = _ReadRequest(request, body, said)
+                del said
+                try:
+                    return await handle(read)
+                finally:
+                    read.let_go()
 
         return read_and_handle
 
@@ -91,6 +96,10 @@ class _ReadRequest(Request):
     async def json(self) -> Any:
         """Give what it said."""
         return self._said
+
+    def let_go(self) -> None:
+        """Forget what it said: the framework holds requests for longer than their answers."""
+        self._said = None
 
 
 def _without_body(handle: Handler) -> Handler:
@@ -145,26 +154,12 @@ async def _off_the_loop(size: int, read: Callable[[], Read]) -> Read:
     if limiter is None:
         limiter = CapacityLimiter(_LONG_BODIES_AT_ONCE)
         _limiters.set(limiter)
-    return await to_thread.run_sync(_uncollected, read, limiter=limiter)
 
+    def read_uncollected() -> Read:
+        with uncollected():
+            return read()
 
-def _uncollected(read: Callable[[], Read]) -> Read:
-    """Read without Python's collector of cycles: what JSON makes has none.
-
-    It would go through the growing millions again and again, for a second in the end, in
-    which nobody has a turn.
-    """
-    global _reading
-    with _reading_lock:
-        _reading += 1
-        gc.disable()
-    try:
-        return read()
-    finally:
-        with _reading_lock:
-            _reading -= 1
-            if not _reading:
-                gc.enable()
+    return await to_thread.run_sync(read_uncollected, limiter=limiter)
 
 
 def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
