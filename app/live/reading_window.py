@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from math import inf
 from threading import Lock
@@ -28,12 +28,17 @@ class Held:
     """What a window holds at one moment, in order of time.
 
     `used` can have been measured; `ahead` lies in the future, and is not used until its
-    time comes. `more_ahead` says that later ones are left to the database.
+    time comes. `more_ahead` says that later ones are left to the database. `early` are those
+    in use that arrived before their time, as long as they have the newest value of a sensor.
     """
 
     used: tuple[Reading, ...] = ()
     ahead: tuple[Reading, ...] = ()
     more_ahead: bool = False
+    early: tuple[Reading, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "early", _early_in_use(self.used))
 
     @property
     def latest(self) -> Reading | None:
@@ -128,6 +133,15 @@ def _split(readings: Iterable[Reading], machine: Machine, until: datetime, befor
         ahead = [reading for reading in ahead if reading.time <= before.ahead[-1].time]
     more = before.more_ahead or len(ahead) > MOST_AHEAD
     return Held(_thinned(ordered[:count], machine), tuple(ahead[:MOST_AHEAD]), more)
+
+
+def _early_in_use(used: Sequence[Reading]) -> tuple[Reading, ...]:
+    """Find those that arrived before their time and have the newest value of a sensor."""
+    if not any(reading.early_s for reading in used):
+        return ()
+    newest = {sensor: reading for reading in used for sensor in reading.temperatures_c}
+    in_use = {reading.time: reading for reading in newest.values() if reading.early_s}
+    return tuple(in_use[time] for time in sorted(in_use))
 
 
 def kept_spacing_s(sensors: Iterable[Sensor]) -> float:

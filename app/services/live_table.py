@@ -31,7 +31,8 @@ class CurrentState:
 
     `current` is the model that holds, and `moment` what drives its adopted effects, at the
     latest reading; None without any. `ahead` are the readings that lie in the future, in order
-    of time, and are not used yet; with `more_ahead` only the first of them.
+    of time, and are not used yet; with `more_ahead` only the first of them. `early` are those in
+    use that arrived before their time.
     """
 
     current: LiveModel
@@ -41,6 +42,7 @@ class CurrentState:
     moment: Conditions | None
     ahead: Sequence[Reading]
     more_ahead: bool
+    early: Sequence[Reading]
     tag: str
 
 
@@ -110,16 +112,20 @@ def current_state(
     trouble = context.live.database.trouble
     facts = [(s.sensor, s.health, s.temperature_c) for s in sensors]
     ahead = (len(held.ahead), held.more_ahead, held.ahead and _between(held.ahead))
-    stamp = repr((current.stamp, current.version, latest, facts, trouble, _driving(moment), ahead))
-    tag = blake2s(stamp.encode(), digest_size=12).hexdigest()
-    return CurrentState(current, latest, age_s, sensors, moment, held.ahead, held.more_ahead, tag)
+    early = [(reading.time, reading.early_s) for reading in held.early]
+    facts_of_all = (current.stamp, current.version, latest, facts, trouble, _driving(moment))
+    tag = blake2s(repr((*facts_of_all, ahead, early)).encode(), digest_size=12).hexdigest()
+    return CurrentState(
+        current, latest, age_s, sensors, moment, held.ahead, held.more_ahead, held.early, tag
+    )
 
 
 def current_table(context: Context, state: CurrentState) -> CurrentTable:
     """Compute the table at the latest reading.
 
     Stale sensors serve where no stand-in is fresh, and are said; a sensor that
-    failed otherwise has its stand-in or none.
+    failed otherwise has its stand-in or none. A table that rests on a reading that arrived
+    before its time says so and is not complete: nobody can have measured that.
 
     Raises
     ------
@@ -129,11 +135,16 @@ def current_table(context: Context, state: CurrentState) -> CurrentTable:
         As `compensation_table`.
     """
     try:
-        ahead = ahead_warnings(state.ahead, more_ahead=state.more_ahead)
-        warnings = [*database_warnings(context, state.current), *ahead]
+        clocks = [
+            *early_warnings(state.early),
+            *ahead_warnings(state.ahead, more_ahead=state.more_ahead),
+        ]
+        warnings = [*database_warnings(context, state.current), *clocks]
         table = _table(state.current, state.sensors, state.moment, context.now(), warnings)
     except SensorUnavailable as error:
         raise NoReading(error.detail) from None
+    if state.early:
+        table = table._replace(complete=False)
     return CurrentTable(table, state)
 
 
@@ -198,6 +209,16 @@ def ahead_warnings(ahead: Sequence[Reading], *, more_ahead: bool = False) -> lis
     return [
         f"{number} from the future, not used before its time comes: {_between(ahead)}; a clock is "
         "wrong, set it right and withdraw what is stamped wrongly"
+    ]
+
+
+def early_warnings(early: Sequence[Reading]) -> list[str]:
+    """Name readings in use that arrived before their time, and say what to do about them."""
+    return [
+        f"the reading of {exact_time(reading.time)}, which the table rests on, arrived "
+        f"{reading.early_s:.0f} s before its time: a clock is wrong, set it right and withdraw "
+        "what is stamped wrongly"
+        for reading in early
     ]
 
 

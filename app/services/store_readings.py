@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Final
 
@@ -16,7 +16,7 @@ from app.errors import (
     UnknownThing,
 )
 from app.live.registry import Arrived
-from app.services.context import Context
+from app.services.context import CLOCKS_DIFFER, Context
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine
 from app.services.repeating import repeated
@@ -48,7 +48,8 @@ class StoreOutcome:
 def store_readings(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
     """Store readings whole or not at all.
 
-    Those that lie in the future are stored, said to be so, and used when their time comes.
+    Those that lie in the future are stored, said to be so, and used when their time comes;
+    tables go on saying that they came early.
 
     Raises
     ------
@@ -58,10 +59,11 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     Conflict
         If a time has a reading with other content.
     """
+    now = context.now()
     with context.database.writing() as session:
         row = find_machine(session, machine_id, Held.KEPT)
-        _check(context, stored_machine(row).machine, readings)
-        once = _each_time_once(readings)
+        _check(now, stored_machine(row).machine, readings)
+        once = [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
         added = insert_readings(session, machine_id, once)
         repeated = [r for r in once if r.time not in added]
         known = find_readings(session, machine_id, [r.time for r in repeated])
@@ -80,8 +82,13 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     return StoreOutcome(len(added), len(readings) - len(added), len(ahead), warnings)
 
 
-def _check(context: Context, machine: Machine, readings: Sequence[Reading]) -> None:
-    now = context.now()
+def _as_it_arrived(reading: Reading, now: datetime) -> Reading:
+    """Note on a reading that it came before its time."""
+    ahead = reading.time - now
+    return replace(reading, early_s=ahead.total_seconds()) if ahead > CLOCKS_DIFFER else reading
+
+
+def _check(now: datetime, machine: Machine, readings: Sequence[Reading]) -> None:
     latest = now + MOST_AHEAD_OF_CLOCK
     for i, reading in enumerate(readings):
         if reading.time > latest:

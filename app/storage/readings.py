@@ -44,6 +44,7 @@ def insert_readings(
             "time": reading.time,
             "temperatures_c": dict(reading.temperatures_c),
             "state": dict(reading.state),
+            "early_s": reading.early_s or None,
         }
         for reading in readings
     ]
@@ -190,4 +191,4 @@ def numbered_readings(
 
 
 def _reading(row: ReadingRow) -> Reading:
-    return Reading(row.time, row.temperatures_c, row.state)
+    return Reading(row.time, row.temperatures_c, row.state, row.early_s or 0.0)

@@ -205,7 +205,8 @@ class ModelVersionMapRow(Base):
 class ReadingRow(Base):
     """Live temperatures and the machine's state at one time.
 
-    Processes follow each other by the numbers, so none is ever used again.
+    Processes follow each other by the numbers, so none is ever used again. `early_s` is None
+    where a reading did not arrive before its time.
     """
 
     __tablename__ = "reading"
@@ -218,6 +219,7 @@ class ReadingRow(Base):
     time: Mapped[datetime]
     temperatures_c: Mapped[dict[str, Any]]
     state: Mapped[dict[str, Any]]
+    early_s: Mapped[float | None]
 
 
 class WithdrawnReadingRow(Base):

@@ -80,8 +80,77 @@ async def test_a_reading_ahead_does_not_freeze_the_table(client, clock):
     await feed(client, at(30, 26.0))
     assert x_middle(await current(client)) == 26.0
     clock.advance(28)
+    assert x_middle(await current(client)) == 27.0
+
+
+def early(seconds, by_s):
+    """What is said of a reading in use that arrived so long before its time."""
+    return (
+        f"the reading of {iso(START + timedelta(seconds=seconds))}, which the table rests on, "
+        f"arrived {by_s} s before its time"
+    )
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+async def test_a_reading_that_came_early_is_named_as_long_as_it_is_used(
+    client, app, new_app, clock, restarted
+):
+    await feed(client, at(0, 25.0), at(6, 25.9))
+    clock.advance(6)
+    url = app.state.context.database.engine.url.render_as_string(False)
+    async with client_of(new_app(url) if restarted else app) as now:
+        document = await current(now)
+        assert (x_middle(document), document["complete"]) == (25.9, False)
+        (warning,) = document["warnings"]
+        assert warning.startswith(early(6, 6))
+        body = {"points_mm": [[0, 0, 0]], "missing_components": "zero"}
+        answer = (await now.post(f"{ROOM}/volumetric-error", json=body)).json()
+        assert warning in answer["warnings"]
+        clock.advance(1)
+        await feed(now, at(7, 25.1))
+        document = await current(now)
+        assert (document["complete"], document["warnings"]) == (True, [])
+
+
+async def test_an_early_value_is_named_while_its_sensor_has_no_newer_one(client, clock):
+    await feed(client, at(0, 25.0), at(6, 25.9))
+    clock.advance(8)
+    of_one = {"time": at(7)["time"], "temperatures_c": {"z-column": 27.9}}
+    await feed(client, of_one)
     document = await current(client)
-    assert (x_middle(document), document["warnings"]) == (27.0, [])
+    assert document["reading_time"] == of_one["time"]
+    assert document["warnings"][0].startswith(early(6, 6))
+    tag = (await client.get(f"{ROOM}/compensation")).headers["etag"]
+    # It comes late and says the same of x-middle: the table stays, but for what is said of it.
+    await feed(client, at(6.5, 25.9))
+    answer = await client.get(f"{ROOM}/compensation", headers={"If-None-Match": tag})
+    assert (answer.status_code, answer.json()["warnings"]) == (200, [])
+
+
+async def test_clocks_that_differ_a_little_are_no_matter(client, clock):
+    await feed(client, at(0, 25.0), at(2, 25.9))
+    document = await current(client)
+    assert (x_middle(document), document["complete"], document["warnings"]) == (25.9, True, [])
+
+
+async def test_an_early_reading_is_named_by_the_other_service_too(client, other_app, other, clock):
+    await feed(client, at(0, 25.5), at(58, 27.0))
+    other_app.follower.look()
+    clock.advance(58)
+    assert (await current(other))["warnings"] == (await current(client))["warnings"]
+    assert (await current(other))["warnings"][0].startswith(early(58, 58))
+
+
+async def test_stored_again_after_its_time_it_is_a_duplicate_and_was_early_all_the_same(
+    client, clock
+):
+    await feed(client, at(6, 25.9))
+    clock.advance(10)
+    assert (await feed(client, at(6, 25.9)))["duplicates"] == 1
+    assert (await current(client))["warnings"][0].startswith(early(6, 6))
+    await withdraw(client, time=at(6)["time"])
+    await feed(client, at(6, 25.9))
+    assert (await current(client))["warnings"] == []
 
 
 async def test_the_etag_says_when_a_reading_waits_and_when_its_time_has_come(client, clock):

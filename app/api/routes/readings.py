@@ -41,7 +41,8 @@ def post_readings(
     A time that is known with the same content is a duplicate, with other content a
     conflict. A value out of its sensor's range is stored and marks the sensor. A time that
     is more than 2 s ahead of the service's clock is stored, named here and in the table at the
-    latest reading, and not used before it has come; more than a day ahead it is refused.
+    latest reading, and not used before it has come; once it is used the table goes on naming it
+    and is not `complete`, until there are newer values. More than a day ahead it is refused.
     """
     if isinstance(body, list):
         done = store_readings(context, machine, [r.to_reading() for r in body])

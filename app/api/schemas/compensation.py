@@ -194,8 +194,8 @@ class CompensationAnswer(Schema):
     complete: bool = Field(
         description=(
             "Whether every component of the maps and every adopted effect is in the table, none "
-            "on an old temperature or ending where other maps of it go on, and no effect outside "
-            "where it was learnt"
+            "on an old temperature or ending where other maps of it go on, no effect outside "
+            "where it was learnt, and no value in use from a reading that arrived before its time"
         )
     )
     warnings: list[str] = Field(description="All that is not as it should be, in sentences")

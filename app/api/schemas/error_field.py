@@ -82,7 +82,8 @@ class AnswerHead(Schema):
     computed_at: UtcTime = Field(description="When it was computed, UTC")
     complete: bool = Field(
         description="Whether no component and no adopted effect is missing, none rests on an "
-        "old temperature or ends where other maps of it go on"
+        "old temperature or on a reading that arrived before its time, or ends where other maps "
+        "of it go on"
     )
     warnings: list[str] = Field(description="All that is not as it should be, in sentences")
     counted_as_zero: list[str] = Field(
