@@ -109,7 +109,7 @@ curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/rotary-axis-error \
 # 200: as numbers; a browser is shown the page
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/picture
 
-# 200: the page, as a file that needs no other
+# 200: the page, as a file that needs no other: it contains plotly, some 5 MB
 curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/picture \
      -H "Content-Type: application/json" -H "Accept: text/html" -o picture.html \
      -d '{"temperatures_c": {"x-middle": 24.1, "y-front": 23.9, "z-column": 27.3},

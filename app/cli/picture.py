@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import orjson
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
+from app.cli.answers import show_view
 from app.cli.options import (
     MachineArgument,
     MissingOption,
@@ -61,7 +65,18 @@ def picture(
     with connect(url) as thermap:
         figure = thermap.picture(machine, question)
     write_file(output, _written(figure, output.suffix.lower()))
-    typer.echo(f"{output}: {figure['layout']['meta']['drawn']}")
+    show_view(_view(output, figure["layout"]["meta"]))
+
+
+def _view(output: Path, meta: Mapping[str, Any]) -> RenderableType:
+    """Say what was drawn, and what is to be said against it."""
+    said = list(meta["warnings"])
+    if meta["counted_as_zero"]:
+        said.insert(0, f"counted as zero: {', '.join(meta['counted_as_zero'])}")
+    if not meta["complete"]:
+        said.insert(0, "not complete")
+    warnings = [Text(f"! {text}", style="yellow") for text in said]
+    return Group(Text(f"{output}: {meta['drawn']}"), *warnings)
 
 
 def _written(figure: dict[str, object], suffix: str) -> str:

@@ -13,6 +13,9 @@ QUIET: Final = "#7b8794"
 FAINT: Final = "#e4e7eb"
 """Grids."""
 
+WARNING: Final = "#8d4a0b"
+"""What is to be said against the errors that are drawn."""
+
 FONT: Final = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
 
 LENGTH_SCALE: Final = (

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.errors import counted
 from app.geometry.components import LINEAR_LETTERS
-from app.pictures.colours import FONT, INK, QUIET, length_axis
+from app.pictures.colours import FONT, INK, QUIET, WARNING, length_axis
 from app.pictures.distorted_volume import DistortedVolume
 from app.pictures.scene import Json, scene
 from app.pictures.traces import Rounding, Trace
@@ -19,6 +20,9 @@ from app.pictures.words import largest_words, wrapped
 TITLE_LETTERS: Final = 80
 SUBTITLE_LETTERS: Final = 130
 """In a line: plotly does not wrap."""
+
+MOST_WARNING_LINES: Final = 6
+"""Above the drawing: further ones would leave no room for it. `meta` and a page have all."""
 
 LEGEND: Final = {
     "orientation": "h",
@@ -36,6 +40,25 @@ HOVER_LABEL: Final = {
 
 
 @dataclass(frozen=True, slots=True)
+class Remarks:
+    """What is to be said against the errors that are drawn.
+
+    Parameters
+    ----------
+    complete
+        Whether nothing is missing in them, or rests on what is old or out of range.
+    warnings
+        All that is not as it should be, in sentences.
+    counted_as_zero
+        Components that are not known and count as zero.
+    """
+
+    complete: bool = True
+    warnings: Sequence[str] = ()
+    counted_as_zero: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Texts:
     """What stands around a picture, as plain text.
 
@@ -45,11 +68,14 @@ class Texts:
         As for `work_volume_picture`.
     drawn
         What is drawn, and how much larger.
+    remarks
+        What is to be said against the errors that are drawn.
     """
 
     title: str
     subtitle: str
     drawn: str
+    remarks: Remarks
 
 
 def layout(
@@ -74,7 +100,7 @@ def layout(
         plotly's `layout`.
     """
     title = wrapped(texts.title, TITLE_LETTERS)
-    subtitle = wrapped(texts.subtitle, SUBTITLE_LETTERS)
+    subtitle = [*wrapped(texts.subtitle, SUBTITLE_LETTERS), *_warnings(texts.remarks)]
     box = scene(distorted.volume, _all_points(traces))
     return {
         # An empty template: plotly's own one would depend on a setting of the process.
@@ -84,6 +110,9 @@ def layout(
             "subtitle": texts.subtitle,
             "drawn": texts.drawn,
             "exaggeration": distorted.exaggeration,
+            "complete": texts.remarks.complete,
+            "warnings": list(texts.remarks.warnings),
+            "counted_as_zero": list(texts.remarks.counted_as_zero),
         },
         "title": _title(title, subtitle),
         "font": {"family": FONT, "size": 13, "color": INK},
@@ -109,6 +138,15 @@ def _title(title: list[str], subtitle: list[str]) -> Json:
         **{"x": 0, "xanchor": "left", "xref": "paper"},
         **{"y": 1, "yanchor": "top", "yref": "container", "pad": {"t": 16}},
     }
+
+
+def _warnings(remarks: Remarks) -> list[str]:
+    """Break the warnings into lines that stand out, at most `MOST_WARNING_LINES`."""
+    said = ([] if remarks.complete else ["not complete"]) + list(remarks.warnings)
+    lines = [line for text in said for line in wrapped(f"! {text}", SUBTITLE_LETTERS)]
+    if len(lines) > MOST_WARNING_LINES:
+        lines = [*lines[: MOST_WARNING_LINES - 1], f"! … {counted(len(said), 'remark')} in all"]
+    return [f'<span style="color:{WARNING}">{line}</span>' for line in lines]
 
 
 def _below(text: str) -> Json:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from app.errors import InvalidContent
@@ -22,6 +23,7 @@ CONFIG: Final = {
 }
 
 FIT: Final = """
+  document.getElementById("not-drawn").remove();
   const picture = document.getElementById("{plot_id}");
   const shape = picture.clientWidth / picture.clientHeight / 1.6;
   if (shape < 1) {
@@ -30,7 +32,10 @@ FIT: Final = """
     Plotly.relayout(picture, {"scene.aspectratio": scale});
   }
 """
-"""Without perspective plotly cuts off what is wider than a narrow window."""
+"""Once all is drawn: the words that stand in for it go, and it is fitted into the window.
+
+Without perspective plotly cuts off what is wider than a narrow window.
+"""
 
 STYLE: Final = """
   :root { color-scheme: light; }
@@ -40,6 +45,9 @@ STYLE: Final = """
   header, footer { padding: 0.9rem 1.5rem; overflow-wrap: anywhere; }
   h1 { margin: 0; font-size: 1.35rem; font-weight: 600; line-height: 1.25; }
   header p { margin: 0.25rem 0 0; color: #52606d; }
+  header .warnings { margin: 0.6rem 0 0; padding: 0.4rem 0.8rem 0.4rem 2rem;
+                     background: #fff8e1; border-left: 4px solid #b7791f; color: #5f370e; }
+  #not-drawn { margin: 0; padding: 1rem 1.5rem; }
   main { flex: 1 1 auto; min-height: 22rem; position: relative; }
   main > div { position: absolute; inset: 0; }
   footer { border-top: 1px solid #e4e7eb; color: #323f4b; font-size: 0.9rem; }
@@ -79,18 +87,22 @@ def page(figure: Figure, *, plotly_js: str) -> str:
 
     Notes
     -----
-    Title, subtitle and what is drawn stand outside the figure, where they wrap. They
-    are shown letter by letter: no markup in them has an effect.
+    Title, subtitle, warnings and what is drawn stand outside the figure, where they wrap. They
+    are shown letter by letter: no markup in them has an effect. Where plotly does not run, a
+    sentence stands in the figure's place.
     """
-    texts = {name: html.escape(str(text)) for name, text in (figure.layout.meta or {}).items()}
+    meta = figure.layout.meta or {}
+    texts = {name: html.escape(str(text)) for name, text in meta.items()}
     title, subtitle = texts.get("title", ""), texts.get("subtitle", "")
     return f"""{html_head(title, STYLE, plotly_js)}
 <body>
 <header>
 <h1>{title}</h1>
 {f"<p>{subtitle}</p>" if subtitle else ""}
+{_warnings(meta)}
 </header>
 <main>
+<p id="not-drawn">{_not_drawn(plotly_js)}</p>
 {_drawing(figure)}
 </main>
 <footer>{texts.get("drawn", "")}</footer>
@@ -160,6 +172,28 @@ def _plotly_script(plotly_js: str) -> str:
             "plotly_js", f"expected `{INLINE}` or the address of plotly.min.js, came {plotly_js!r}"
         )
     return f'<script src="{html.escape(plotly_js)}" charset="utf-8"></script>'
+
+
+def _warnings(meta: Mapping[str, Any]) -> str:
+    """List what is to be said against the errors that are drawn, if anything is."""
+    said = [] if meta.get("complete", True) else ["not complete"]
+    said += meta.get("warnings", ())
+    if not said:
+        return ""
+    items = "\n".join(f"<li>{html.escape(str(text))}</li>" for text in said)
+    return f'<ul class="warnings" aria-label="warnings">\n{items}\n</ul>'
+
+
+def _not_drawn(plotly_js: str) -> str:
+    """Say why there is no drawing, for whoever sees none."""
+    if plotly_js == INLINE:
+        return "The picture is not drawn yet: the browser has to run this page's JavaScript."
+    return (
+        "The picture is not drawn yet: the browser has to run JavaScript, and loads "
+        f"{html.escape(plotly_js)} from the service that wrote this page. Kept as a file, the "
+        "page cannot draw; <code>thermap picture</code> writes one that needs no other file, and "
+        "<code>POST</code> with <code>Accept: text/html</code> answers with one."
+    )
 
 
 def _drawing(figure: Figure) -> str:

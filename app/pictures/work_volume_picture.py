@@ -14,7 +14,7 @@ from app.pictures.box_lines import Counts, box_edges, face_lines, points_along_a
 from app.pictures.colours import INK, LENGTH_SCALE
 from app.pictures.distorted_volume import DistortedVolume
 from app.pictures.error_vectors import SHAFT_PX, VECTORS, error_vectors
-from app.pictures.layout import Texts, layout
+from app.pictures.layout import Remarks, Texts, layout
 from app.pictures.traces import Rounding, Trace, error_lines, hover, plain_lines, rows_of
 from app.pictures.words import drawn_sentence
 
@@ -27,6 +27,8 @@ MOST_ARROWS_PER_AXIS: Final = 12
 NOMINAL_PX: Final = 2.5
 EDGE_PX: Final = 5
 FACE_PX: Final = 1.5
+
+NO_REMARKS: Final = Remarks()
 
 BOX: Final = "box"
 """What the legend shows and hides together."""
@@ -41,6 +43,7 @@ def work_volume_picture(
     subtitle: str = "",
     exaggeration: float | None = None,
     arrows_per_axis: int = 5,
+    remarks: Remarks = NO_REMARKS,
 ) -> Figure:
     """Draw the work volume as it should be, as it is, and the error vectors between.
 
@@ -60,13 +63,15 @@ def work_volume_picture(
     arrows_per_axis
         Error vectors along each axis of a cube, 2 to 12; long axes have more of them
         and short ones fewer.
+    remarks
+        What is to be said against these errors; shown above the drawing.
 
     Returns
     -------
     plotly.graph_objects.Figure
         To be turned by hand; under the mouse are the nominal position [mm] and the
         real error [µm]. `layout.meta` has `title`, `subtitle` and `drawn` as plain
-        text, and `exaggeration`.
+        text, `exaggeration`, and the remarks: `complete`, `warnings`, `counted_as_zero`.
 
     Raises
     ------
@@ -97,7 +102,7 @@ def work_volume_picture(
     distorted = DistortedVolume.make(field, volume, tool_offset_mm, exaggeration)
     rounding = Rounding.of(volume, distorted.largest_um)
     traces = _traces(distorted, points_along_axes(volume, arrows_per_axis), rounding)
-    texts = Texts(title, subtitle, drawn_sentence(distorted, rounding))
+    texts = Texts(title, subtitle, drawn_sentence(distorted, rounding), remarks)
     return Figure({"data": traces, "layout": layout(distorted, traces, texts, rounding)})
 
 

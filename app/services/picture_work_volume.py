@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.errors import list_names
+from app.pictures.layout import Remarks
 from app.pictures.work_volume_picture import work_volume_picture
 from app.services.ask_field import FieldAnswer, FieldQuestion, ask_field, work_volume
 from app.services.context import Context
@@ -54,15 +55,16 @@ def picture_work_volume(
         box,
         question.tool_offset_mm,
         title=f"{asked.machine.name} · volumetric error",
-        subtitle=_subtitle(asked, question, remarks),
+        subtitle=_subtitle(asked, question),
         exaggeration=exaggeration,
         arrows_per_axis=arrows_per_axis,
+        remarks=Remarks(asked.complete, [*asked.warnings, *remarks], asked.counted_as_zero),
     )
     return Picture(asked, figure)
 
 
-def _subtitle(asked: FieldAnswer, question: FieldQuestion, remarks: list[str]) -> str:
-    """Say of what the picture is one, and what it leaves out."""
+def _subtitle(asked: FieldAnswer, question: FieldQuestion) -> str:
+    """Say of what the picture is one, and what counts as zero in it."""
     temperatures = ", ".join(f"{s} {t:.1f} °C" for s, t in asked.temperatures_c[0].items())
     x, y, z = question.tool_offset_mm
     said = [
@@ -71,4 +73,4 @@ def _subtitle(asked: FieldAnswer, question: FieldQuestion, remarks: list[str]) -
     ]
     if asked.counted_as_zero:
         said.append(f"counted as zero: {list_names(asked.counted_as_zero)}")
-    return "; ".join([*said, *remarks])
+    return "; ".join(said)

@@ -1,5 +1,6 @@
 """Pictures over HTTP: a page for browsers, a figure for programs."""
 
+import html
 import re
 
 import numpy as np
@@ -47,6 +48,40 @@ async def test_a_browser_gets_a_page_whose_script_the_service_has(client):
     script = await client.get(scripts[0])
     assert script.status_code == 200
     assert "plotly.js" in script.text[:300]
+
+
+async def test_a_page_that_is_asked_for_as_a_file_contains_plotly(client):
+    answer = await client.post(PATH, json=ASKED, headers={"Accept": "text/html"})
+    assert answer.status_code == 200
+    assert not re.findall(r"<script[^>]+src=", answer.text)
+    assert "plotly.js v" in answer.text
+    assert answer.headers["content-security-policy"].count("'sha256-") == 2
+
+
+@pytest.mark.parametrize("asked", ["GET", "POST"])
+async def test_the_picture_says_what_the_volumetric_error_says(client, clock, asked):
+    """Above the maps, and long after the last reading: clamped, stale, and not complete."""
+    await client.post(f"{ROOM}/readings", json=reading(START, 45.0))
+    clock.advance(3 * 86_400)
+    body = {"points_mm": [[0, 0, 0]], "missing_components": "zero"}
+    wanted = (await client.post(f"{ROOM}/volumetric-error", json=body)).json()
+    assert any("is stale" in w for w in wanted["warnings"])
+    assert any("outside the maps" in w for w in wanted["warnings"])
+
+    async def picture(accept):
+        headers = {"Accept": accept}
+        if asked == "GET":
+            return await client.get(f"{PATH}?missing_components=zero", headers=headers)
+        return await client.post(PATH, json={"missing_components": "zero"}, headers=headers)
+
+    meta = (await picture("application/json")).json()["layout"]["meta"]
+    for name in ("complete", "warnings"):
+        assert meta[name] == wanted[name]
+    # The volumetric error has the tool's direction too, and needs more for that.
+    assert set(meta["counted_as_zero"]) < set(wanted["counted_as_zero"])
+    written = (await picture("text/html")).text
+    items = [html.unescape(item) for item in re.findall("<li>(.*?)</li>", written)]
+    assert items == ["not complete", *wanted["warnings"]]
 
 
 async def test_a_machines_name_is_no_markup(client):

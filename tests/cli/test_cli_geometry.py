@@ -1,7 +1,7 @@
 """thermap picture and thermap accuracy."""
 
 import json
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 from plotly.io import from_json
@@ -28,6 +28,14 @@ def test_a_figure_for_programs(thermap, tmp_path):
     found = thermap("picture", "mcfv5050", *HOT, "--exaggeration", 500, "-o", file)
     assert found.exit_code == 0
     assert from_json(file.read_text(encoding="utf-8")).layout.meta["exaggeration"] == 500
+
+
+def test_what_is_to_be_said_against_a_picture_is_printed(thermap, client, tmp_path):
+    client.store_readings("mcfv5050", reading(datetime.now(UTC) - timedelta(days=3), 22.0))
+    found = thermap("picture", "mcfv5050", "--missing-as-zero", "-o", tmp_path / "now.html")
+    told = " ".join(found.stdout.split())
+    for said in ("! not complete", "! counted as zero: EYX", "! x-middle is stale"):
+        assert said in told
 
 
 def test_at_the_latest_reading(thermap, client, tmp_path):

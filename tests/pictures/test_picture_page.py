@@ -1,6 +1,9 @@
 """The page and the JSON of a picture: complete, strict, and with no text that acts."""
 
+import html
 import json
+import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -10,11 +13,13 @@ import plotly.io
 import pytest
 
 from app.errors import InvalidContent
+from app.pictures.layout import Remarks
 from app.pictures.page import figure_json, page
 from tests.geometry.example_fields import NONRIGID, TOOL, random_field
 from tests.pictures.example_pictures import CUBE, VOLUMES, picture, random_picture
 
 ADDRESS = "/docs-assets/plotly.min.js"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 EVIL = "</title></script><script>alert('1')</script><img src=x onerror=alert(2)> & \"Mill\""
 
 
@@ -107,9 +112,65 @@ def test_the_page_says_what_is_drawn():
     )
     read = Reader(page(figure, plotly_js=ADDRESS))
     assert read.texts["h1"] == "Mill 7"
-    assert read.texts["p"] == "XYFZ, tool offset (0, 0, 160) mm"
+    assert read.texts["p"].startswith("XYFZ, tool offset (0, 0, 160) mm")
     assert read.texts["footer"] == figure.layout.meta["drawn"]
     assert "drawn 500 times larger" in read.texts["footer"]
+
+
+REMARKS = Remarks(False, ["spindle is stale", f"{EVIL} held"], ["ECZ"])
+
+
+def test_what_is_said_against_the_errors_stands_on_the_page_and_in_the_figure():
+    figure = picture(remarks=REMARKS)
+    written = page(figure, plotly_js=ADDRESS)
+    items = re.findall("<li>(.*?)</li>", written)
+    assert [html.unescape(item) for item in items] == ["not complete", *REMARKS.warnings]
+    assert "<img" not in written
+    assert written.index('class="warnings"') < written.index("<main>")
+    meta = json.loads(figure_json(figure))["layout"]["meta"]
+    assert (meta["complete"], meta["warnings"]) == (False, REMARKS.warnings)
+    assert meta["counted_as_zero"] == ["ECZ"]
+    shown = figure.layout.title.subtitle.text
+    assert "! spindle is stale" in shown
+    assert "<img" not in shown
+
+
+def test_many_warnings_leave_room_for_the_drawing():
+    many = [f"sensor {i} is stale" for i in range(40)]
+    figure = picture(remarks=Remarks(True, many))
+    assert "sensor 0 is stale" in figure.layout.title.subtitle.text
+    assert "40 remarks in all" in figure.layout.title.subtitle.text
+    assert figure.layout.margin.t < 300
+    assert page(figure, plotly_js=ADDRESS).count("<li>") == 40
+
+
+def test_a_page_about_which_nothing_is_to_be_said_says_nothing():
+    figure = picture()
+    assert 'class="warnings"' not in page(figure, plotly_js=ADDRESS)
+    assert (figure.layout.meta["complete"], len(figure.layout.meta["warnings"])) == (True, 0)
+
+
+@pytest.mark.parametrize("plotly_js", [ADDRESS, "inline"])
+def test_where_no_script_runs_a_sentence_says_why_nothing_is_drawn(plotly_js):
+    read = Reader(page(picture(), plotly_js=plotly_js))
+    assert "The picture is not drawn yet" in read.texts["p"]
+    assert (ADDRESS in read.texts["p"]) == (plotly_js == ADDRESS)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+@pytest.mark.parametrize(("plotly_js", "is_drawn"), [("inline", True), (ADDRESS, False)])
+def test_a_browser_draws_the_file_or_shows_the_sentence(tmp_path, plotly_js, is_drawn):
+    file = tmp_path / "picture.html"
+    file.write_text(page(picture(), plotly_js=plotly_js), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
+    options += [f"--user-data-dir={tmp_path}/profile", "--virtual-time-budget=20000", "--dump-dom"]
+    found = subprocess.run(
+        [str(CHROMIUM), *options, file.as_uri()], capture_output=True, text=True, check=True
+    )
+    shown = Reader(found.stdout)
+    assert ("not-drawn" in shown.attributes("id")) != is_drawn
+    assert any("js-plotly-plot" in kind for kind in shown.attributes("class")) == is_drawn
 
 
 def test_the_page_changes_no_figure_and_is_the_same_each_time():

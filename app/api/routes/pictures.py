@@ -13,17 +13,20 @@ from app.api.media_types import HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.schemas.pictures import PictureRequest
-from app.pictures.page import figure_json, page
+from app.pictures.page import INLINE, figure_json, page
 from app.services.context import Context
 from app.services.picture_work_volume import picture_work_volume
 
 router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
 
 PLOTLY_JS = "/docs-assets/plotly.min.js"
+"""Where a browser finds plotly, and keeps it; a page that is asked for as a file contains it."""
 
 _FORMS: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "A page, or a plotly figure as JSON",
+        "description": "A page, or a plotly figure as JSON: what other answers about the machine "
+        "in three dimensions have as `complete`, `warnings` and `counted_as_zero` stands in its "
+        "`layout.meta`",
         "content": {HTML: {"schema": {"type": "string"}}, JSON: {"schema": {"type": "object"}}},
     }
 }
@@ -45,9 +48,12 @@ def get_picture(
     ] = "refuse",
     accept: AcceptHeader = JSON,
 ) -> Response:
-    """Draw the work volume with exaggerated error vectors; a browser is shown a page."""
+    """Draw the work volume with exaggerated error vectors; a browser is shown a page.
+
+    The page loads plotly from the service: it is no file to be kept. `POST` writes one that is.
+    """
     body = PictureRequest.model_validate({"missing_components": missing_components})
-    return _picture(context, machine, body, accept)
+    return _picture(context, machine, body, accept, PLOTLY_JS)
 
 
 @router.post(
@@ -59,11 +65,16 @@ def get_picture(
 def post_picture(
     context: ContextDep, machine: MachinePath, body: PictureRequest, accept: AcceptHeader = JSON
 ) -> Response:
-    """Draw the work volume at stated temperatures, with a tool offset, in a stated volume."""
-    return _picture(context, machine, body, accept)
+    """Draw the work volume at stated temperatures, with a tool offset, in a stated volume.
+
+    The page contains plotly, some 5 MB: as a file it needs no other.
+    """
+    return _picture(context, machine, body, accept, INLINE)
 
 
-def _picture(context: Context, machine: str, body: PictureRequest, accept: str) -> Response:
+def _picture(
+    context: Context, machine: str, body: PictureRequest, accept: str, plotly_js: str
+) -> Response:
     drawn = picture_work_volume(
         context,
         machine,
@@ -74,6 +85,6 @@ def _picture(context: Context, machine: str, body: PictureRequest, accept: str) 
     )
     headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
     if chosen_form(accept, [JSON, HTML]) == HTML:
-        written = page(drawn.figure, plotly_js=PLOTLY_JS)
-        return Page(written, scripts=1, headers=headers)
+        written = page(drawn.figure, plotly_js=plotly_js)
+        return Page(written, scripts=2 if plotly_js == INLINE else 1, headers=headers)
     return Response(figure_json(drawn.figure), media_type=JSON, headers=headers)
