@@ -126,6 +126,22 @@ def date_text(time_s: float) -> str:
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
 
 
+def utc_time(time_s: float) -> datetime:
+    """Give a time with its zone, to the second.
+
+    Parameters
+    ----------
+    time_s
+        Seconds since 1970-01-01 UTC.
+
+    Examples
+    --------
+    >>> utc_time(59.9)
+    datetime.datetime(1970, 1, 1, 0, 0, 59, tzinfo=datetime.timezone.utc)
+    """
+    return datetime.fromtimestamp(math.floor(time_s), UTC)
+
+
 def iso_time(time_s: float) -> str:
     """Write a time as HTTP answers do, to the second.
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from pydantic import Field
 
+from app.answer import answers
 from app.api.pages import Page
 from app.api.schemas.base import Schema
 
@@ -75,7 +77,7 @@ def document_problems(service: FastAPI) -> None:
 
     def openapi() -> dict[str, Any]:
         if service.openapi_schema is None:
-            document = plain()
+            document = _as_published(plain())
             schemas = document["components"]["schemas"]
             for name in _NOT_OURS:
                 schemas.pop(name, None)
@@ -100,6 +102,28 @@ def document_problems(service: FastAPI) -> None:
         return service.openapi_schema
 
     service.openapi = openapi  # type: ignore[method-assign]
+
+
+def _as_published(document: dict[str, Any]) -> dict[str, Any]:
+    """Name the domain's own shapes as they are published."""
+    names = {shape.__name__: shape.published_as for shape in answers()}
+    schemas = document["components"]["schemas"]
+    document["components"]["schemas"] = dict(
+        sorted((names.get(name, name), schema) for name, schema in schemas.items())
+    )
+    _follow_names(document, names)
+    return document
+
+
+def _follow_names(part: Any, names: Mapping[str, str]) -> None:
+    """Let references follow their schemas' new names."""
+    if isinstance(part, dict):
+        stem, _, name = str(part.get("$ref", "")).rpartition("/")
+        if name in names:
+            part["$ref"] = f"{stem}/{names[name]}"
+    inside = part.values() if isinstance(part, dict) else part
+    for one in inside if isinstance(part, dict | list) else ():
+        _follow_names(one, names)
 
 
 def swagger_page(title: str) -> Page:

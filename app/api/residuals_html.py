@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from app.api.schemas.residuals import ResidualsAnswer
 from app.identification.residual_curves import residual_curves
-from app.pictures.residuals_page import ResidualsHead, residuals_page
+from app.pages.residuals_page import ResidualsHead, residuals_page
 from app.services.show_residuals import ShownResiduals
 
 
@@ -16,9 +15,9 @@ def residuals_html(shown: ShownResiduals) -> str:
         machine_id=machine.id,
         machine_name=machine.name,
         chain=machine.chain.text,
+        model_version=shown.model_version,
         verifications=[(v.label, str(v.datum)) for v in shown.verifications],
         first_s=float(times_s.min()),
         last_s=float(times_s.max()),
     )
-    answer = ResidualsAnswer.of(shown, []).model_dump(mode="json")
-    return residuals_page(head, answer, residual_curves(shown.report))
+    return residuals_page(head, shown.report, residual_curves(shown.report))

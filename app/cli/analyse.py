@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
-import orjson
 import typer
+from pydantic import TypeAdapter
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
@@ -30,10 +30,13 @@ from app.client import (
 )
 from app.errors import FieldError, ThermapError, list_names
 from app.geometry.components import ORDER
+from app.identification.analysis import Analysis
+from app.identification.plan import Plan
 from app.identification.search.findings import Status
 from app.storage.records import AnalysisStatus
 
 POLL_S: Final = 0.3
+_PLAN: Final = TypeAdapter(Plan)
 _GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
 
 
@@ -123,26 +126,28 @@ def analyse(
             question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
             job = thermap.analyse(machine, question)
             _follow(thermap, machine, job.id)
-        answer = _answer(thermap, machine, job.id)
+        content = thermap.content(loop_calls.analysis(machine, job.id))
+        result = _result(content)
         if not json:
-            _show(analysis_view(answer["result"]))
+            _show(analysis_view(result))
         try:
             if adopt:
-                _adopt(thermap, machine, job.id, answer["result"])
-                answer = _answer(thermap, machine, job.id)
+                _adopt(thermap, machine, job.id, result)
+                content = thermap.content(loop_calls.analysis(machine, job.id))
         finally:
             if json:
-                _show(answer)
+                _show(content)
         if output is not None:
             write_file(output, thermap.analysis_report(machine, job.id))
             typer.echo(f"{output}: the report of analysis {job.id}", err=True)
 
 
-def _answer(thermap: ThermapClient, machine: str, analysis_id: int) -> dict[str, Any]:
-    answer: dict[str, Any] = orjson.loads(
-        thermap.content(loop_calls.analysis(machine, analysis_id))
-    )
-    return answer
+def _result(content: bytes) -> Analysis:
+    """Read what was found, of an analysis that is done."""
+    result = AnalysisAnswer.model_validate_json(content).result
+    if result is None:
+        raise NotAnalysed("the analysis has no result")
+    return result
 
 
 @contextmanager
@@ -171,10 +176,10 @@ def _check_usage(output: Path | None, *, plan: bool, adopt: bool) -> None:
         )
 
 
-def _show(found: Mapping[str, Any] | RenderableType) -> None:
+def _show(found: bytes | RenderableType) -> None:
     """Write JSON, or a view."""
-    if isinstance(found, Mapping):
-        typer.echo(orjson.dumps(found).decode())
+    if isinstance(found, bytes):
+        typer.echo(found.decode())
     else:
         Console(highlight=False).print(found)
 
@@ -194,10 +199,10 @@ def _show_plan(
     call = loop_calls.plan_analysis(machine, question)
     try:
         with Console(stderr=True).status("planning"):
-            answer = orjson.loads(thermap.content(call))
+            content = thermap.content(call)
     except InvalidContentError as error:
         raise _refused(error, files) from error
-    _show(answer if json else plan_view(answer))
+    _show(content if json else plan_view(_PLAN.validate_json(content)))
 
 
 def _refused(error: InvalidContentError, files: Sequence[VerificationFile]) -> ThermapError:
@@ -351,12 +356,10 @@ def _expect_done(job: AnalysisAnswer) -> None:
         raise NotAnalysed(f"analysis {job.id} {job.status}{why}")
 
 
-def _adopt(
-    thermap: ThermapClient, machine: str, analysis_id: int, result: Mapping[str, Any]
-) -> None:
+def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analysis) -> None:
     """Adopt what held-out visits confirm; say what was left."""
-    confirmed = [i for i, e in enumerate(result["effects"]) if e["status"] == Status.CONFIRMED]
-    left = [e["explanation"] for e in result["effects"] if e["status"] != Status.CONFIRMED]
+    confirmed = [i for i, e in enumerate(result.effects) if e.status == Status.CONFIRMED]
+    left = [e.explanation for e in result.effects if e.status != Status.CONFIRMED]
     if left:
         typer.echo(f"not adopted, because not confirmed: {list_names(left)}", err=True)
     if not confirmed:

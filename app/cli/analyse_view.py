@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
@@ -11,24 +11,17 @@ from rich.table import Table
 from rich.text import Text
 
 from app.errors import counted
-from app.pictures.analysis_report.names import (
+from app.identification.analysis import Analysis, ComponentFigures, FoundEffect
+from app.pages.analysis_report.names import (
     VERDICTS,
     learnt_words,
-    overall_unit,
     parameter_name,
     parameter_text,
     rival_name,
     status_words,
 )
-from app.pictures.analysis_report.sizes import (
-    before_and_after,
-    floor_of,
-    overall_count,
-    overall_floor,
-    overall_size,
-)
-from app.pictures.report_parts.component_names import component_name
-from app.pictures.report_parts.words import decimals_for, figure_text
+from app.pages.report_parts.component_names import component_name
+from app.pages.report_parts.words import decimals_for, figure_text
 
 COMPONENTS_SHOWN: Final = 12
 """Those that changed come first, then those that stand out most; the report has all."""
@@ -39,101 +32,98 @@ _STYLES: Final = {
     "unexplained": "bold yellow",
 }
 
-Result = Mapping[str, Any]
 
-
-def analysis_view(result: Result) -> RenderableType:
+def analysis_view(result: Analysis) -> RenderableType:
     """Lay out an analysis' answer.
 
     Parameters
     ----------
     result
-        JSON's own types.
+        What was found.
     """
     parts: list[RenderableType] = [
-        Text(VERDICTS[result["verdict"]], style=_STYLES[result["verdict"]]),
-        Text(result["summary"]),
+        Text(VERDICTS[result.verdict], style=_STYLES[result.verdict]),
+        Text(result.summary),
         Text(),
         _components(result),
         Text(),
-        *_effects(result["effects"]),
+        *_effects(result.effects),
         *_remains(result),
         Text("next:", style="bold"),
-        *(Padding(Text(step), (0, 0, 0, 2)) for step in result["what_next"]),
+        *(Padding(Text(step), (0, 0, 0, 2)) for step in result.what_next),
     ]
     return Group(*parts)
 
 
-def _components(result: Result) -> Table:
+def _components(result: Analysis) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
     table.add_column("RMS of residuals", no_wrap=True)
     for heading in ("before", "after", "floor"):
         table.add_column(heading, justify="right")
     table.add_column("unit", no_wrap=True)
     table.add_column("values", justify="right")
-    components = sorted(result["components"], key=_is_unchanged)
+    components = sorted(result.components, key=_is_unchanged)
     for one in components[:COMPONENTS_SHOWN]:
-        decimals = decimals_for(one["noise"])
-        sizes = (*before_and_after(one), floor_of(one))
+        decimals = decimals_for(one.noise)
+        sizes = (*one.shown_rms, one.noise_floor)
         cells = [figure_text(size, decimals) for size in sizes]
-        name = component_name(one["component"])
-        table.add_row(name, *cells, one["unit"], str(one["count"]))
-    before, after = (overall_size(result[which]) for which in ("before", "after"))
-    decimals = decimals_for(result["noise_um"])
-    cells = [figure_text(size, decimals) for size in (before, after, overall_floor(result))]
+        name = component_name(one.component)
+        table.add_row(name, *cells, one.unit, str(one.count))
+    before, after = (one.shown_rms_um for one in (result.before, result.after))
+    decimals = decimals_for(result.noise_um)
+    cells = [figure_text(size, decimals) for size in (before, after, result.noise_floor_um)]
     more = len(components) - COMPONENTS_SHOWN
-    unit = overall_unit(components)
-    name = f"all in {unit or 'their units'}" + (f" (and {more} more)" if more > 0 else "")
-    table.add_row(name, *cells, unit, str(overall_count(components)), style="bold")
+    unit = result.unit
+    name = f"all in {unit}" + (f" (and {more} more)" if more > 0 else "")
+    table.add_row(name, *cells, unit, str(result.overall_count), style="bold")
     return table
 
 
-def _is_unchanged(component: Mapping[str, Any]) -> bool:
-    before, after = before_and_after(component)
+def _is_unchanged(component: ComponentFigures) -> bool:
+    before, after = component.shown_rms
     return before == after
 
 
-def _effects(effects: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+def _effects(effects: Sequence[FoundEffect]) -> Iterator[RenderableType]:
     for number, effect in enumerate(effects, start=1):
-        yield Text(f"{number}. {effect['explanation']}", style="bold")
+        yield Text(f"{number}. {effect.explanation}", style="bold")
         for line in _told_of(effect):
             yield Padding(Text(line), (0, 0, 0, 3))
         yield Text()
 
 
-def _told_of(effect: Mapping[str, Any]) -> Iterator[str]:
+def _told_of(effect: FoundEffect) -> Iterator[str]:
     evidence, seen = (
-        effect["evidence"]["two_ln_bayes_factor"],
-        effect["evidence"]["seen_in_readings"],
+        effect.evidence.two_ln_bayes_factor,
+        effect.evidence.seen_in_readings,
     )
     sure = f": {seen}" if seen else f"; evidence {figure_text(evidence, 0)}"
-    proxy = "; a proxy: something unexplained remains beside it" if effect["is_proxy"] else ""
-    yield f"{status_words(effect)}{sure}{proxy}"
-    errors = effect["standard_errors"]
-    for name, value in effect["parameters"].items():
+    proxy = "; a proxy: something unexplained remains beside it" if effect.is_proxy else ""
+    yield f"{status_words(effect.status, effect.evidence)}{sure}{proxy}"
+    errors = effect.standard_errors
+    for name, value in effect.parameters.items():
         yield f"{parameter_name(name)}: {parameter_text(name, value, errors.get(name))}"
-    for rival in effect["alternatives"]:
-        if rival["tied"]:
-            yield f"cannot be told from {rival_name(effect, rival)}"
-    if effect["leverage_warning"]:
-        yield effect["leverage_warning"]
-    if learnt := learnt_words(effect):
+    for rival in effect.ties:
+        yield f"cannot be told from {rival_name(effect, rival)}"
+    if effect.leverage_warning:
+        yield effect.leverage_warning
+    if learnt := learnt_words(effect.valid):
         yield f"learnt in: {learnt}; held at the edge beyond"
-    if effect.get("measure_again"):
-        yield f"{effect['measure_again']}."
+    if effect.measure_again:
+        yield f"{effect.measure_again}."
 
 
-def _remains(result: Result) -> Iterator[RenderableType]:
-    for part in result["unexplained"]:
-        leads = f"; it moves with {', '.join(part['leads'])}" if part["leads"] else ""
-        decimals = decimals_for(part["noise_um"])
-        sizes = [figure_text(part[name], decimals) for name in ("rms_um", "noise_um")]
+def _remains(result: Analysis) -> Iterator[RenderableType]:
+    for part in result.unexplained:
+        leads = f"; it moves with {', '.join(part.leads)}" if part.leads else ""
+        decimals = decimals_for(part.noise_um)
+        sizes = [figure_text(size, decimals) for size in (part.rms_um, part.noise_um)]
         yield Text(
-            f"unexplained in {component_name(part['component'])}: {sizes[0]} {part['unit']} RMS, "
+            f"unexplained in {component_name(part.component)}: {sizes[0]} {part.unit} RMS, "
             f"where one observation scatters by {sizes[1]}{leads}",
             style="yellow",
         )
-    for one in result["excluded"]:
-        yield Text(f"left out: {counted(one['count'], 'value')}, {one['reason']}")
-    if result["unexplained"] or result["excluded"]:
+    for one in result.excluded:
+        yield Text(f"left out: {counted(one.count, 'value')}, {one.reason}")
+    if result.unexplained or result.excluded:
         yield Text()

@@ -25,7 +25,8 @@ from app.errors import counted, list_names
 
 if TYPE_CHECKING:
     from app.api.schemas.models import ModelAnswer
-    from app.api.schemas.residuals import ModelComparisonAnswer, SizeAnswer
+    from app.api.schemas.residuals import ModelComparisonAnswer
+    from app.identification.residual_report import Size
 
 models = command_group()
 
@@ -173,7 +174,7 @@ def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
     return Group(table, Text(), told, *reasons)
 
 
-def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAnswer]]]:
+def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[Size]]]:
     """Give each component's sizes in the order of the versions, all lengths last."""
     for i, size in enumerate(found.versions[0].components):
         yield size.component, [one.components[i] for one in found.versions]

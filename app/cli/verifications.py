@@ -27,9 +27,10 @@ from app.client import DEFAULT_URL
 from app.errors import counted, list_names
 
 if TYPE_CHECKING:
-    from app.api.schemas.residuals import ResidualsAnswer, SizeAnswer
+    from app.api.schemas.residuals import ResidualsAnswer
     from app.api.schemas.verifications import VerificationAnswer
     from app.client import ThermapClient
+    from app.identification.residual_report import Size
 
 verifications = command_group()
 
@@ -206,7 +207,7 @@ def _is_any_guessed(found: ResidualsAnswer) -> bool:
     return any("residuals" in size.repeatability_origin for size in found.components)
 
 
-def _cells(size: SizeAnswer) -> list[str]:
+def _cells(size: Size) -> list[str]:
     guessed = "~" if "residuals" in size.repeatability_origin else ""
     known = "–" if size.repeatability is None else f"{guessed}{size.repeatability:.2f}"
     name = "all lengths" if size.component == "all" else size.component

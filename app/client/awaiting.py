@@ -37,7 +37,6 @@ from app.api.schemas.models import (
     WaitingAssignmentAnswer,
 )
 from app.api.schemas.needed import NeededAnswer, PresetAnswer
-from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
@@ -49,6 +48,7 @@ from app.client.blocking import ThermapClient
 from app.client.call import Answer, Call, Content
 from app.client.calls import TaggedTable, VolumetricErrors
 from app.client.connection import explaining, httpx_options, service_url, without_password
+from app.identification.plan import Plan
 
 
 class AsyncThermapClient:
@@ -358,7 +358,7 @@ class AsyncThermapClient:
     async def analyse(self, machine: str, question: Content) -> AnalysisHead:
         return await self.send(loop_calls.analyse(machine, question))
 
-    async def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
+    async def plan_analysis(self, machine: str, plan: Content) -> Plan:
         return await self.send(loop_calls.plan_analysis(machine, plan))
 
     async def analyses(self, machine: str) -> list[AnalysisHead]:

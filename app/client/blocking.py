@@ -35,7 +35,6 @@ from app.api.schemas.models import (
     WaitingAssignmentAnswer,
 )
 from app.api.schemas.needed import NeededAnswer, PresetAnswer
-from app.api.schemas.plan import PlanAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
@@ -46,6 +45,7 @@ from app.client import calls, loop_calls
 from app.client.call import Answer, Call, Content
 from app.client.calls import TaggedTable, VolumetricErrors
 from app.client.connection import explaining, httpx_options, service_url, without_password
+from app.identification.plan import Plan
 
 
 class ThermapClient:
@@ -443,7 +443,7 @@ class ThermapClient:
         """Ask for an analysis with an `AnalysisRequest`; look at it until it is done."""
         return self.send(loop_calls.analyse(machine, question))
 
-    def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
+    def plan_analysis(self, machine: str, plan: Content) -> Plan:
         """Say what the observations of a `PlanRequest` could see, before anyone measures."""
         return self.send(loop_calls.plan_analysis(machine, plan))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.arrays import FloatArray, one_blas_thread
 from app.errors import list_names
+from app.identification import analysis
 from app.identification.advice import summary, what_next
 from app.identification.analysis import (
     Analysis,
@@ -45,7 +46,7 @@ from app.identification.search.figures import rms
 from app.identification.search.findings import Findings, Untested, Verdict
 from app.identification.search.search import Progress, search
 
-VERDICTS: Final = {
+VERDICTS: Final[dict[Verdict, analysis.Verdict]] = {
     Verdict.FOUND: "effects-found",
     Verdict.NOTHING: "nothing-found",
     Verdict.UNEXPLAINED: "unexplained",

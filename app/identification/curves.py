@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.identification.analysis import EffectCurve, Plots, VisitMeans
 from app.identification.before_after import without_zeros
 from app.identification.effects.driver import (
     AboveReference,
@@ -31,7 +32,7 @@ OVER_TIME: Final = ("drift", "step", "sensor-fault")
 OVER_POSITION: Final = ("backlash", "periodic", "outdated-map")
 
 
-def plots(found: Found, effects: Sequence[Effect]) -> dict[str, Any]:
+def plots(found: Found, effects: Sequence[Effect]) -> Plots:
     """Gather all arrays that a page needs to show the answer without the data.
 
     Parameters
@@ -43,20 +44,19 @@ def plots(found: Found, effects: Sequence[Effect]) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        `effects`: for each effect residuals over its driver; `visits`: for each channel the
-        means of the residuals by visit, those of either direction apart where an effect
-        reverses. Plain lists.
+    Plots
+        For each effect residuals over its driver; for each channel the means of the residuals by
+        visit, those of either direction apart where an effect reverses.
     """
     total = sum((found.explained(e) for e in effects), np.zeros(len(found.rows.values)))
     after = np.where(found.use, found.rows.values - total, np.nan)
-    return {
-        "effects": [_over_driver(found, effect, after) for effect in effects],
-        "visits": _over_visits(found, after, _reversing(effects)),
-    }
+    return Plots(
+        effects=tuple(_over_driver(found, effect, after) for effect in effects),
+        visits=tuple(_over_visits(found, after, _reversing(effects))),
+    )
 
 
-def _over_driver(found: Found, effect: Effect, after: FloatArray) -> dict[str, Any]:
+def _over_driver(found: Found, effect: Effect, after: FloatArray) -> EffectCurve:
     """Residuals without this effect and with it, over what drives it."""
     rows = _rows_of(found, effect)
     own = found.explained(effect)
@@ -64,17 +64,17 @@ def _over_driver(found: Found, effect: Effect, after: FloatArray) -> dict[str, A
     rows = rows[np.isfinite(driver[rows])]
     levelled = [without_zeros(found.zeros, values)[rows] for values in (after + own, after)]
     names = np.array(found.residuals.rows.channels)[found.rows.channel[rows]]
-    return {
-        "over": over,
-        "over_unit": unit,
-        "unit": channel_unit(str(names[0])).symbol if len(names) else "µm",
-        "components": names.tolist(),
-        "driver": _rounded(driver[rows]),
-        "before": _rounded(levelled[0]),
-        "after": _rounded(levelled[1]),
-        "explained": _rounded(own[rows]),
-        "direction": _directions(found, effect, rows),
-    }
+    return EffectCurve(
+        over=over,
+        over_unit=unit,
+        unit=channel_unit(str(names[0])).symbol if len(names) else "µm",
+        components=tuple(names.tolist()),
+        driver=_rounded(driver[rows]),
+        before=_rounded(levelled[0]),
+        after=_rounded(levelled[1]),
+        explained=_rounded(own[rows]),
+        direction=_directions(found, effect, rows),
+    )
 
 
 def _rows_of(found: Found, effect: Effect) -> IntArray:
@@ -120,12 +120,12 @@ def _named(driver: Driver) -> tuple[str, str] | None:
     return None
 
 
-def _directions(found: Found, effect: Effect, rows: IntArray) -> list[float]:
+def _directions(found: Found, effect: Effect, rows: IntArray) -> tuple[float, ...]:
     axis = COMPONENTS[effect.components[0]].axis
     if axis is None:
-        return [0.0] * len(rows)
+        return (0.0,) * len(rows)
     signs = found.residuals.rows.directions[rows, LINEAR_LETTERS.index(axis)]
-    return [float(sign) for sign in np.sign(signs)]
+    return tuple(np.sign(signs).astype(float).tolist())
 
 
 def _reversing(effects: Sequence[Effect]) -> set[str]:
@@ -134,9 +134,7 @@ def _reversing(effects: Sequence[Effect]) -> set[str]:
     return {code for effect in own for code in effect.components}
 
 
-def _over_visits(
-    found: Found, after: FloatArray, reversing: Collection[str]
-) -> list[dict[str, Any]]:
+def _over_visits(found: Found, after: FloatArray, reversing: Collection[str]) -> list[VisitMeans]:
     """Means by visit of every channel; of very many visits some."""
     rows = found.residuals.rows
     before = np.where(found.use, found.rows.values, np.nan)
@@ -159,22 +157,22 @@ def _over_visits(
             for values in (rows.times_s, before, after)
         ]
         curves.append(
-            {
-                "component": channel,
-                "unit": channel_unit(channel).symbol,
-                "at_points": channel in POINT_CHANNELS,
-                "time_s": np.round(means[0][kept]).tolist(),
-                "direction": together[kept, 1].tolist(),
-                "count": counts[kept].tolist(),
-                "before": _rounded(means[1][kept]),
-                "after": _rounded(means[2][kept]),
-            }
+            VisitMeans(
+                component=channel,
+                unit=channel_unit(channel).symbol,
+                at_points=channel in POINT_CHANNELS,
+                time_s=tuple(np.round(means[0][kept]).tolist()),
+                direction=tuple(together[kept, 1].tolist()),
+                count=tuple(counts[kept].tolist()),
+                before=_rounded(means[1][kept]),
+                after=_rounded(means[2][kept]),
+            )
         )
     return curves
 
 
-def _rounded(values: FloatArray) -> list[float]:
+def _rounded(values: FloatArray) -> tuple[float, ...]:
     """Round to what a drawing shows: five significant digits of the largest."""
     largest = float(np.max(np.abs(values), initial=0.0))
     digits = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
-    return [float(value) for value in np.round(values, digits)]
+    return tuple(np.round(values, digits).tolist())

@@ -144,7 +144,7 @@ def _in_table(effect: Effect, missing: str, held: Sequence[str]) -> EffectInTabl
         explain(effect),
         missing,
         held,
-        effect.learnt_in,
+        effect.learnt_fields,
         use_until(effect),
     )
 

@@ -23,7 +23,7 @@ from app.identification.residuals import Residuals, channel_unit
 from app.identification.search.figures import rms
 from app.identification.search.findings import Findings, FoundTerm, Rival, Status
 from app.identification.search.rows import Rows
-from app.units import Unit, iso_time
+from app.units import Unit, utc_time
 
 HIGH_LEVERAGE: Final = 0.6
 """From this share of the evidence on two visits on, a warning is given."""
@@ -262,7 +262,7 @@ def _visit(found: Found, number: int) -> StrongVisit:
     rows = found.residuals.rows
     own = rows.visit == number
     label = rows.verifications[int(rows.verification[own][0])].label
-    return StrongVisit(label, iso_time(float(rows.times_s[own].min())))
+    return StrongVisit(label, utc_time(float(rows.times_s[own].min())))
 
 
 def _leverage_warning(found: Found, term: FoundTerm) -> str | None:

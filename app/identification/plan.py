@@ -4,110 +4,148 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from datetime import datetime
+from typing import Annotated
 
-from app.identification.analysis import plain
+from pydantic import Field
+
+from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.identification.effects.kind import NotTested
 from app.identification.residuals import LeftOut
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedRival:
-    """What imitates an effect best, the share of it that it reproduces, and what separates them."""
+class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
+    """What imitates an effect best."""
 
     kind: str
+    """Kind of effect"""
+
     components: tuple[str, ...]
+    """On which components"""
+
     sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
     states: tuple[str, ...]
+    """Driven by which states"""
+
     overlap: float
+    """Share of the effect that it reproduces"""
+
     separating_measurement: str | None
+    """What would tell them apart"""
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedEffect:
-    """The smallest effect that the plan would find nine times in ten.
+class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
+    """The smallest effect of one kind that the plan would find nine times in ten."""
 
-    Parameters
-    ----------
-    kind, variant, components, sensors, states
-        Which effect.
-    unit
-        Symbol of the unit of both figures.
-    smallest_rms
-        Its root mean square over the rows in which it shows.
-    distinguishable_rms
-        The same to be told from its closest rival; None: nothing in this plan tells them apart.
-    rival
-        The closest rival of another kind.
-    """
+    kind: Annotated[str, Field(examples=["thermal-lag"])]
+    """Kind of effect"""
 
-    kind: str
     variant: str
+    """Which form of the kind; empty where it has one only"""
+
     components: tuple[str, ...]
+    """On which components"""
+
     sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
     states: tuple[str, ...]
-    unit: str
-    smallest_rms: float
-    distinguishable_rms: float | None
+    """Driven by which states"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    smallest_rms: Annotated[
+        float,
+        Field(description=f"Its root mean square over the rows in which it shows {IN_ITS_UNIT}"),
+    ]
+    distinguishable_rms: Annotated[
+        float | None,
+        Field(
+            description="The same to be told from its closest rival; null where nothing in this "
+            f"plan tells them apart {IN_ITS_UNIT}"
+        ),
+    ]
     rival: PlannedRival | None
+    """Its closest rival of another kind"""
 
 
 @dataclass(frozen=True, slots=True)
-class Helped:
-    """What an added visit does for one effect: its smallest size before and after."""
+class Helped(Answer, published_as="HelpedAnswer"):
+    """What an added visit does for one effect."""
 
     kind: str
+    """Kind of effect"""
+
     components: tuple[str, ...]
+    """On which components"""
+
     sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
     states: tuple[str, ...]
-    unit: str
-    before_rms: float
-    after_rms: float
+    """Driven by which states"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    before_rms: Annotated[
+        float, Field(description=f"Smallest that is seen without it {IN_ITS_UNIT}")
+    ]
+    after_rms: Annotated[float, Field(description=f"Smallest that is seen with it {IN_ITS_UNIT}")]
 
 
 @dataclass(frozen=True, slots=True)
-class Suggestion:
-    """A visit to add: in words, when the machine was like that (UTC), and what it helps."""
+class Suggestion(Answer, published_as="SuggestionAnswer"):
+    """A visit to add."""
 
     sentence: str
-    like_time: str
+    """Which, and what it helps"""
+
+    like_time: datetime
+    """When the machine was like that, UTC"""
+
     temperatures_c: Mapping[str, float]
+    """Its sensors' temperatures then [°C]"""
+
     states: Mapping[str, float]
+    """Its state then"""
+
     helped: tuple[Helped, ...]
+    """The effects that gain most"""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What a plan of measurements can do.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan(Answer, published_as="PlanAnswer"):
+    """What a plan of measurements could see and tell apart, and which visit to add."""
 
-    Parameters
-    ----------
-    summary
-        Two plain sentences.
-    visits, values
-        How many are planned.
-    notes
-        What was assumed.
-    effects
-        What could be seen, the hardest to tell apart first.
-    not_testable
-        What could not, and why.
-    excluded
-        Planned values that could not be compared with the model.
-    suggestions
-        Visits to add, the most useful first.
-    """
+    model_version: int
+    """Version that would be analysed"""
 
     summary: str
-    visits: int
-    values: int
-    notes: tuple[str, ...]
-    effects: tuple[PlannedEffect, ...]
-    not_testable: tuple[NotTested, ...]
-    excluded: tuple[LeftOut, ...]
-    suggestions: tuple[Suggestion, ...]
+    """Two plain sentences"""
 
-    def to_json(self) -> dict[str, Any]:
-        """Write it down: JSON's own types, every number finite."""
-        found: dict[str, Any] = plain(self)
-        return found
+    visits: int
+    """Planned visits"""
+
+    values: int
+    """Planned values"""
+
+    notes: tuple[str, ...]
+    """What was assumed"""
+
+    effects: tuple[PlannedEffect, ...]
+    """The hardest to tell apart first"""
+
+    not_testable: tuple[NotTested, ...]
+    """What could not be seen"""
+
+    excluded: tuple[LeftOut, ...]
+    """What cannot be held against the model"""
+
+    suggestions: tuple[Suggestion, ...]
+    """Visits to add, most useful first"""

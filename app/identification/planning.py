@@ -35,7 +35,7 @@ from app.identification.search.rows import DeclaredNoise, Rows
 from app.identification.search.search import FALSE_ALARM
 from app.identification.search.state import State
 from app.identification.search.visit_scatter import FEWEST_VISITS
-from app.units import SECONDS_PER_DAY, iso_time
+from app.units import SECONDS_PER_DAY, utc_time
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
 """Where nobody states one; in the other units the same number."""
@@ -54,7 +54,7 @@ WORTH_SAYING: Final = 0.95
 """A visit helps where it lowers the smallest effect to this share or below."""
 
 
-def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
+def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALARM) -> Plan:
     """Tell what planned observations could see and tell apart, and which visit to add.
 
     Parameters
@@ -62,6 +62,8 @@ def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
     campaign
         Its verifications are the plan; those that are yet to be measured say so. Times outside
         the record are planned on recorded days.
+    model_version
+        Number of the version that it holds.
     false_alarm
         Accepted probability that anything is found in noise.
 
@@ -91,6 +93,7 @@ def plan(campaign: Campaign, false_alarm: float = FALSE_ALARM) -> Plan:
     own = residuals.rows.verification < len(planned.verifications)
     visits = int(np.unique(residuals.rows.visit[own]).size)
     return Plan(
+        model_version=model_version,
         summary=_summary(visits, int(own.sum()), effects, suggestions),
         visits=visits,
         values=int(own.sum()),
@@ -304,7 +307,11 @@ def _suggestion(visit: AddedVisit, helped: Sequence[Helped]) -> Suggestion:
         f"{one.after_rms:.2g} {one.unit}."
     )
     return Suggestion(
-        sentence, iso_time(visit.time_s), visit.temperatures_c, visit.states, tuple(helped)
+        sentence,
+        utc_time(visit.time_s),
+        visit.temperatures_c,
+        visit.states,
+        tuple(helped),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.identification.before_after import lengths
 from app.identification.residual_report import ResidualReport, Size
-from app.identification.residual_summary import Curve, curves_along
+from app.identification.residual_summary import Bin, Curve, curves_along
 
 MOST_SINGLE: Final = 2000
 """Of more values only means and scatter are shown."""
@@ -22,7 +22,35 @@ DIGITS: Final = 4
 TIME: Final = "time [s]"
 
 
-def residual_curves(report: ResidualReport) -> list[dict[str, Any]]:
+@dataclass(frozen=True, slots=True)
+class ResidualCurve:
+    """Residuals over one quantity.
+
+    Parameters
+    ----------
+    over
+        The quantity, with its unit.
+    bins
+        Means and scatter along it.
+    at, residual
+        The single values, where and what; empty where there are too many.
+    """
+
+    over: str
+    bins: tuple[Bin, ...]
+    at: tuple[float, ...]
+    residual: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentCurves:
+    """All curves of one component, or of all lengths (`all`)."""
+
+    component: str
+    curves: tuple[ResidualCurve, ...]
+
+
+def residual_curves(report: ResidualReport) -> list[ComponentCurves]:
     """Give the curves of all lengths together, and of each component.
 
     Parameters
@@ -32,10 +60,8 @@ def residual_curves(report: ResidualReport) -> list[dict[str, Any]]:
 
     Returns
     -------
-    list of dict
-        component, unit and curves of each: over, bins (see `Bin`), and the single values `at`
-        and `residual`, empty where there are too many. All lengths come first, as `all`, where
-        there are several components of them.
+    list of ComponentCurves
+        All lengths come first, as `all`, where there are several components of them.
     """
     rows = report.residuals.rows
     channels = np.array(rows.channels)[rows.channel]
@@ -44,30 +70,27 @@ def residual_curves(report: ResidualReport) -> list[dict[str, Any]]:
     if together is not None and sum(s.unit == together.unit for s in report.components) > 1:
         sizes.insert(0, (together, lengths(report.residuals)))
     return [
-        {
-            "component": size.component,
-            "unit": size.unit,
-            "curves": [
-                _plain(curve)
+        ComponentCurves(
+            size.component,
+            tuple(
+                _shown(curve)
                 for curve in curves_along(
-                    report.residuals, report.values, chosen, size.noise, FEWEST_IN_RANGE
+                    report.residuals, report.values, chosen, size.repeatability, FEWEST_IN_RANGE
                 )
-            ],
-        }
+            ),
+        )
         for size, chosen in sizes
     ]
 
 
-def _plain(curve: Curve) -> dict[str, Any]:
+def _shown(curve: Curve) -> ResidualCurve:
     is_shown = curve.values.size <= MOST_SINGLE
     over = curve.summary.over
-    return {
-        "over": over,
-        "bins": [asdict(one) for one in curve.summary.bins],
-        "at": (curve.at.round().tolist() if over == TIME else _short(curve.at)) if is_shown else [],
-        "residual": _short(curve.values) if is_shown else [],
-    }
+    if not is_shown:
+        return ResidualCurve(over, curve.summary.bins, (), ())
+    at = tuple(curve.at.round().tolist()) if over == TIME else _short(curve.at)
+    return ResidualCurve(over, curve.summary.bins, at, _short(curve.values))
 
 
-def _short(values: FloatArray) -> list[float]:
-    return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]
+def _short(values: FloatArray) -> tuple[float, ...]:
+    return tuple(float(f"{value:.{DIGITS}g}") for value in values.tolist())

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import BoolArray, FloatArray
 from app.identification.before_after import lengths, pooled, unknown_zeros, without_zeros
 from app.identification.residual_summary import Summary, summarise
@@ -17,34 +20,37 @@ from app.identification.search.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)
-class Size:
-    """Size of some residuals, in the unit `unit`.
+class Size(Answer, published_as="SizeAnswer"):
+    """Size of the residuals of one component, or of all lengths together."""
 
-    `share_above` is the share that exceeds the repeatability `noise` in size (noise alone:
-    32 %), whose origin is `declared`, `replicates` or `residuals`.
-    """
+    component: Annotated[str, Field(examples=["EZZ"])]
+    """Component code, `points x`, or `all`"""
 
-    component: str
-    unit: str
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
     count: int
-    mean: float
-    rms: float
-    p95: float
-    noise: float | None
-    noise_origin: str
-    share_above: float | None
+    """How many values"""
+
+    mean: Annotated[float, Field(description=f"Mean {IN_ITS_UNIT}")]
+    rms: Annotated[float, Field(description=f"Root mean square {IN_ITS_UNIT}")]
+    p95: Annotated[float, Field(description=f"95th percentile of the size {IN_ITS_UNIT}")]
+    repeatability: Annotated[
+        float | None, Field(description=f"Standard deviation of one observation {IN_ITS_UNIT}")
+    ]
+    repeatability_origin: str
+    """`declared`, from `replicates`, or guessed from the `residuals` within visits"""
+
+    share_above_repeatability: float | None
+    """Share that exceeds it in size; noise alone: 0.32"""
 
 
-@dataclass(frozen=True, eq=False)
-class ResidualReport:
-    """Residuals and their size.
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualFigures:
+    """What is said of residuals in figures.
 
     Parameters
     ----------
-    residuals
-        What could be compared with the model.
-    values : ndarray, shape (n,) [the channels' units]
-        Measured minus predicted, without the unknown zero of a datum that is not absolute.
     overall
         All lengths together; None where no value is one.
     components
@@ -55,12 +61,31 @@ class ResidualReport:
         What could not be compared.
     """
 
-    residuals: Residuals
-    values: FloatArray
     overall: Size | None
     components: Sequence[Size]
     summaries: Sequence[Summary]
     excluded: Sequence[LeftOut]
+
+    @property
+    def count(self) -> int:
+        """How many values could be held against the model."""
+        return sum(size.count for size in self.components)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualReport(ResidualFigures):
+    """Residuals and their size.
+
+    Parameters
+    ----------
+    residuals
+        What could be compared with the model.
+    values : ndarray, shape (n,) [the channels' units]
+        Measured minus predicted, without the unknown zero of a datum that is not absolute.
+    """
+
+    residuals: Residuals
+    values: FloatArray
 
 
 def residual_report(residuals: Residuals) -> ResidualReport:
@@ -82,8 +107,8 @@ def residual_report(residuals: Residuals) -> ResidualReport:
     overall = None
     noise_um = None
     if in_um:
-        noise_um = pooled([s.noise or 0.0 for s in in_um], [s.count for s in in_um])
-        origins = "/".join(dict.fromkeys(s.noise_origin for s in in_um))
+        noise_um = pooled([s.repeatability or 0.0 for s in in_um], [s.count for s in in_um])
+        origins = "/".join(dict.fromkeys(s.repeatability_origin for s in in_um))
         overall = _size("all", "µm", values[lengths(residuals)], noise_um, origins)
     return ResidualReport(
         residuals=residuals,
@@ -129,7 +154,7 @@ def _size(component: str, unit: str, values: FloatArray, noise: float | None, or
         mean=float(values.mean()),
         rms=rms(values),
         p95=float(np.quantile(size, 0.95)),
-        noise=noise,
-        noise_origin=origin,
-        share_above=None if noise is None else float(np.mean(size > noise)),
+        repeatability=noise,
+        repeatability_origin=origin,
+        share_above_repeatability=None if noise is None else float(np.mean(size > noise)),
     )

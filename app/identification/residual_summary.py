@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import IN_ITS_UNIT, Answer
 from app.arrays import BoolArray, FloatArray
 from app.identification.residuals import Residuals, channel_unit
 from app.identification.search.figures import rms
@@ -20,30 +22,42 @@ DIRECTIONS: Final = {1.0: "+", 0.0: "not stated", -1.0: "−"}
 
 
 @dataclass(frozen=True, slots=True)
-class Bin:
-    """Some residuals together.
+class Bin(Answer, published_as="BinAnswer"):
+    """Residuals that have something in common."""
 
-    `low` and `high` bound what they have in common, None for a name. `rms`, `p95` and `mean`
-    are in the channels' unit; `share_above` says how many exceed the repeatability in size
-    (noise alone: 32 %), None where that is not known.
-    """
+    label: Annotated[str, Field(examples=["24.1 to 25.3"])]
+    """What they have in common"""
 
-    label: str
     low: float | None
+    """Its lower end; null for a name [mm; °C, s …]"""
+
     high: float | None
+    """Its upper end; null for a name [mm; °C, s …]"""
+
     count: int
-    mean: float
-    rms: float
-    p95: float
-    share_above: float | None
+    """How many values"""
+
+    mean: Annotated[float, Field(description=f"Mean {IN_ITS_UNIT}")]
+    rms: Annotated[float, Field(description=f"Root mean square {IN_ITS_UNIT}")]
+    p95: Annotated[float, Field(description=f"95th percentile of the size {IN_ITS_UNIT}")]
+    share_above_repeatability: float | None
+    """Share that exceeds the repeatability in size"""
+
+    @property
+    def middle(self) -> float | None:
+        """The middle of its range; None for a name."""
+        return None if self.low is None or self.high is None else (self.low + self.high) / 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
-    """Residuals over one quantity, in the order of that quantity."""
+class Summary(Answer, published_as="SummaryAnswer"):
+    """Residuals along one quantity."""
 
-    over: str
+    over: Annotated[str, Field(examples=["temperature z-column [°C]"])]
+    """Component, position, time, temperature, rate, state or direction"""
+
     bins: tuple[Bin, ...]
+    """In the order of the quantity"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,5 +221,5 @@ def _bin(
         mean=float(values.mean()),
         rms=rms(values),
         p95=float(np.quantile(size, 0.95)),
-        share_above=None if limit is None else float(np.mean(size > limit)),
+        share_above_repeatability=None if limit is None else float(np.mean(size > limit)),
     )

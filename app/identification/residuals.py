@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from app.answer import Answer
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
@@ -58,11 +60,14 @@ class WrongUnit(InvalidContent):
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
-    """How many values take no part in the search, and why."""
+class LeftOut(Answer, published_as="ExcludedAnswer"):
+    """Values that took no part, with the reason."""
 
-    reason: str
+    reason: Annotated[str, Field(examples=["frozen"])]
+    """Why"""
+
     count: int
+    """How many values"""
 
 
 @dataclass(frozen=True, eq=False)

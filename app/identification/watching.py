@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy import sparse
 
+from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import FloatArray, IntArray, SparseArray
-from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
-from app.identification.analysis import plain
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.e_process import EProcess, likelihood_ratio
 from app.identification.map_uncertainty import ChannelEntries, channel_entries
@@ -155,32 +155,28 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
-    """One followed number as it stands: whose, which, how far it is off, and its e-value.
+class Followed(Answer, published_as="FollowedNumber"):
+    """One number that is followed from visit to visit."""
 
-    Parameters
-    ----------
-    component, what
-        `EZZ` or `points x`, and `level` or a slope along an axis.
-    unit
-        Symbol of the deviation's unit.
-    deviation
-        Latest measured minus predicted [unit].
-    expected_sd
-        Standard deviation that was to be expected of it [unit].
-    evidence
-        Its e-value.
-    """
+    component: Annotated[str, Field(examples=["EZZ"])]
+    """Component code, or `points x`"""
 
-    component: str
-    what: str
-    unit: str
-    deviation: float
-    expected_sd: float
+    what: Annotated[str, Field(examples=["level"])]
+    """`level`, or a slope along an axis"""
+
+    unit: UnitSymbol
+    """Unit of its deviation"""
+
+    deviation: Annotated[float, Field(description=f"Latest measured minus predicted {IN_ITS_UNIT}")]
+    expected_sd: Annotated[
+        float,
+        Field(description=f"Standard deviation that was to be expected of it {IN_ITS_UNIT}"),
+    ]
     evidence: float
+    """Its e-value"""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class WatchState:
     """Everything that goes from one verification to the next; one for each model version.
 
@@ -214,48 +210,54 @@ class WatchState:
         """Tell of all streams, the strongest evidence first."""
         return sorted(map(self.followed, self.streams), key=lambda one: -one.evidence)
 
-    def to_json(self) -> dict[str, Any]:
-        """Write it down."""
-        found: dict[str, Any] = plain(self)
-        return found
-
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
-    """What a verification says of the active model.
+class Judgement(Answer, published_as="JudgementAnswer"):
+    """What a verification says of the model that was active when it came."""
+
+    model_version: int | None
+    """That version; null where there was none"""
+
+    status: Literal["within", "beyond", "not-judged"]
+    """`within` or `beyond` its limits by a sequential test, with all before it; `not-judged` with
+    the reason in `summary`"""
+
+    evidence: float | None
+    """E-value of all verifications so far"""
+
+    limit: float | None
+    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+
+    false_alarm: float | None
+    """Probability that an unchanged machine is ever called changed"""
+
+    summary: str
+    """One sentence"""
+
+    beyond: tuple[Followed, ...]
+    """What has changed since the model was made, the clearest first"""
+
+    visits: int
+    """Visits of the verification that were looked at"""
+
+
+def not_judged(model_version: int | None, reason: str) -> Judgement:
+    """Say why a verification was not judged.
 
     Parameters
     ----------
-    status
-        `within`, `beyond`, or `not-judged` where the scatter of nothing in it is known yet.
-    evidence, limit
-        The e-value and the limit that it may reach by chance with probability α at most.
-    false_alarm
-        α: probability that an unchanged machine is ever called changed.
-    summary
-        One sentence.
-    beyond
-        What has changed since the model was made, the clearest first, as it stood when it was
-        last measured; empty while within.
-    visits
-        How many visits of this verification were looked at.
+    model_version
+        The active version; None where there was none.
+    reason
+        Part of a sentence.
     """
-
-    status: str
-    evidence: float
-    limit: float
-    false_alarm: float
-    summary: str
-    beyond: tuple[Followed, ...]
-    visits: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Write it down: JSON's own types, every number finite."""
-        found: dict[str, Any] = plain(self)
-        return found
+    summary = f"It could not be judged: {reason}."
+    return Judgement(model_version, "not-judged", None, None, None, summary, (), 0)
 
 
-def watch(campaign: Campaign, state: WatchState) -> tuple[Judgement, WatchState]:
+def watch(
+    campaign: Campaign, state: WatchState, model_version: int
+) -> tuple[Judgement, WatchState]:
     """Judge new verifications against the active model, after those that came before.
 
     Parameters
@@ -264,6 +266,8 @@ def watch(campaign: Campaign, state: WatchState) -> tuple[Judgement, WatchState]
         The new verifications alone, with the readings around them and the adopted effects.
     state
         What the verifications before have left; a new one for a new model version.
+    model_version
+        Number of the active version.
 
     Returns
     -------
@@ -287,39 +291,7 @@ def watch(campaign: Campaign, state: WatchState) -> tuple[Judgement, WatchState]
             judged |= taken
         if state.beyond_since_s is None and state.evidence() >= LIMIT:
             state = replace(state, beyond_since_s=float(times_s[here].min()))
-    return _judgement(state, judged, len(visits)), state
-
-
-def watch_state_from_json(stored: Mapping[str, Any]) -> WatchState:
-    """Read a state as `WatchState.to_json` wrote it.
-
-    Parameters
-    ----------
-    stored
-        The stored form.
-
-    Raises
-    ------
-    InvalidContent
-        If something is missing.
-    """
-    try:
-        streams = {
-            name: Stream(
-                **{
-                    **s,
-                    "process": EProcess(**s["process"]),
-                    "setups": tuple(s["setups"]),
-                }
-            )
-            for name, s in stored["streams"].items()
-        }
-        noise = {name: Noise(**n) for name, n in stored["noise"].items()}
-        return WatchState(streams, noise, stored["beyond_since_s"])
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InvalidContent.of_field(
-            "watch", f"expected a stored state, came one that lacks or mistakes {error}"
-        ) from None
+    return _judgement(state, judged, len(visits), model_version), state
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,11 +424,12 @@ class _Fit:
         ]
 
 
-def _judgement(state: WatchState, judged: bool, visits: int) -> Judgement:
+def _judgement(state: WatchState, judged: bool, visits: int, model_version: int) -> Judgement:
     is_beyond = state.beyond_since_s is not None
     told = state.all_followed()[:MOST_NAMED] if is_beyond else []
     changed = [one for one in told if one.evidence >= LIMIT] or told[:1]
     return Judgement(
+        model_version,
         "beyond" if is_beyond else "within" if judged else "not-judged",
         state.evidence(),
         LIMIT,

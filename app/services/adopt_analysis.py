@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
-
-import orjson
 
 from app.errors import Conflict, InvalidContent, list_names
 from app.identification.effects.effect import Effect, effect_from_json
@@ -29,6 +26,7 @@ from app.services.load_machine import adopted_effects
 from app.services.preview_model import Preview, preview_draft
 from app.services.repeating import repeated
 from app.storage.analyses import find_analysis
+from app.storage.analysis_results import RESULTS
 from app.storage.model_versions import find_version
 from app.storage.records import AnalysisStatus
 from app.storage.tables import AnalysisRow
@@ -199,7 +197,7 @@ def _effects(row: AnalysisRow, places: Sequence[int] | None) -> list[Effect]:
             f"analysis {row.id} was adopted before, as model version {row.adopted_version}: "
             "activate that version to compute with it again"
         )
-    found: list[Any] = orjson.loads(row.result)["effects"]
+    found = RESULTS.read_text(row.result).effects
     if not found:
         raise Conflict(f"analysis {row.id} found no effect to adopt")
     chosen = range(len(found)) if places is None else places
@@ -208,7 +206,7 @@ def _effects(row: AnalysisRow, places: Sequence[int] | None) -> list[Effect]:
             "effects",
             f"expected places from 0 to {len(found) - 1}, each once, came {list(chosen)}",
         )
-    return [effect_from_json(found[place]["effect"]) for place in chosen]
+    return [found[place].effect for place in chosen]
 
 
 def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Effect]) -> None:

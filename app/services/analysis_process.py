@@ -12,14 +12,13 @@ from multiprocessing.connection import Connection
 from time import monotonic
 from typing import Final, Literal, NamedTuple
 
-import orjson
-
 from app.errors import Conflict, ThermapError
 from app.identification.analyse import analyse
 from app.services.choose_version import choose_version
 from app.services.context import CLOCKS_DIFFER
 from app.services.load_campaign import load_campaign, read_verifications
 from app.storage.analyses import read_analysis
+from app.storage.analysis_results import RESULTS
 from app.storage.database import Database
 from app.storage.limits import LONG
 
@@ -105,7 +104,7 @@ def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
         seed=stored.task.seed,
         progress=progress,
     )
-    return orjson.dumps(found.to_json()).decode()
+    return RESULTS.text(found)
 
 
 def _leave_with_service() -> None:

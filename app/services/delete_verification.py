@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -15,7 +13,8 @@ from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications
 from app.services.repeating import repeated
 from app.storage.machines import Held, find_machine
-from app.storage.verifications import find_verification, list_verifications
+from app.storage.records import StoredVerification
+from app.storage.verifications import find_verification, list_verifications, stored_verification
 from app.storage.watches import write_watch
 
 
@@ -33,20 +32,18 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
     with context.database.writing() as session:
         find_machine(session, machine_id, Held.CHANGED)
         row = find_verification(session, machine_id, verification_id)
-        version = _judged_by(row.judgement)
+        version = _judged_by(stored_verification(row))
         session.delete(row)
         session.flush()
         if version is not None:
             state = _watched(session, machine_id, version, context.usable_until())
-            write_watch(session, machine_id, version, state.to_json(), context.now())
+            write_watch(session, machine_id, version, state, context.now())
 
 
 def _watched(session: Session, machine_id: str, version_number: int, until: datetime) -> WatchState:
     """Judge again all verifications that a version has judged, in their order."""
     judged = [
-        v.id
-        for v in list_verifications(session, machine_id)
-        if _judged_by(v.judgement) == version_number
+        v.id for v in list_verifications(session, machine_id) if _judged_by(v) == version_number
     ]
     if not judged:
         return WatchState()
@@ -54,14 +51,12 @@ def _watched(session: Session, machine_id: str, version_number: int, until: date
     verifications = read_verifications(session, machine_id, judged)
     try:
         campaign = load_campaign(session, machine, version, verifications, until)
-        return watch(campaign, WatchState())[1]
+        return watch(campaign, WatchState(), version_number)[1]
     except InvalidContent:
         # Nothing of them can be compared any more, as when readings were deleted.
         return WatchState()
 
 
-def _judged_by(judgement: Mapping[str, Any] | None) -> int | None:
+def _judged_by(verification: StoredVerification) -> int | None:
     """Say which version has judged a verification; None where none could."""
-    if judgement is None or judgement["model_version"] is None:
-        return None
-    return int(judgement["model_version"])
+    return None if verification.judgement is None else verification.judgement.model_version

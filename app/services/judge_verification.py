@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy.orm import Session
 
 from app.errors import InvalidContent, StorageUnavailable
 from app.identification.observations import Verification
 from app.identification.residuals import WrongUnit
-from app.identification.watching import WatchState, watch, watch_state_from_json
+from app.identification.watching import Judgement, WatchState, not_judged, watch
 from app.services.context import Context
 from app.services.load_campaign import load_campaign
 from app.storage.machines import find_machine, stored_machine
@@ -27,9 +25,9 @@ class Judged:
     """A judgement, and what it rests on: which version, and the watch before and after it."""
 
     model_version: int | None
-    answer: Mapping[str, Any]
-    before: Mapping[str, Any] | None = None
-    after: Mapping[str, Any] | None = None
+    answer: Judgement
+    before: WatchState | None = None
+    after: WatchState | None = None
 
     def still_holds(self, session: Session, machine_id: str) -> bool:
         """Whether version and watch are still those that it rests on; the machine is locked."""
@@ -61,7 +59,7 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
         row = find_machine(session, machine_id)
         version = active_version(session, row)
         if version is None:
-            return Judged(None, _not_judged(None, "the machine has no model yet"))
+            return Judged(None, not_judged(None, "the machine has no model yet"))
         number = version.version
         known = find_watch(session, machine_id, number)
         before = None if known is None else known[0]
@@ -70,29 +68,14 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
             campaign = load_campaign(
                 session, machine, version, [verification], context.usable_until()
             )
-            state = WatchState() if before is None else watch_state_from_json(before)
-            judgement, after = watch(campaign, state)
+            judgement, after = watch(campaign, before or WatchState(), number)
         except (WrongUnit, StorageUnavailable):
             raise
         except InvalidContent as error:
-            return Judged(number, _not_judged(number, error.detail), before)
+            return Judged(number, not_judged(number, error.detail), before)
         except Exception as error:
             # What was measured must not be lost because it could not be judged.
             log.exception("verification %r could not be judged", verification.label)
             reason = f"unexpected error: {type(error).__name__}"
-            return Judged(number, _not_judged(number, reason), before)
-    answer = {"model_version": number, **judgement.to_json()}
-    return Judged(number, answer, before, after.to_json())
-
-
-def _not_judged(model_version: int | None, reason: str) -> dict[str, Any]:
-    return {
-        "model_version": model_version,
-        "status": "not-judged",
-        "evidence": None,
-        "limit": None,
-        "false_alarm": None,
-        "summary": f"It could not be judged: {reason}.",
-        "beyond": [],
-        "visits": 0,
-    }
+            return Judged(number, not_judged(number, reason), before)
+    return Judged(number, judgement, before, after)

@@ -35,8 +35,8 @@ def plan_analysis(
     machine_id: str,
     planned: Sequence[Verification],
     verification_ids: Sequence[int] = (),
-) -> tuple[int, Plan]:
-    """Plan an analysis of the active version; its number is given too.
+) -> Plan:
+    """Plan an analysis of the active version.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def plan_analysis(
         campaign = load_campaign(
             session, machine, version, every, until, searching=True, recorded=recorded
         )
-    return version.version, plan(campaign)
+    return plan(campaign, version.version)
 
 
 def _recorded_days(

@@ -1,27 +1,29 @@
-"""Write an analysis as a page that a person reads."""
+"""What the report of an analysis shows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-import orjson
 from sqlalchemy.orm import Session
 
 from app.errors import Conflict
-from app.identification.effects.effect import Effect, effect_from_json
+from app.identification.analysis import Analysis, FoundEffect
+from app.identification.effects.effect import Effect
 from app.identification.effects.registry import explain
-from app.pictures.analysis_report import ReportHead, analysis_report
 from app.services.context import Context
 from app.services.load_machine import adopted_effects
+from app.services.report_head import ReportHead
 from app.storage.analyses import find_analysis
+from app.storage.analysis_results import RESULTS
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import find_version
 from app.storage.verifications import list_verifications
 
 
-def report_analysis(context: Context, machine_id: str, analysis_id: int) -> str:
-    """Write the report of an analysis that is done: HTML that needs no other file.
+def report_analysis(
+    context: Context, machine_id: str, analysis_id: int
+) -> tuple[ReportHead, Analysis]:
+    """Read an analysis that is done, with what its report says beside the result.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def report_analysis(context: Context, machine_id: str, analysis_id: int) -> str:
         if row.result is None or row.finished_at is None:
             raise Conflict(f"analysis {analysis_id} has nothing to report: it is {row.status}")
         labels = {v.id: v.label for v in list_verifications(session, machine_id)}
-        result = orjson.loads(row.result)
+        result = RESULTS.read_text(row.result)
         head = ReportHead(
             machine_id=machine.id,
             machine_name=machine.name,
@@ -47,9 +49,9 @@ def report_analysis(context: Context, machine_id: str, analysis_id: int) -> str:
             seed=row.seed,
             adopted_version=row.adopted_version,
             had=[explain(e) for e in _effects_of(session, machine_id, row.model_version)],
-            adopted=_adopted(session, machine_id, row.adopted_version, result["effects"]),
+            adopted=_adopted(session, machine_id, row.adopted_version, result.effects),
         )
-    return analysis_report(head, result)
+    return head, result
 
 
 def _effects_of(session: Session, machine_id: str, version: int | None) -> Sequence[Effect]:
@@ -60,9 +62,8 @@ def _effects_of(session: Session, machine_id: str, version: int | None) -> Seque
 
 
 def _adopted(
-    session: Session, machine_id: str, version: int | None, found: Sequence[Mapping[str, Any]]
+    session: Session, machine_id: str, version: int | None, found: Sequence[FoundEffect]
 ) -> list[str]:
     """Say which of the effects found are in the version that was made of them."""
     known = _effects_of(session, machine_id, version)
-    read = [effect_from_json(one["effect"]) for one in found] if known else []
-    return [explain(effect) for effect in read if effect in known]
+    return [explain(one.effect) for one in found if one.effect in known]

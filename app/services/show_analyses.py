@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from app.identification.analysis import Analysis
 from app.services.context import Context
 from app.storage.analyses import find_analysis, list_analyses, stored_analysis
+from app.storage.analysis_results import RESULTS
 from app.storage.machines import find_machine
 from app.storage.records import StoredAnalysis
 
@@ -17,9 +19,9 @@ def show_analyses(context: Context, machine_id: str) -> list[StoredAnalysis]:
 
 def show_analysis(
     context: Context, machine_id: str, analysis_id: int
-) -> tuple[StoredAnalysis, str | None]:
-    """Read one analysis, and its result as JSON text where it is done."""
+) -> tuple[StoredAnalysis, Analysis | None]:
+    """Read one analysis, and its result where it is done."""
     with context.database.reading() as session:
         find_machine(session, machine_id)
         row = find_analysis(session, machine_id, analysis_id, result=True)
-        return stored_analysis(row), row.result
+        return stored_analysis(row), None if row.result is None else RESULTS.read_text(row.result)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from app.identification.watching import WatchState, watch_state_from_json
+from app.identification.watching import WatchState
 from app.services.choose_version import no_model_yet
 from app.services.context import Context
 from app.storage.machines import find_machine
@@ -51,9 +51,9 @@ def show_watch(context: Context, machine_id: str) -> Watch:
         judged = [
             v
             for v in list_verifications(session, machine_id)
-            if v.judgement is not None and v.judgement["model_version"] == version
+            if v.judgement is not None and v.judgement.model_version == version
         ]
     if known is None:
         return Watch(version, WatchState(), None, judged)
     stored, updated_at = known
-    return Watch(version, watch_state_from_json(stored), updated_at, judged)
+    return Watch(version, stored, updated_at, judged)

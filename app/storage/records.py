@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from app.identification.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
+
+if TYPE_CHECKING:
+    from app.identification.watching import Judgement
 
 LARGEST_INTEGER: Final = 2**31 - 1
 """The largest number of a column of type Integer; databases refuse to be asked for more."""
@@ -69,7 +72,7 @@ class StoredVerification:
     last_at: datetime
     observations: int
     components: Sequence[str]
-    judgement: Mapping[str, Any] | None
+    judgement: Judgement | None
 
 
 class AnalysisStatus(StrEnum):

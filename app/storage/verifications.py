@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from sqlalchemy import select
@@ -15,8 +15,10 @@ from app.errors import UnknownThing, list_names
 from app.geometry.components import ORDER
 from app.identification.observations import Observation, Triple, Verification
 from app.identification.search.rows import Datum
+from app.identification.watching import Judgement
 from app.storage.records import LARGEST_INTEGER, StoredVerification
 from app.storage.tables import VerificationRow
+from app.storage.watch_shapes import JUDGEMENTS
 
 POINTS: Final = "points"
 """Name among a verification's components of what was measured at points."""
@@ -32,12 +34,12 @@ def insert_verification(
     session: Session,
     machine_id: str,
     verification: Verification,
-    judgement: Mapping[str, Any] | None,
+    judgement: Judgement | None,
     now: datetime,
 ) -> StoredVerification:
     """Add a verification and give it its number."""
     row = _row(machine_id, verification)
-    row.judgement = None if judgement is None else dict(judgement)
+    row.judgement = None if judgement is None else JUDGEMENTS.fields(judgement)
     row.stored_at = now
     session.add(row)
     session.flush()
@@ -96,7 +98,7 @@ def stored_verification(row: VerificationRow) -> StoredVerification:
         last_at=row.last_at,
         observations=row.observations,
         components=row.components,
-        judgement=row.judgement,
+        judgement=None if row.judgement is None else JUDGEMENTS.read(row.judgement),
     )
 
 

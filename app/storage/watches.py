@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from datetime import datetime
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.identification.watching import WatchState
 from app.storage.tables import MachineRow, WatchRow
+from app.storage.watch_shapes import WATCH_STATES
 
 NOT_JUDGED: Final = "not-judged"
 """Nothing that was measured could be judged yet."""
@@ -17,10 +18,10 @@ NOT_JUDGED: Final = "not-judged"
 
 def find_watch(
     session: Session, machine_id: str, model_version: int
-) -> tuple[Mapping[str, Any], datetime] | None:
+) -> tuple[WatchState, datetime] | None:
     """Read what was stored last, and when; None before the first verification."""
     row = session.get(WatchRow, (machine_id, model_version))
-    return None if row is None else (row.state, row.updated_at)
+    return None if row is None else (WATCH_STATES.read(row.state), row.updated_at)
 
 
 def watch_status(session: Session, machine: MachineRow) -> str | None:
@@ -48,7 +49,7 @@ def write_watch(
     session: Session,
     machine_id: str,
     model_version: int,
-    state: Mapping[str, Any],
+    state: WatchState,
     now: datetime,
 ) -> None:
     """Store where the test stands now; the machine is locked."""
@@ -56,7 +57,7 @@ def write_watch(
     if row is None:
         row = WatchRow(machine_id=machine_id, model_version=model_version)
         session.add(row)
-    known = "within" if state["streams"] else NOT_JUDGED
-    row.status = known if state["beyond_since_s"] is None else "beyond"
-    row.state = dict(state)
+    known = "within" if state.streams else NOT_JUDGED
+    row.status = known if state.beyond_since_s is None else "beyond"
+    row.state = WATCH_STATES.fields(state)
     row.updated_at = now

@@ -12,9 +12,10 @@ from rich.console import Console
 
 from app.cli.analyse_view import analysis_view
 from app.cli.listening import listening, serving, url_of
+from app.storage.analysis_results import RESULTS
 from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
 from tests.cli.conftest import ended
-from tests.pictures.example_analyses import NOTHING
+from tests.pages.example_analyses import NOTHING
 from tests.service_examples import MACHINE, Clock, error_map, running
 
 QUICK = ("--effects", "backlash")
@@ -237,7 +238,7 @@ def test_the_table_counts_what_its_figures_are_of():
     """Angles are not in an RMS of lengths; without a floor the repeatability stands for it."""
     terminal = StringIO()
     result = NOTHING | {"floor_um": None}
-    Console(width=100, file=terminal).print(analysis_view(result))
+    Console(width=100, file=terminal).print(analysis_view(RESULTS.read_text(json.dumps(result))))
     assert "all in µm 0.65 0.65 0.61 µm 240" in plain(terminal.getvalue())
 
 

@@ -13,6 +13,7 @@ from app.identification.analyse import analyse
 from app.identification.campaign import residuals_of
 from app.identification.effects.effect import effect_from_json
 from app.identification.search.rows import Datum
+from app.storage.analysis_results import RESULTS
 from app.thermal.temperature_history import TemperatureHistory
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.undeclared import make_campaign
@@ -28,8 +29,8 @@ def campaign_with(planted=None, amplitude=3.0, seed=5, **conditions):
 
 
 def answer_of(campaign, kinds=FEW_KINDS, **how):
-    found = analyse(campaign, kinds=kinds, **how).to_json()
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    found = json.loads(RESULTS.text(analyse(campaign, kinds=kinds, **how)))
+    json.dumps(found, allow_nan=False)
     return found
 
 

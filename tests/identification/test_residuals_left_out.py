@@ -187,10 +187,10 @@ def test_summaries_by_hand():
     found = {s.over: s for s in summarise(own, values, repeatability_um=2.0)}
     exx = next(b for b in found["component"].bins if b.label == "EXX")
     # Half of the rows came from each side.
-    assert (exx.count, exx.mean, exx.p95, exx.share_above) == (96, 1.0, 3.0, 0.5)
+    assert (exx.count, exx.mean, exx.p95, exx.share_above_repeatability) == (96, 1.0, 3.0, 0.5)
     assert exx.rms == pytest.approx(np.sqrt(5.0))
     squareness = next(b for b in found["component"].bins if b.label == "SXY")
-    assert squareness.share_above is None
+    assert squareness.share_above_repeatability is None
     # From both sides along the line, from below at the points.
     assert {b.label: b.mean for b in found["direction x"].bins} == {"+": 3.0, "−": -1.0}
     assert [b.label for b in found["state spindle_rpm"].bins] == ["0", "4000", "9000"]

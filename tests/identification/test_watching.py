@@ -1,6 +1,5 @@
 """A machine that drifts is noticed; one that does not is called changed as rarely as stated."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +14,8 @@ from app.identification.watching import (
     VisitNumber,
     WatchState,
     watch,
-    watch_state_from_json,
 )
+from app.storage.watch_shapes import JUDGEMENTS, WATCH_STATES
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.undeclared import make_campaign
 
@@ -101,9 +100,9 @@ def watched(campaign):
     """Judge one verification after the other, the state stored in between."""
     state, judgements = WatchState(), []
     for verification in campaign.verifications:
-        stored = json.loads(json.dumps(state.to_json(), allow_nan=False))
+        stored = WATCH_STATES.fields(state)
         alone = replace(campaign, verifications=[verification])
-        judgement, state = watch(alone, watch_state_from_json(stored))
+        judgement, state = watch(alone, WATCH_STATES.read(stored), 3)
         judgements.append(judgement)
     return judgements
 
@@ -128,13 +127,13 @@ def test_a_step_is_noticed_with_its_component():
     named = {b.component for j in judgements for b in j.beyond}
     assert named & {*true["components"], "points x", "points y", "points z"}
     assert abs(first.beyond[0].deviation) > 2 * first.beyond[0].expected_sd
-    json.dumps(first.to_json(), allow_nan=False)
+    assert JUDGEMENTS.read(JUDGEMENTS.fields(first)) == first
 
 
 @pytest.mark.slow
 def test_all_at_once_and_one_by_one_give_the_same():
     _, campaign = verifications_of(5)
-    judgement, _ = watch(campaign, WatchState())
+    judgement, _ = watch(campaign, WatchState(), 3)
     assert judgement.visits == 16
     assert judgement.evidence == pytest.approx(watched(campaign)[-1].evidence, rel=0.2)
 
@@ -181,12 +180,12 @@ def test_nothing_is_said_before_the_scatter_is_known():
     single = next(v for v in (only(v, "EXX") for v in campaign.verifications) if v.observations)
     far = replace(shifted(single, "EXX", 1e6), repeatability_um=None)
     far = replace(far, observations=far.observations[:1])
-    judgement, state = watch(replace(campaign, verifications=[far]), WatchState())
+    judgement, state = watch(replace(campaign, verifications=[far]), WatchState(), 3)
     assert judgement.status == "not-judged"
     assert "repeatability_um" in judgement.summary
     assert not state.streams
 
 
 def test_a_damaged_state_is_refused():
-    with pytest.raises(InvalidContent, match="stored state"):
-        watch_state_from_json({"streams": {"EXX|level": {}}})
+    with pytest.raises(InvalidContent, match="state of a watch"):
+        WATCH_STATES.read({"streams": {"EXX|level": {}}})

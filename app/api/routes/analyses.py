@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import orjson
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 
@@ -28,8 +27,8 @@ from app.api.schemas.analyses import (
 )
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.models import ChangedModelAnswer
-from app.api.schemas.plan import PlanAnswer
-from app.api.table_json import OPTIONS
+from app.identification.plan import Plan
+from app.pages.analysis_report import analysis_report
 from app.services.adopt_analysis import adopt_analysis, preview_adoption
 from app.services.cancel_analysis import cancel_analysis
 from app.services.delete_analysis import delete_analysis
@@ -71,14 +70,12 @@ def post_analysis(
 @router.post(
     "/plan", summary="Say what planned observations could see", openapi_extra=body_of_at_most(32)
 )
-def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> PlanAnswer:
+def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> Plan:
     """Tell, before anyone measures, which effects could be seen and told apart at what size.
 
     Times to come are planned on recorded days; visits that would help most are suggested.
     """
-    return PlanAnswer.of(
-        *plan_analysis(context, machine, body.to_verifications(), body.verifications)
-    )
+    return plan_analysis(context, machine, body.to_verifications(), body.verifications)
 
 
 @router.get("", summary="List analyses")
@@ -91,15 +88,14 @@ def get_analyses(context: ContextDep, machine: MachinePath) -> list[AnalysisHead
 def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Response:
     """Show how far an analysis is and, once it is done, what it found."""
     stored, result = show_analysis(context, machine, analysis_id)
-    fields = AnalysisHead.of(stored).model_dump()
-    fields["result"] = None if result is None else orjson.Fragment(result)
-    return Response(orjson.dumps(fields, option=OPTIONS), media_type=JSON)
+    answer = AnalysisAnswer.with_result(stored, result)
+    return Response(answer.model_dump_json(), media_type=JSON)
 
 
 @router.get("/{analysis_id}/report", summary="Report of an analysis", response_class=HTMLResponse)
 def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
     """Show what was found as a page that a person reads; it needs no other file, and prints."""
-    return Page(report_analysis(context, machine, analysis_id), scripts=2)
+    return Page(analysis_report(*report_analysis(context, machine, analysis_id)), scripts=2)
 
 
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis")

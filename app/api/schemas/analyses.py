@@ -6,11 +6,11 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field
 
-from app.api.schemas.analysis_result import AnalysisResult
 from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime, YesOrNo
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.verifications import PlannedObservation
 from app.errors import InvalidContent
+from app.identification.analysis import Analysis
 from app.identification.observations import Verification
 from app.identification.search.rows import Datum
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, StoredAnalysis
@@ -144,7 +144,12 @@ class AnalysisHead(Schema):
 class AnalysisAnswer(AnalysisHead):
     """An analysis with its result, once it is done."""
 
-    result: AnalysisResult | None = Field(None, description="What was found; null before that")
+    result: Analysis | None = Field(None, description="What was found; null before that")
+
+    @classmethod
+    def with_result(cls, stored: StoredAnalysis, result: Analysis | None) -> Self:
+        """Show a job with its result."""
+        return cls(**dict(AnalysisHead.of(stored)), result=result)
 
 
 class AdoptionRequest(Schema):

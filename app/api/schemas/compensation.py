@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from app.api.schemas.adopted_effect import ValidAnswer
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
 from app.geometry.components import COMPONENTS
+from app.identification.effects.valid import LearntIn
 
 
 class CompensationRequest(Schema):
@@ -171,7 +171,7 @@ class EffectInTableAnswer(Schema):
         description="Why it is held at the edge of where it was learnt: which quantity, its value, "
         "and the range; empty where it is not",
     )
-    valid: ValidAnswer | None = Field(
+    valid: LearntIn | None = Field(
         None,
         description="Where it was learnt; null where an older version of this software adopted it",
     )

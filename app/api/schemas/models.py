@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, RootModel
 
-from app.api.schemas.adopted_effect import ValidAnswer
 from app.api.schemas.base import Number, Schema, UtcTime
 from app.api.schemas.model_change import ModelChange, change_fields
 from app.errors import FieldError, InvalidContent, UnknownComponent
 from app.geometry.components import COMPONENTS, ORDER, parse_component
+from app.identification.effects.valid import LearntIn
 
 if TYPE_CHECKING:
     from app.identification.effects.effect import Effect
@@ -146,7 +146,7 @@ class AdoptedEffectAnswer(Schema):
     explanation: str = Field(
         description="What it is, in a sentence", examples=["EZZ follows z-column 41 ± 2 min late"]
     )
-    valid: ValidAnswer | None = Field(
+    valid: LearntIn | None = Field(
         description="Where it was learnt; null where an older version of this software adopted it"
     )
     measure_again: str = Field(
@@ -159,7 +159,6 @@ class AdoptedEffectAnswer(Schema):
         from app.identification.effects.registry import explain
         from app.identification.held_effects import use_until
 
-        learnt = effect.learnt_in
         return cls(
             kind=effect.kind,
             variant=effect.variant,
@@ -169,7 +168,7 @@ class AdoptedEffectAnswer(Schema):
             parameters=dict(effect.parameters),
             standard_errors=dict(effect.standard_errors),
             explanation=explain(effect),
-            valid=None if learnt is None else ValidAnswer.model_validate(learnt),
+            valid=effect.learnt_in,
             measure_again=use_until(effect),
         )
 

@@ -10,11 +10,11 @@ from pydantic import ConfigDict, Discriminator, Field, Tag
 from app.api.schemas.base import Name, Number, Schema, UtcTime, way_of
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
-from app.api.schemas.watch import JudgementAnswer
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, Component
 from app.identification.observations import Observation, Verification
 from app.identification.search.rows import Datum
+from app.identification.watching import Judgement
 from app.thermal.error_map import VALUE_LIMIT
 
 if TYPE_CHECKING:
@@ -214,9 +214,7 @@ class VerificationAnswer(VerificationHead):
     components: list[str] = Field(
         description="What was observed: component codes, and `points`", examples=[["EXX", "points"]]
     )
-    judgement: JudgementAnswer | None = Field(
-        description="What it said of the active model when it came"
-    )
+    judgement: Judgement | None = Field(description="What it said of the active model when it came")
 
     @classmethod
     def of(cls, stored: StoredVerification) -> Self:
@@ -231,7 +229,7 @@ class VerificationAnswer(VerificationHead):
             last_at=stored.last_at,
             count=stored.observations,
             components=list(stored.components),
-            judgement=None if stored.judgement is None else JudgementAnswer(**stored.judgement),
+            judgement=stored.judgement,
         )
 
 

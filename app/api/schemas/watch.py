@@ -2,51 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field
 
-from app.api.schemas.analysis_result import IN_ITS_UNIT
 from app.api.schemas.base import Number, Schema, UtcTime
+from app.identification.watching import FALSE_ALARM, LIMIT, Followed
 
 if TYPE_CHECKING:
     from app.services.show_watch import Watch
-
-
-class FollowedNumber(Schema):
-    """One number that is followed from visit to visit."""
-
-    component: str = Field(description="Component code, or `points x`", examples=["EZZ"])
-    what: str = Field(description="`level`, or a slope along an axis", examples=["level"])
-    unit: str = Field(description="Unit of its deviation", examples=["µm"])
-    deviation: Number = Field(description=f"Latest measured minus predicted {IN_ITS_UNIT}")
-    expected_sd: Number = Field(
-        description=f"Standard deviation that was to be expected of it {IN_ITS_UNIT}"
-    )
-    evidence: Number = Field(description="Its e-value")
-
-
-class JudgementAnswer(Schema):
-    """What a verification says of the model that was active when it came."""
-
-    model_version: int | None = Field(description="That version; null where there was none")
-    status: Literal["within", "beyond", "not-judged"] = Field(
-        description="`within` or `beyond` its limits by a sequential test, with all before it; "
-        "`not-judged` with the reason in `summary`"
-    )
-    evidence: Number | None = Field(description="E-value of all verifications so far")
-    limit: Number | None = Field(
-        description="What the evidence ever reaches by chance with probability `false_alarm` only"
-    )
-    false_alarm: Number | None = Field(
-        description="Probability that an unchanged machine is ever called changed"
-    )
-    summary: str = Field(description="One sentence")
-    beyond: list[FollowedNumber] = Field(
-        description="What has changed since the model was made, the clearest first"
-    )
-    visits: int = Field(description="Visits of the verification that were looked at")
 
 
 class JudgedVerification(Schema):
@@ -77,14 +41,12 @@ class WatchAnswer(Schema):
         description="Probability that an unchanged machine is ever called changed"
     )
     updated_at: UtcTime | None = Field(description="When the last verification was judged, UTC")
-    numbers: list[FollowedNumber] = Field(description="What is followed, strongest evidence first")
+    numbers: list[Followed] = Field(description="What is followed, strongest evidence first")
     verifications: list[JudgedVerification] = Field(description="What was judged, oldest first")
 
     @classmethod
     def of(cls, watch: Watch) -> Self:
         """Show a watch."""
-        from app.identification.watching import FALSE_ALARM, LIMIT
-
         is_beyond = watch.beyond_since is not None
         none_yet = not watch.state.streams
         return cls(
@@ -95,15 +57,16 @@ class WatchAnswer(Schema):
             limit=LIMIT,
             false_alarm=FALSE_ALARM,
             updated_at=watch.updated_at,
-            numbers=[FollowedNumber(**asdict(one)) for one in watch.state.all_followed()],
+            numbers=watch.state.all_followed(),
             verifications=[
                 JudgedVerification(
                     verification=v.id,
                     label=v.label,
                     last_at=v.last_at,
-                    status=(v.judgement or {})["status"],
-                    evidence=(v.judgement or {})["evidence"],
+                    status=v.judgement.status,
+                    evidence=v.judgement.evidence,
                 )
                 for v in watch.judged
+                if v.judgement is not None
             ],
         )

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, Final, TypeAlias
+
+from pydantic import PlainSerializer, PlainValidator, TypeAdapter, WithJsonSchema
 
 from app.errors import InvalidContent
 from app.identification.effects.term import Term, term_from_json
-from app.identification.effects.valid import Valid, valid_from_json
+from app.identification.effects.valid import LearntIn, Valid, valid_from_json
+
+LEARNT: Final[TypeAdapter[LearntIn | None]] = TypeAdapter(LearntIn | None)
 
 
 @dataclass(frozen=True)
@@ -52,17 +56,23 @@ class Effect:
         return all(term.coefficient == 0.0 for term in self.terms)
 
     @cached_property
-    def learnt_in(self) -> Mapping[str, Any] | None:
+    def learnt_in(self) -> LearntIn | None:
         """The ranges in which it was learnt, as answers show them."""
         if self.valid is None:
             return None
         quantities = {term.driver.quantity: term.learnt for term in self.terms}
         made_of = {
-            f"{q.name} [{q.unit}]" if q.unit else q.name: [q.zero + end for end in learnt]
+            f"{q.name} [{q.unit}]" if q.unit else q.name: (q.zero + learnt[0], q.zero + learnt[1])
             for q, learnt in quantities.items()
             if q is not None and learnt is not None
         }
-        return self.valid.to_json() | {"made_of": made_of}
+        return self.valid.shown(made_of)
+
+    @cached_property
+    def learnt_fields(self) -> Mapping[str, Any] | None:
+        """The same as JSON's own types: live tables write it at each reading."""
+        written: dict[str, Any] | None = LEARNT.dump_python(self.learnt_in, mode="json")
+        return written
 
     def to_json(self) -> dict[str, Any]:
         """Write it down as a model version stores it."""
@@ -77,6 +87,19 @@ class Effect:
             "terms": [term.to_json() for term in self.terms],
             "valid": None if self.valid is None else self.valid.to_json(),
         }
+
+
+def _stored_or_effect(stored: Any) -> Effect:
+    return stored if isinstance(stored, Effect) else effect_from_json(stored)
+
+
+StoredEffect: TypeAlias = Annotated[
+    Effect,
+    PlainValidator(_stored_or_effect),
+    PlainSerializer(Effect.to_json, return_type=dict),
+    WithJsonSchema({"type": "object", "additionalProperties": True}),
+]
+"""An effect that is written and read as a model version stores it."""
 
 
 def acting_on(effects: Iterable[Effect]) -> set[str]:

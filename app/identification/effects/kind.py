@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import ClassVar, Protocol
 
+from app.answer import Answer
 from app.identification.effects.effect import Effect
 from app.identification.effects.hypothesis import Amplitude, Hypothesis
 from app.identification.effects.shape import Rising, Shape
@@ -44,12 +45,17 @@ class Named(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class NotTested:
-    """What these observations cannot show, and why."""
+class NotTested(Answer, published_as="NotTestedAnswer"):
+    """What these observations cannot show."""
 
     kind: str
+    """Kind of effect"""
+
     on: str
+    """Of what"""
+
     reason: str
+    """Why"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import Answer
+from app.answer import Range as AnsweredRange
 from app.arrays import FloatArray
 from app.identification.conditions import Conditions
 from app.identification.effects.driver import Driver
@@ -93,8 +96,22 @@ class Valid:
         learnt = self.positions_mm.get(code)
         return None if learnt is None else widened(learnt, POSITION_MARGIN)
 
+    def shown(self, made_of: Mapping[str, Range]) -> LearntIn:
+        """Show it in answers, with the ranges of what the effect is made of beside the signals."""
+        return LearntIn(
+            from_=datetime.fromtimestamp(self.from_s, UTC),
+            to=datetime.fromtimestamp(self.to_s, UTC),
+            temperatures_c=self.temperatures_c,
+            state=self.state,
+            positions_mm=self.positions_mm,
+            made_of=made_of,
+            use_until=None
+            if self.use_until_s is None
+            else datetime.fromtimestamp(self.use_until_s, UTC),
+        )
+
     def to_json(self) -> dict[str, Any]:
-        """Write it down: as a model version stores it, and as answers show it."""
+        """Write it down as a model version stores it."""
         return {
             "from": _iso(self.from_s),
             "to": _iso(self.to_s),
@@ -103,6 +120,39 @@ class Valid:
             "positions_mm": {code: list(learnt) for code, learnt in self.positions_mm.items()},
             "use_until": None if self.use_until_s is None else _iso(self.use_until_s),
         }
+
+
+@dataclass(frozen=True, slots=True)
+class LearntIn(Answer, published_as="ValidAnswer"):
+    """Where an effect was learnt: beyond it, it is held at the edge."""
+
+    from_: Annotated[datetime, Field(alias="from")]
+    """Time of the first observation that it rests on, UTC"""
+
+    to: datetime
+    """Time of the last one, UTC"""
+
+    temperatures_c: Annotated[
+        Mapping[str, AnsweredRange], Field(examples=[{"z-column": [21.4, 29.8]}])
+    ]
+    """Temperatures of the sensors that it is made of [°C]"""
+
+    state: Annotated[Mapping[str, AnsweredRange], Field(examples=[{"spindle_rpm": [0.0, 12000.0]}])]
+    """Values of the states that drive it at once"""
+
+    positions_mm: Annotated[Mapping[str, AnsweredRange], Field(examples=[{"EZZ": [2.5, 497.5]}])]
+    """Positions on the axis of each of its components [mm]"""
+
+    made_of: Annotated[
+        Mapping[str, AnsweredRange],
+        Field(examples=[{"z-column 41 min late minus z-column [K]": [-1.9, 2.3]}]),
+    ]
+    """What it makes of several signals or of the past, such as how far a sensor was behind; the
+    unit ends each name"""
+
+    use_until: datetime | None
+    """Until when an effect that grows with time may be used, UTC: from then on what it may have
+    grown by since `to` is more than one observation scatters; null for others"""
 
 
 def valid_from_json(stored: Mapping[str, Any]) -> Valid:

@@ -1,0 +1,81 @@
+"""What the shapes of answers share.
+
+What a use case answers is defined once, as a frozen dataclass where it is found: its fields say
+what they mean, in which unit, and HTTP, storage, pages and terminal read that definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeAlias
+
+from pydantic import ConfigDict, Field, WithJsonSchema, computed_field
+
+IN_ITS_UNIT: Final = "[µm; angular components µrad, squareness µm/m]"
+
+_RANGE: Final = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+
+Range: TypeAlias = Annotated[tuple[float, float], WithJsonSchema(_RANGE)]
+"""A smallest and a largest number."""
+
+Codes: TypeAlias = Annotated[tuple[str, ...], Field(examples=[["EZZ"]])]
+Sensors: TypeAlias = Annotated[tuple[str, ...], Field(examples=[["z-column"]])]
+UnitSymbol: TypeAlias = Annotated[str, Field(examples=["µm"])]
+
+
+class Answer:
+    """Base of dataclasses that are answers.
+
+    The text under a field describes it in the OpenAPI document, where the class stands as
+    `published_as`. What a newer version writes beside the fields is passed over when it is read;
+    a number that is not finite is written as null.
+    """
+
+    __slots__ = ()
+    published_as: ClassVar[str]
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict()
+
+    def __init_subclass__(cls, published_as: str | None = None, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        # dataclass(slots=True) makes the class again, without what stood behind its name.
+        if "published_as" not in vars(cls):
+            cls.published_as = published_as or cls.__name__
+            cls.__pydantic_config__ = ConfigDict(
+                title=cls.published_as,
+                use_attribute_docstrings=True,
+                serialize_by_alias=True,
+                json_schema_serialization_defaults_required=True,
+                json_schema_extra=_as_answer,
+            )
+
+
+def answers() -> list[type[Answer]]:
+    """List the shapes that are defined, as far as they are imported."""
+    # Of a class that was made again for its slots, the one before it may still be listed.
+    return list({shape.__name__: shape for shape in _below(Answer)}.values())
+
+
+def _below(shape: type[Answer]) -> Iterator[type[Answer]]:
+    for own in shape.__subclasses__():
+        yield own
+        yield from _below(own)
+
+
+def _as_answer(schema: dict[str, Any]) -> None:
+    """Say of an answer what is so of all: every field is there, and no other."""
+    schema["additionalProperties"] = False
+    for field in schema.get("properties", {}).values():
+        field.pop("default", None)
+        # A property's docstring is a sentence, what stands under a field is none.
+        ending = "." if field.pop("readOnly", False) else ""
+        if "description" in field:
+            field["description"] = " ".join(field["description"].removesuffix(ending).split())
+
+
+if TYPE_CHECKING:
+    shown = property
+else:
+
+    def shown(read: Any) -> Any:
+        """Make a property that is written with the fields, and not read."""
+        return computed_field(property(read))

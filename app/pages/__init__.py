@@ -1,0 +1,1 @@
+"""Pages that people read: HTML of what services return."""

@@ -1,0 +1,5 @@
+"""The report of an analysis: one page that a person reads, and the words it is written in."""
+
+from app.pages.analysis_report.report import analysis_report
+
+__all__ = ["analysis_report"]

@@ -1,0 +1,239 @@
+"""Figures of a report: plotly's data and layout, and the place in the page where each stands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, TypeAlias
+
+from app.pages.report_parts.style import AFTER, BEFORE
+from app.pages.report_parts.words import escaped
+from app.pictures.colours import FAINT, FONT, INK, QUIET
+
+Json: TypeAlias = dict[str, Any]
+
+TIME: Final = "time"
+TIMES: Final = (
+    {"dtickrange": [None, 43_200_000], "value": "%H:%M<br>%-d %b"},
+    {"dtickrange": [43_200_000, "M1"], "value": "%-d %b"},
+    {"dtickrange": ["M1", None], "value": "%b %Y"},
+)
+"""How a time is written, by the time between two marks [ms]: plotly repeats the year."""
+
+APPROACHES: Final = {1.0: "triangle-up", -1.0: "triangle-down"}
+"""Marks by the direction of approach, where it decides."""
+
+BAND: Final = "rgba(123, 135, 148, 0.18)"
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """One figure of the page.
+
+    Parameters
+    ----------
+    id
+        Of its place in the page.
+    title, told
+        What stands above it, and what is read out where it cannot be seen; plain text.
+    data, layout
+        plotly's.
+    """
+
+    id: str
+    title: str
+    told: str
+    data: Sequence[Json]
+    layout: Json
+
+    def place(self) -> str:
+        """Write the place where the figure will stand."""
+        return (
+            f"<figure><h4>{escaped(self.title)}</h4>"
+            f'<div class="plot" id="{self.id}" role="img" aria-label="{escaped(self.told)}"></div>'
+            "</figure>"
+        )
+
+
+def figures_script(drawings: Sequence[Drawing]) -> str:
+    """Write all figures as the JSON that the page's script draws.
+
+    Parameters
+    ----------
+    drawings
+        The figures.
+
+    Returns
+    -------
+    str
+        A script element that no text in it can end.
+    """
+    figures = {d.id: {"data": d.data, "layout": d.layout} for d in drawings}
+    written = json.dumps(figures, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+    return f'<script type="application/json" id="figures">{written}</script>'
+
+
+def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = False) -> Json:
+    """Lay a figure out: axes with units, the same extent up and down, no template.
+
+    Parameters
+    ----------
+    x_title, y_title
+        Of the axes, with their units.
+    extent
+        Largest size to be shown, in the unit of y.
+    over_time
+        Whether x are times.
+
+    Returns
+    -------
+    dict
+    """
+    axis = {
+        "gridcolor": FAINT,
+        "zeroline": False,
+        "linecolor": QUIET,
+        "ticks": "outside",
+        "tickcolor": QUIET,
+        "exponentformat": "none",
+        "automargin": True,
+    }
+    reach = 1.08 * extent if extent > 0 else 1.0
+    return {
+        "template": {},
+        "font": {"family": FONT, "size": 12, "color": INK},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "margin": {"l": 46, "r": 8, "t": 8, "b": 40},
+        "dragmode": False,
+        "hovermode": "closest",
+        "showlegend": False,
+        "xaxis": {
+            **axis,
+            "title": {"text": escaped(x_title), "standoff": 6},
+            "type": "date" if over_time else "linear",
+            "nticks": 5,
+            "tickangle": 0,
+            **({"tickformatstops": TIMES} if over_time else {}),
+        },
+        "yaxis": {
+            **axis,
+            "title": {"text": escaped(y_title), "standoff": 4},
+            "range": [-reach, reach],
+            "zeroline": True,
+            "zerolinecolor": QUIET,
+            "nticks": 7,
+        },
+    }
+
+
+def markers(x: Sequence[Any], y: Sequence[float], *, after: bool) -> Json:
+    """Draw residuals: rings before, filled after.
+
+    Parameters
+    ----------
+    x, y
+        Where.
+    after
+        Which of the two.
+
+    Returns
+    -------
+    dict
+        plotly's trace.
+    """
+    ring = {"color": BEFORE, "symbol": "circle-open", "size": 7, "line": {"width": 1.4}}
+    filled = {"color": AFTER, "symbol": "circle", "size": 5, "opacity": 0.85}
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": list(x),
+        "y": list(y),
+        "marker": filled if after else ring,
+        "name": "after" if after else "before",
+    }
+
+
+def pointing(trace: Json, directions: Sequence[float], *, after: bool) -> Json:
+    """Let a trace's marks point the way of approach.
+
+    Parameters
+    ----------
+    trace
+        Of `markers`.
+    directions
+        +1, −1 or 0 of each mark; where all are 0 the trace stays as it is.
+    after
+        Which of the two it is.
+
+    Returns
+    -------
+    dict
+        plotly's trace.
+    """
+    if not any(directions):
+        return trace
+    ending = "" if after else "-open"
+    symbols = [f"{APPROACHES.get(direction, 'circle')}{ending}" for direction in directions]
+    return {**trace, "marker": {**trace["marker"], "symbol": symbols, "size": 7}}
+
+
+def dates(times_s: Sequence[float]) -> list[str]:
+    """Write times as plotly reads them.
+
+    Parameters
+    ----------
+    times_s
+        Seconds since 1970-01-01 UTC.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> dates([0.0])
+    ['1970-01-01 00:00:00']
+    """
+    return [f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M:%S}" for t in times_s]
+
+
+def largest(columns: Iterable[Sequence[float]]) -> float:
+    """Give the largest size in some columns; 0 of none.
+
+    Parameters
+    ----------
+    columns
+        Numbers.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> largest([[1.0, -3.0], []]), largest([])
+    (3.0, 0.0)
+    """
+    return max((abs(v) for column in columns for v in column), default=0.0)
+
+
+def hover_texts(names: Sequence[str]) -> Mapping[str, Any]:
+    """Say under the mouse what a mark belongs to.
+
+    Parameters
+    ----------
+    names
+        Plain text for each mark.
+
+    Returns
+    -------
+    dict
+        Of plotly's trace.
+    """
+    return {
+        "text": [escaped(name) for name in names],
+        "hovertemplate": "%{text}<br>%{x}<br>%{y}<extra></extra>",
+    }

@@ -1,0 +1,199 @@
+"""The plots of each component, those that move it most first; a choice of which are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from app.errors import counted, list_names
+from app.geometry.components import COMPONENTS
+from app.identification.residual_curves import ComponentCurves, ResidualCurve
+from app.identification.residual_report import ResidualFigures, Size
+from app.pages.report_parts.component_names import chapter_name, component_name
+from app.pages.report_parts.drawing import Drawing
+from app.pages.report_parts.words import decimals_for, escaped, figure_text
+from app.pages.residuals_page.curve_plots import TIME, curve_drawing, extent_of, movement
+from app.pages.residuals_page.size_table import over_noise
+
+MOST_OPEN: Final = 6
+"""Components whose plots are drawn without being asked for, and plots of each."""
+
+ALL: Final = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """The plots of one component, or of all lengths.
+
+    Parameters
+    ----------
+    place
+        Its id in the page.
+    size
+        The component's size.
+    drawings
+        Its plots, in order.
+    beyond
+        How many single values lie outside of them.
+    is_open
+        Whether it is shown without being asked for.
+    """
+
+    place: str
+    size: Size
+    drawings: Sequence[Drawing]
+    beyond: int
+    is_open: bool
+
+    @property
+    def name(self) -> str:
+        """The component, as plain text."""
+        name = self.size.component
+        return "all lengths together" if name == ALL else component_name(name)
+
+    def written(self) -> str:
+        """Write the block as HTML."""
+        shown, further = self.drawings[:MOST_OPEN], self.drawings[MOST_OPEN:]
+        more = (
+            f"<details><summary>{counted(len(further), 'more plot')}: the other "
+            f"quantities</summary>{_grid(further)}</details>"
+            if further
+            else ""
+        )
+        hidden = "" if self.is_open else " hidden"
+        style = "component open" if self.is_open else "component"
+        chapter = escaped(chapter_name(self.size.component))
+        return f"""<section class="{style}" id="{self.place}"{hidden}>
+<h3>{escaped(self.name)} <span class="quiet">{chapter}</span></h3>
+<p class="quiet">{escaped(self._told())}</p>
+{_grid(shown)}{more}</section>"""
+
+    def _told(self) -> str:
+        size = self.size
+        decimals = decimals_for(size.repeatability)
+        sizes = (size.mean, size.rms, size.repeatability)
+        mean, rms, noise = (figure_text(one, decimals) for one in sizes)
+        told = f"{counted(size.count, 'value')}: RMS {rms} {size.unit}, mean {mean}"
+        told += f", repeatability {noise}." if size.repeatability else "."
+        if not any(trace["name"] == "single values" for d in self.drawings for trace in d.data):
+            return f"{told} They are too many to be drawn one by one."
+        outside = f"{counted(self.beyond, 'value')} outside the plots." if self.beyond else ""
+        return f"{told} {outside}".rstrip()
+
+
+def component_blocks(figures: ResidualFigures, curves: Sequence[ComponentCurves]) -> list[Block]:
+    """Draw the components that have something to be drawn over.
+
+    Parameters
+    ----------
+    figures
+        The residuals.
+    curves
+        Of each component, and of all lengths: component and curves.
+
+    Returns
+    -------
+    list of Block
+        The largest for their repeatability first; at the end all lengths together.
+    """
+    sizes = {size.component: size for size in figures.components}
+    if figures.overall is not None:
+        sizes[ALL] = figures.overall
+    drawn = [(sizes[c.component], c.curves) for c in curves if c.curves]
+    drawn.sort(key=lambda one: (one[0].component == ALL, -over_noise(one[0])))
+    return [
+        _block(number, size, own, is_open=number < MOST_OPEN and size.component != ALL)
+        for number, (size, own) in enumerate(drawn)
+    ]
+
+
+def plots_section(blocks: Sequence[Block], figures: ResidualFigures) -> str:
+    """Write all plots, with the choice of what is shown.
+
+    Parameters
+    ----------
+    blocks
+        The components' plots.
+    figures
+        The residuals.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    drawn = {block.size.component for block in blocks}
+    few = [c.component for c in figures.components if c.component not in drawn]
+    without = (
+        f'<p class="quiet">Not drawn, for too few values or because nothing changed meanwhile: '
+        f"{escaped(list_names(map(component_name, few)))}.</p>"
+        if few
+        else ""
+    )
+    if not blocks:
+        return f"<section><h2>What they depend on</h2>{without}</section>"
+    return f"""<section><h2>What they depend on</h2>
+<p>Dots: means of about equally many values; bars: their standard deviation. Light points: single
+values. Grey: ±2 repeatabilities, where 95 % should lie if there were nothing else. The number in a
+title says how far the means move (RMS, without what the values' own scatter moves them): the
+plots of a component stand in that order, time and the place on its own axis always among the first,
+and have one scale.</p>
+<p class="quiet">Quantities that rise and fall together look alike here, and set-ups move a visit's
+values together: which one it is, and whether it is more than chance, an analysis says.</p>
+{_choice(blocks)}
+{"".join(block.written() for block in blocks)}
+{without}</section>"""
+
+
+def _block(number: int, size: Size, curves: Sequence[ResidualCurve], *, is_open: bool) -> Block:
+    moved = [(movement(curve), curve) for curve in curves]
+    moved.sort(key=lambda one: -one[0])
+    kept = {TIME, *_own_positions(size.component)}
+    first = [one for one in moved if one[1].over in kept]
+    first += [one for one in moved if one[1].over not in kept][: MOST_OPEN - len(first)]
+    shown = {one[1].over for one in first}
+    order = [one for one in moved if one[1].over in shown]
+    order += [one for one in moved if one[1].over not in shown]
+    extent = extent_of(curves, size)
+    place = f"component-{number}"
+    drawings = [
+        curve_drawing(f"{place}-{i}", curve, size, extent, by)
+        for i, (by, curve) in enumerate(order)
+    ]
+    values = max((curve.residual for curve in curves), key=len)
+    top = drawings[0].layout["yaxis"]["range"][1]
+    return Block(place, size, drawings, sum(abs(v) > top for v in values), is_open)
+
+
+def _own_positions(component: str) -> list[str]:
+    """Name the positions that a component's plots always begin with."""
+    if component not in COMPONENTS:
+        return []
+    axis = COMPONENTS[component].axis
+    return [] if axis is None else [f"position {axis} [mm]"]
+
+
+def _grid(drawings: Sequence[Drawing]) -> str:
+    return f'<div class="plots three">{"".join(d.place() for d in drawings)}</div>'
+
+
+def _choice(blocks: Sequence[Block]) -> str:
+    """Write the list that a component is chosen from; paper has none."""
+    open_ones = [block for block in blocks if block.is_open]
+    if len(blocks) == len(open_ones):
+        return ""
+    options = "".join(
+        f'<option value="{block.place}">{escaped(block.name + _ratio(block.size))}</option>'
+        for block in blocks
+    )
+    first = f"the {len(open_ones)} that exceed their repeatability most"
+    return (
+        f'<p class="choice"><label for="choice">Plots of</label> <select id="choice">'
+        f'<option value="">{first}</option>{options}</select></p>'
+    )
+
+
+def _ratio(size: Size) -> str:
+    ratio = over_noise(size)
+    return f": {ratio:.1f} × repeatability" if ratio else ""

@@ -1,0 +1,147 @@
+"""The top of the page: whose residuals, how large they are in one sentence, and what was used."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from app.errors import counted, list_names
+from app.identification.residual_report import ResidualFigures
+from app.pages.report_parts.words import decimals_for, escaped, figure_text
+from app.units import date_text
+
+MOST_LABELS: Final = 12
+
+BY_NOISE: Final = 0.32
+"""Share of normal noise beyond one standard deviation."""
+
+DATUMS: Final = {
+    "absolute": "absolute (the instrument's zero is the model's zero)",
+    "first": "first (zeroed at the first observation: a constant of each component is taken off)",
+    "free": "free (the zero is not known: a constant of each component is taken off)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualsHead:
+    """Of which machine, and of which measurements.
+
+    Parameters
+    ----------
+    machine_id, machine_name
+        The machine.
+    chain
+        Order of its axes, such as `XYFZ`.
+    model_version
+        The version that was held against them.
+    verifications
+        Label and datum of each.
+    first_s, last_s
+        When the first and the last value were measured [s since 1970-01-01 UTC].
+    """
+
+    machine_id: str
+    machine_name: str
+    chain: str
+    model_version: int
+    verifications: Sequence[tuple[str, str]]
+    first_s: float
+    last_s: float
+
+
+def header(head: ResidualsHead, figures: ResidualFigures) -> str:
+    """Write title, the sizes in one sentence, and what was held against what.
+
+    Parameters
+    ----------
+    head
+        Whose residuals.
+    figures
+        The residuals.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    facts = "".join(f"<dt>{name}</dt><dd>{told}</dd>" for name, told in _facts(head, figures))
+    return f"""<header>
+<p class="quiet">Residuals: measured minus predicted, nothing fitted</p>
+<h1>{escaped(head.machine_name)}</h1>
+<p class="summary">{escaped(size_sentence(figures))}</p>
+<dl class="facts">{facts}</dl>
+</header>"""
+
+
+def size_sentence(figures: ResidualFigures) -> str:
+    """Say how large the residuals are, as plain text.
+
+    Parameters
+    ----------
+    figures
+        The residuals.
+
+    Returns
+    -------
+    str
+    """
+    size = figures.overall
+    if size is None:
+        measured = counted(figures.count, "value")
+        return f"{measured}, none of them a length: each component stands in its own unit below."
+    decimals, unit = decimals_for(size.repeatability), size.unit
+    rms, p95 = (figure_text(one, decimals) for one in (size.rms, size.p95))
+    if size.count == 1:
+        return f"The one residual that is a length is {figure_text(size.mean, decimals)} {unit}."
+    most = f"{percent_text(0.95)} of them within ±{p95} {unit}"
+    told = f"The residuals are {rms} {unit} (root mean square), {most}"
+    if size.share_above_repeatability is None:
+        return f"{told}."
+    noise = figure_text(size.repeatability, decimals)
+    share = percent_text(size.share_above_repeatability)
+    return (
+        f"{told}; {share} exceed the repeatability of {noise} {unit}, as {percent_text(BY_NOISE)} "
+        "would if there were nothing else."
+    )
+
+
+def percent_text(share: float) -> str:
+    r"""Write a share in per cent, on one line.
+
+    Parameters
+    ----------
+    share
+        From 0 to 1.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> percent_text(0.5)
+    '50\xa0%'
+    """
+    return f"{share:.0%}".replace("%", "\xa0%")
+
+
+def _facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str, str]]:
+    """What was held against what, as HTML."""
+    values = figures.count
+    labels = [label for label, _ in head.verifications]
+    datums = Counter(datum for _, datum in head.verifications)
+    told = [
+        DATUMS.get(datum, datum) + (f" in {count}" if len(datums) > 1 else "")
+        for datum, count in datums.items()
+    ]
+    first, last = date_text(head.first_s), date_text(head.last_s)
+    return [
+        ("machine", escaped(f"{head.machine_id} ({head.chain})")),
+        ("model", f"version {head.model_version}, its adopted effects included"),
+        ("verifications", escaped(list_names(labels, MOST_LABELS))),
+        ("datum", escaped("; ".join(told))),
+        ("measured", first if first == last else f"{first} to {last}"),
+        ("values", f"{values} of {counted(len(figures.components), 'component')}"),
+    ]

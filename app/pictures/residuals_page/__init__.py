@@ -1,6 +1,0 @@
-"""Residuals as a page: what a model version leaves of verifications, and what it depends on."""
-
-from app.pictures.residuals_page.head import ResidualsHead
-from app.pictures.residuals_page.page import residuals_page
-
-__all__ = ["ResidualsHead", "residuals_page"]

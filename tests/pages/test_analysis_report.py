@@ -1,0 +1,354 @@
+"""The report of an analysis: complete, honest, with no text that acts, and figures that draw."""
+
+import ast
+import copy
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from plotly.graph_objects import Figure
+
+import app.identification
+from app.errors import InvalidContent
+from app.identification.analyse import VERDICTS as GIVEN
+from app.identification.search.findings import Status
+from app.pages.analysis_report import analysis_report
+from app.pages.analysis_report.names import MARKS, STATUSES, TESTS, VERDICTS
+from app.storage.analysis_results import RESULTS
+from tests.pages.example_analyses import (
+    ALL,
+    BACKLASH,
+    BACKLASH_CURVE,
+    FOUND,
+    HEAD,
+    LAG,
+    LAG_CURVE,
+    NOTHING,
+    UNEXPLAINED,
+    component,
+    visits,
+)
+from tests.pages.page_reader import Reader
+
+ADDRESS = "/docs-assets/plotly.min.js"
+EVIL = "</title></script><script>alert('1')</script><img src=x onerror=alert(2)> & \"Mill\""
+
+
+def read(result, head=HEAD, **options):
+    return Reader(written(result, head, **options))
+
+
+def written(result, head=HEAD, **options):
+    """The page of a result as it is stored."""
+    return analysis_report(
+        head, RESULTS.read_text(json.dumps(result)), **{"plotly_js": ADDRESS} | options
+    )
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_page_is_whole_html_with_its_figures(name):
+    found = read(ALL[name])
+    assert found.open == []
+    places = [attrs["id"] for _, attrs in found.elements if attrs.get("class") == "plot"]
+    assert sorted(places) == sorted(found.figures)
+    assert len(set(found.attributes("id"))) == len(found.attributes("id"))
+    for attrs in (attrs for _, attrs in found.elements if attrs.get("class") == "plot"):
+        assert attrs["role"] == "img"
+        assert len(attrs["aria-label"]) > 20
+    for figure in found.figures.values():
+        # plotly refuses what it does not know.
+        Figure(figure)
+
+
+def test_a_page_with_its_own_plotly_asks_nobody():
+    found = read(FOUND, plotly_js="inline")
+    assert found.attributes("src") == []
+    assert found.attributes("href") == []
+
+
+def test_a_page_is_small_beside_plotly_and_always_the_same():
+    page = written(UNEXPLAINED)
+    assert page == written(UNEXPLAINED)
+    assert len(page) < 60_000
+
+
+def test_another_address_is_refused():
+    with pytest.raises(InvalidContent, match="plotly_js"):
+        written(NOTHING, plotly_js="javascript:alert(1)")
+
+
+def test_the_top_says_whose_it_is_and_the_answer():
+    told = read(FOUND, replace(HEAD, adopted_version=4)).told
+    for words in (
+        "MCFV5050LN",
+        "mcfv5050 (XYFZ)",
+        "version 3",
+        "night shift, week 9",
+        "480 values of 6 visits",
+        "2026-03-14 17:05 UTC, seed 0",
+        "as model version 4",
+        "✓ Effects found",
+        FOUND["summary"],
+    ):
+        assert words in told
+    assert "before 2.36 µm RMS on held-out visits, 95 % interval 2.08 to 2.54 µm" in told
+    assert "noise floor 0.63 µm" in told
+    assert "chance below 0.01 %" in told
+
+
+def test_the_top_says_which_effects_were_there_and_which_came():
+    had = "EYY follows bed 20 ± 3 min late"
+    told = read(FOUND, replace(HEAD, had=[had])).told
+    assert f"version 3, with 1 adopted effect: {had}" in told
+    assert "adopted nothing of this analysis" in told
+    told = read(FOUND, replace(HEAD, adopted_version=4, adopted=[LAG["explanation"]])).told
+    assert f"as model version 4: {LAG['explanation']}" in told
+    told = read(NOTHING | {"visits": 1, "values": 1}).told
+    assert "observations 1 value of 1 visit " in told
+    assert "1 value of 1 visit took part" in told
+
+
+def test_where_nothing_was_found_the_page_says_what_that_is_worth():
+    told = read(NOTHING).told
+    assert "– Nothing found" in told
+    assert "chance 34 %" in told
+    assert "What the model lacks" not in told
+    assert "after" not in told.split("Residuals by component")[1].split("EZZ")[0]
+    smallest = told.index("The smallest effects that would have been seen")
+    assert told.index("EZZ") < smallest < told.index("Over time")
+    assert "thermal lag 0.21 to 0.30 0.40" in told
+    assert "Nothing that stands out of the noise is left" in told
+    assert "None was left out" in told
+
+
+def test_reasons_that_several_kinds_share_stand_once():
+    told = read(NOTHING).told
+    assert "drift, step EBX needs 8 visits, came 6" in told
+    assert "angular – the maps have all rotations" in told
+
+
+def test_components_stand_by_unit_with_their_figures():
+    told = read(UNEXPLAINED).told
+    table = told.split("Before and after")[1].split("What the model lacks")[0]
+    order = [table.index(word) for word in ("[µm]", "EZZ", "points, Y", "[µrad]", "[µm/m]", "SXY")]
+    assert order == sorted(order)
+    assert "EZZ D_z(z) 4.10 0.64 0.63 0.61 (declared) ±1.28 240" in table
+    assert "SXY S_xy 7.40† 0.80†" in table
+    assert "† Nothing could be held out" in table
+    assert "95 % within, after" in table
+    assert "declared: what the verifications state" in table
+    assert "replicates: " not in table
+    assert "replicates: from what was read again" in read(NOTHING).told
+    # Without a floor the scatter of one observation stands for it.
+    assert "EBX A_y(x) 1.20 1.20 0.61" in table
+
+
+def test_each_unit_is_a_table_whose_head_repeats_it():
+    page = written(UNEXPLAINED)
+    assert page.count("[µm]</th></tr></thead>") == 1
+    assert page.count("[µm/m]</th></tr></thead>") == 1
+
+
+def test_one_value_is_not_drawn_as_if_it_were_perfect():
+    one = NOTHING | {"components": [component("SXY", 0.0, 0.0, "µm/m", count=1)]}
+    assert "±0.00 1 one value" in read(one).told
+
+
+def test_an_effect_is_told_with_its_figures():
+    told = read(FOUND).told
+    for words in (
+        "1. EZZ follows z-column 41 ± 2 min late",
+        "✓ confirmed on held-out visits",
+        "4.10 → 0.64 µm RMS",
+        "show 0.98 ± 0.08 of what it predicts (1 is right, 0 is nothing); found again in 100 %",
+        "time constant 41 ± 2 min",
+        "share of what the tables say: 1 follows late as a whole, 0 at once 1.01 ± 0.03",
+        "Late minus present: what the sensor read some time ago, less what it reads now.",
+        "thermal lag: EZZ with z-column – this effect 209",
+        "sensor gradient: EZZ with spindle, bed – tied 208",
+        "other sensor: EZZ with spindle – behind by 160 50",
+        "Further behind: 1 more.",
+        "cannot tell it from sensor gradient: EZZ with spindle, bed (evidence 208 against 209)",
+        "What would separate the two: heat spindle without z-column.",
+    ):
+        assert words in told
+
+
+def test_warnings_and_what_is_not_confirmed_are_told_in_words():
+    told = read(UNEXPLAINED).told
+    for words in (
+        "? Something unexplained",
+        "? suspected, not confirmed on held-out visits",
+        "≈ proxy",
+        "Something unexplained remains beside it",
+        "71% of the evidence stands on two visits ('a' and 'b').",
+        "could not say anything",
+        "changed at 2026-03-04 00:00 UTC",
+        "step −7.3 ± 0.3 µm/m",
+        "SXY changed by −7.3",
+        "– not confirmable: the held-out visits do not show it",
+        "reversal, rise from mid-travel to the end 0.4 ± 0.2 µm",
+        "EYZ 1.40 µm 0.60 µm the rate of z-column it moves with something smoothly; held-out",
+        "frozen 112",
+        "outlier 3",
+    ):
+        assert words in told
+
+
+def test_a_fault_that_the_readings_show_has_no_figures_and_no_rivals():
+    found = read(UNEXPLAINED)
+    told = found.told.split("4. x-middle is stuck")[1].split("Over time")[0]
+    assert "✓ seen in the readings themselves" in told
+    assert "in the readings it stood still for 9 h" in told
+    for absent in ("held-out", "by chance", "2 ln B", "None"):
+        assert absent not in told
+    assert not [name for name in found.figures if name.startswith("effect-4")]
+
+
+def test_residuals_are_drawn_over_the_driver_before_and_after_on_one_scale():
+    figures = read(FOUND).figures
+    before, after = figures["effect-1-before"], figures["effect-1-after"]
+    rings, says = before["data"]
+    (filled,) = after["data"]
+    assert rings["x"] == filled["x"] == says["x"] == LAG_CURVE["driver"]
+    assert (rings["y"], says["y"]) == (LAG_CURVE["before"], LAG_CURVE["explained"])
+    assert filled["y"] == LAG_CURVE["after"]
+    assert before["layout"] == after["layout"]
+    low, high = before["layout"]["yaxis"]["range"]
+    assert low == -high
+    assert high >= max(map(abs, LAG_CURVE["before"]))
+    assert before["layout"]["xaxis"]["title"]["text"] == "z-column, late minus present [K]"
+    assert before["layout"]["yaxis"]["title"]["text"] == "residual [µm]"
+    # Not by colour alone.
+    assert rings["marker"]["symbol"] != filled["marker"]["symbol"] != says["marker"]["symbol"]
+
+
+def test_time_is_drawn_as_dates_and_directions_as_triangles():
+    found = read(UNEXPLAINED)
+    step = found.figures["effect-2-after"]
+    assert step["layout"]["xaxis"]["type"] == "date"
+    assert step["layout"]["xaxis"]["title"]["text"] == "time [UTC]"
+    assert step["data"][0]["x"][0] == "2026-03-01 00:00:00"
+    (filled,) = found.figures["effect-3-after"]["data"]
+    assert filled["marker"]["symbol"] == [
+        "triangle-up",
+        "triangle-down",
+        "triangle-up",
+        "circle",
+    ]
+    assert "Triangles point the way of approach" in found.told
+
+
+def test_visits_of_found_effects_are_drawn_first_then_what_stands_out():
+    found = read(FOUND)
+    titles = re.findall(r"UTC\. (.*?) What remains", found.told)[0]
+    assert titles.split() == ["EZZ", "EBX"]
+    band, rings, filled = found.figures["visits-1"]["data"]
+    assert (len(rings["y"]), len(filled["y"]), len(band["x"])) == (6, 6, 12)
+    # Two standard deviations of a mean of 40: the floor has 0.63² − 0.61² from set-ups.
+    assert max(band["y"]) == pytest.approx(2 * (0.61**2 / 40 + 0.63**2 - 0.61**2) ** 0.5, abs=1e-5)
+    assert len(read(NOTHING).figures["visits-1"]["data"]) == 2
+
+
+def test_directions_of_a_reversal_are_drawn_apart_over_time():
+    curve = visits("EXX", [1.0, -1.0] * 3, [0.1, -0.1] * 3) | {"direction": [1.0, -1.0] * 3}
+    result = UNEXPLAINED | {
+        "components": [component("EXX", 1.0, 0.1)],
+        "effects": [BACKLASH],
+        "plots": {"effects": [BACKLASH_CURVE], "visits": [curve]},
+    }
+    found = read(result)
+    _, before, after = found.figures["visits-1"]["data"]
+    assert before["marker"]["symbol"][:2] == ["triangle-up-open", "triangle-down-open"]
+    assert after["marker"]["symbol"][:2] == ["triangle-up", "triangle-down"]
+    assert "Triangles point the way of approach, where an error reverses" in found.told
+
+
+def test_nothing_to_draw_is_no_figure():
+    bare = copy.deepcopy(FOUND)
+    for name in ("driver", "before", "after", "explained", "components", "direction"):
+        bare["plots"]["effects"][0][name] = []
+    bare["plots"]["visits"] = []
+    bare["detectable"] = []
+    bare["not_testable"] = []
+    found = read(bare)
+    assert found.figures == {}
+    for heading in ("Over time", "What could not be tested", "The smallest effects"):
+        assert heading not in found.told
+
+
+def test_texts_of_users_are_shown_and_do_not_act():
+    evil = copy.deepcopy(UNEXPLAINED)
+    evil["summary"] = evil["what_next"][0] = EVIL
+    for effect in evil["effects"]:
+        effect |= {"explanation": EVIL, "leverage_warning": EVIL}
+        effect["effect"] |= {"sensors": [EVIL], "states": [EVIL], "variant": EVIL}
+        effect["effect"]["parameters"] = {EVIL: 1.0}
+    evil["effects"][0]["alternatives"][0] |= {"sensors": [EVIL], "separating_measurement": EVIL}
+    evil["excluded"][0]["reason"] = evil["unexplained"][0]["leads"][0] = EVIL
+    evil["unexplained"][0]["component"] = evil["components"][0]["component"] = EVIL
+    evil["plots"]["effects"][0] |= {"over": EVIL, "over_unit": EVIL, "components": [EVIL] * 4}
+    evil["plots"]["visits"][0]["component"] = EVIL
+    evil["not_testable"][0] |= {"on": EVIL, "reason": EVIL}
+    evil["detectable"][0]["component"] = EVIL
+    head = replace(HEAD, machine_name=EVIL, machine_id=EVIL, chain=EVIL, verifications=[EVIL])
+    found, plain = read(evil, head), read(UNEXPLAINED)
+    names = [tag for tag, _ in found.elements]
+    assert names.count("script") == [tag for tag, _ in plain.elements].count("script")
+    assert "img" not in names
+    assert EVIL in found.told
+    # plotly reads some markup in texts of its figures.
+    assert "<img" not in json.dumps(found.figures)
+
+
+def test_few_visits_and_no_lengths_have_a_page_too():
+    few = NOTHING | {
+        "noise_um": None,
+        "floor_um": None,
+        "before": figures_without_hold_out(),
+        "after": figures_without_hold_out(),
+        "components": [],
+        "plots": {"effects": [], "visits": []},
+    }
+    found = read(few)
+    assert "RMS of all visits; none held out" in found.told
+    assert "noise floor – " in found.told
+
+
+def figures_without_hold_out():
+    return {"rms_um": 1.2, "p95_um": 2.0, "holdout_rms_um": None, "holdout_rms_ci95_um": None}
+
+
+def test_plotly_is_imported_only_for_its_javascript():
+    program = (
+        "import json, sys; from app.pages.analysis_report import analysis_report; "
+        "from app.storage.analysis_results import RESULTS; "
+        "from tests.pages.example_analyses import FOUND, HEAD; "
+        "result = RESULTS.read_text(json.dumps(FOUND)); "
+        "analysis_report(HEAD, result, plotly_js='/p.js'); sys.exit('plotly' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def names_of_tests():
+    """Read off the source which tests the search says something of."""
+    for path in Path(app.identification.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Unexplained":
+                yield ast.literal_eval(node.args[0])
+
+
+def test_every_test_of_the_search_has_words():
+    names = set(names_of_tests())
+    assert len(names) >= 6
+    assert names == set(TESTS)
+
+
+def test_every_verdict_and_every_status_has_words_and_a_mark():
+    assert set(VERDICTS) == set(GIVEN.values())
+    assert set(STATUSES) == set(Status)
+    assert set(MARKS) == set(VERDICTS) | set(STATUSES)
