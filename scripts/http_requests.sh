@@ -297,11 +297,17 @@ curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/analyses/1
 # 204
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/verifications/1
 
+# 200: what tables would lose without the map "warm"
+curl -X DELETE "http://127.0.0.1:8000/v1/machines/practice/error-maps/5?preview=true"
+
 # 204: the map "warm"
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/error-maps/5
 
 # 200: they count nowhere any more
 curl -X DELETE "http://127.0.0.1:8000/v1/machines/practice/readings?from=2026-03-02T06:10:00Z&to=2026-03-02T06:20:00Z"
+
+# 200: they are kept, with when they were withdrawn
+curl http://127.0.0.1:8000/v1/machines/practice/readings/withdrawn
 
 # 204: with all that these requests made
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice

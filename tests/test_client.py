@@ -154,6 +154,8 @@ async def test_error_maps(client):
     shown = stored.model_copy(update=of_storing)
     assert await client.error_map("mcfv5050", stored.id) == shown
     assert [m.label for m in await client.error_maps("mcfv5050")][-1] == "Run #7"
+    look = await client.preview_map_deletion("mcfv5050", 3)
+    assert (look.activated, bool(look.loses)) == (True, True)
     assert await client.delete_error_map("mcfv5050", stored.id) is None
     assert len(await client.error_maps("mcfv5050")) == 3
 

@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from app.cli.answers import facts, listing, or_nothing, show, temperatures, when
+from app.cli.model_change_view import preview_lines
 from app.cli.options import (
     JsonOption,
     MachineOption,
@@ -78,11 +79,15 @@ def delete_map(
 ) -> None:
     """Take an error map out of use; model versions that were made with it keep it.
 
+    It says before what tables would lose and by how much they would change.
+
     Example: `thermap maps delete 2 --machine vmc`
     """
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
         label = thermap.error_map(chosen, number).label
+        for line in preview_lines(thermap.preview_map_deletion(chosen, number)):
+            typer.echo(f"without {label!r} tables {line}", err=True)
         confirm(
             f"error map {label!r} was not deleted",
             f"Take error map {label!r} (number {number}) of {chosen!r} out of use?",

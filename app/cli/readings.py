@@ -10,7 +10,7 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, show, temperatures
+from app.cli.answers import listing, show, temperatures, when
 from app.cli.options import (
     JsonOption,
     MachineOption,
@@ -26,7 +26,7 @@ from app.client import DEFAULT_URL
 from app.errors import counted
 
 if TYPE_CHECKING:
-    from app.api.schemas.readings import ReadingSchema
+    from app.api.schemas.readings import ReadingSchema, WithdrawnReadingAnswer
 
 readings = command_group()
 
@@ -69,6 +69,14 @@ def list_readings(
         int,
         typer.Option(envvar="THERMAP_LIMIT", min=1, max=100_000, help="At most so many readings."),
     ] = 1000,
+    withdrawn: Annotated[
+        bool,
+        typer.Option(
+            "--withdrawn",
+            envvar="THERMAP_WITHDRAWN",
+            help="Those that were withdrawn, all of them, and when; --every-s does not apply.",
+        ),
+    ] = False,
     json: JsonOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -78,8 +86,16 @@ def list_readings(
     """
     from app.client import calls
 
-    first = datetime.now(UTC) - USUAL_SPAN if since is None else read_time(since, "--from")
     last = None if until is None else read_time(until, "--to")
+    if withdrawn:
+        earliest = None if since is None else read_time(since, "--from")
+        with connect(url) as thermap:
+            of_machine = calls.withdrawn_readings(
+                chosen_machine(thermap, machine), earliest, last, limit
+            )
+            show(thermap, of_machine, lambda found: withdrawn_view(found, limit), json=json)
+        return
+    first = datetime.now(UTC) - USUAL_SPAN if since is None else read_time(since, "--from")
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
         call = calls.readings(chosen, first, last, every_s, limit)
@@ -180,8 +196,22 @@ def readings_view(found: Sequence[ReadingSchema], first: datetime, limit: int) -
         state = ", ".join(f"{name} {value:g}" for name, value in one.state.items())
         cells = [_shown(one.time), temperatures(one.temperatures_c)]
         table.add_row(*cells, *([state] if has_state else []))
-    more = Text(f"! the first {limit}; there may be more: --from, --every-s and --limit choose")
-    return Group(table, *([more] if len(found) >= limit else []))
+    return Group(table, *([_more(limit)] if len(found) >= limit else []))
+
+
+def withdrawn_view(found: Sequence[WithdrawnReadingAnswer], limit: int) -> RenderableType:
+    """Lay out readings that were withdrawn; as many as the limit may not be all."""
+    if not found:
+        return Text("no reading was withdrawn")
+    table = listing("time [UTC]", "withdrawn [UTC]", "temperatures [°C]")
+    table.columns[0].no_wrap = True
+    for one in found:
+        table.add_row(_shown(one.time), when(one.withdrawn_at), temperatures(one.temperatures_c))
+    return Group(table, *([_more(limit)] if len(found) >= limit else []))
+
+
+def _more(limit: int) -> Text:
+    return Text(f"! the first {limit}; there may be more: --from, --every-s and --limit choose")
 
 
 def _shown(time: datetime) -> str:

@@ -38,7 +38,12 @@ from app.api.schemas.models import (
 )
 from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
+from app.api.schemas.readings import (
+    ReadingSchema,
+    StoredReadings,
+    WithdrawnReadingAnswer,
+    WithdrawnReadings,
+)
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer
 from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
@@ -122,6 +127,9 @@ class AsyncThermapClient:
     async def delete_error_map(self, machine: str, map_id: int) -> None:
         return await self.send(calls.delete_error_map(machine, map_id))
 
+    async def preview_map_deletion(self, machine: str, map_id: int) -> PreviewAnswer:
+        return await self.send(calls.preview_map_deletion(machine, map_id))
+
     async def sensor_assignment(self, machine: str) -> dict[str, str]:
         return await self.send(calls.sensor_assignment(machine))
 
@@ -172,6 +180,15 @@ class AsyncThermapClient:
         limit: int | None = None,
     ) -> list[ReadingSchema]:
         return await self.send(calls.readings(machine, since, until, every_s, limit))
+
+    async def withdrawn_readings(
+        self,
+        machine: str,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        limit: int | None = None,
+    ) -> list[WithdrawnReadingAnswer]:
+        return await self.send(calls.withdrawn_readings(machine, since, until, limit))
 
     async def withdraw_reading(self, machine: str, time: datetime | str) -> WithdrawnReadings:
         return await self.send(calls.withdraw_reading(machine, time))

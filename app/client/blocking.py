@@ -36,7 +36,12 @@ from app.api.schemas.models import (
 )
 from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
+from app.api.schemas.readings import (
+    ReadingSchema,
+    StoredReadings,
+    WithdrawnReadingAnswer,
+    WithdrawnReadings,
+)
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer
 from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
@@ -156,6 +161,10 @@ class ThermapClient:
         """Take an error map out of use; older model versions keep it."""
         return self.send(calls.delete_error_map(machine, map_id))
 
+    def preview_map_deletion(self, machine: str, map_id: int) -> PreviewAnswer:
+        """Say what taking an error map out of use would do to the tables; nothing changes."""
+        return self.send(calls.preview_map_deletion(machine, map_id))
+
     def sensor_assignment(self, machine: str) -> dict[str, str]:
         """Show which sensor each component follows, component code to sensor."""
         return self.send(calls.sensor_assignment(machine))
@@ -222,6 +231,16 @@ class ThermapClient:
     ) -> list[ReadingSchema]:
         """List readings in order of time, at most one in `every_s` seconds [s]."""
         return self.send(calls.readings(machine, since, until, every_s, limit))
+
+    def withdrawn_readings(
+        self,
+        machine: str,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        limit: int | None = None,
+    ) -> list[WithdrawnReadingAnswer]:
+        """List the readings that were withdrawn, in order of their times."""
+        return self.send(calls.withdrawn_readings(machine, since, until, limit))
 
     def withdraw_reading(self, machine: str, time: datetime | str) -> WithdrawnReadings:
         """Take the reading of exactly this time out of use; UnknownThingError if there is none."""

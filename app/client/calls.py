@@ -45,7 +45,12 @@ from app.api.schemas.models import (
 )
 from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import ReadingSchema, StoredReadings, WithdrawnReadings
+from app.api.schemas.readings import (
+    ReadingSchema,
+    StoredReadings,
+    WithdrawnReadingAnswer,
+    WithdrawnReadings,
+)
 from app.api.schemas.rotary import RotaryErrorAnswer
 from app.arrays import FloatArray
 from app.client.call import Answer, Call, Content, nothing, reader_of
@@ -179,6 +184,12 @@ def delete_error_map(machine_id: str, map_id: int) -> Call[None]:
     return Call("DELETE", of_machine(machine_id, "error-maps", map_id), nothing)
 
 
+def preview_map_deletion(machine_id: str, map_id: int) -> Call[PreviewAnswer]:
+    """DELETE …/error-maps/{id}?preview=true."""
+    path = of_machine(machine_id, "error-maps", map_id)
+    return Call("DELETE", path, reader_of(PreviewAnswer), query=PREVIEW)
+
+
 # -- sensor assignment and models ----------------------------------------------------------
 
 
@@ -279,6 +290,15 @@ def readings(
     return Call(
         "GET", of_machine(machine_id, "readings"), reader_of(list[ReadingSchema]), query=query
     )
+
+
+def withdrawn_readings(
+    machine_id: str, since: datetime | str | None, until: datetime | str | None, limit: int | None
+) -> Call[list[WithdrawnReadingAnswer]]:
+    """GET …/readings/withdrawn."""
+    path = of_machine(machine_id, "readings", "withdrawn")
+    query = {"from": since, "to": until, "limit": limit}
+    return Call("GET", path, reader_of(list[WithdrawnReadingAnswer]), query=query)
 
 
 def withdraw_reading(machine_id: str, time: datetime | str) -> Call[WithdrawnReadings]:

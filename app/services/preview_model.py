@@ -52,15 +52,27 @@ class Preview:
     present: PresentChange
 
 
-def preview_draft(context: Context, change: MachineChange, draft: Draft) -> Preview:
-    """Say what a version that is not written yet would do; it is activated if it loses nothing."""
-    return _preview(context, change, draft.reason, draft.model, draft.effects)
+def preview_draft(
+    context: Context, change: MachineChange, draft: Draft, *, activates: bool = False
+) -> Preview:
+    """Say what a version that is not written yet would do.
+
+    It is activated if it loses nothing, with `activates` whatever it loses.
+    """
+    return _preview(context, change, draft.reason, draft.model, draft.effects, activates=activates)
 
 
 def preview_latest(context: Context, change: MachineChange, reason: str) -> Preview:
     """Say what becomes of what is stored already: nothing new, but something may wait."""
     latest = change.latest
     model, effects = compile_version(change.machine, latest), adopted_effects(latest)
+    return _preview(context, change, reason, model, effects)
+
+
+def preview_unchanged(context: Context, change: MachineChange, reason: str) -> Preview:
+    """Say that tables stay as they are."""
+    active = change.version
+    model, effects = compile_version(change.machine, active), adopted_effects(active)
     return _preview(context, change, reason, model, effects)
 
 

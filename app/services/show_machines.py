@@ -13,7 +13,7 @@ from app.services.load_machine import adopted_effects, compile_version
 from app.storage.error_maps import find_error_map, list_error_maps, stored_map
 from app.storage.machines import find_machine, list_machines, stored_machine
 from app.storage.model_versions import active_version, find_version, list_versions
-from app.storage.readings import list_readings
+from app.storage.readings import WithdrawnReading, list_readings, list_withdrawn
 from app.storage.records import ModelVersion, StoredMachine, StoredMap
 from app.storage.watches import watch_status, watch_statuses
 from app.thermal.reading import Reading
@@ -99,6 +99,19 @@ def show_readings(
         find_machine(session, machine_id)
         with closing(list_readings(session, machine_id, since, until)) as readings:
             return _spaced(readings, every_s, limit)
+
+
+def show_withdrawn_readings(
+    context: Context,
+    machine_id: str,
+    since: datetime | None,
+    until: datetime | None,
+    limit: int,
+) -> list[WithdrawnReading]:
+    """List the readings that were withdrawn, in order of time."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        return list_withdrawn(session, machine_id, since, until, limit)
 
 
 def _spaced(readings: Iterable[Reading], every_s: float, limit: int) -> list[Reading]:

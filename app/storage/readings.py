@@ -31,6 +31,13 @@ class NumberedReading(NamedTuple):
     reading: Reading
 
 
+class WithdrawnReading(NamedTuple):
+    """A reading that somebody withdrew, and when."""
+
+    reading: Reading
+    withdrawn_at: datetime
+
+
 def insert_readings(
     session: Session, machine_id: str, readings: Sequence[Reading]
 ) -> set[datetime]:
@@ -86,6 +93,29 @@ def list_readings(
     with session.scalars(ordered) as rows:
         for row in rows:
             yield _reading(row)
+
+
+def list_withdrawn(
+    session: Session,
+    machine_id: str,
+    since: datetime | None,
+    until: datetime | None,
+    limit: int,
+) -> list[WithdrawnReading]:
+    """List a machine's readings that were withdrawn, in order of time, both ends included.
+
+    Of several of one time the one that was stored first comes first.
+    """
+    query = select(WithdrawnReadingRow).where(WithdrawnReadingRow.machine_id == machine_id)
+    if since is not None:
+        query = query.where(WithdrawnReadingRow.time >= since)
+    if until is not None:
+        query = query.where(WithdrawnReadingRow.time <= until)
+    ordered = query.order_by(WithdrawnReadingRow.time, WithdrawnReadingRow.id).limit(limit)
+    return [
+        WithdrawnReading(Reading(row.time, row.temperatures_c, row.state), row.withdrawn_at)
+        for row in session.scalars(ordered)
+    ]
 
 
 def recent_readings(

@@ -16,6 +16,7 @@ from tests.service_examples import (
     contents,
     error_map,
     iso,
+    problem,
     reading,
     table,
     temperatures,
@@ -165,6 +166,39 @@ async def test_deleting_the_only_map_that_waits_leaves_the_active_version(client
     await client.delete(f"{ROOM}/error-maps/{first['id']}")
     assert await model_numbers(client) == (3, None)
     assert len((await client.get(f"{ROOM}/models")).json()) == 4
+
+
+async def test_a_look_at_a_deletion_says_what_it_does_and_deletes_nothing(client, app):
+    await client.post(f"{ROOM}/readings", json=reading(START, 25.0))
+    before = contents(app)
+    table_before = by_code(await current(client))
+    answer = await client.delete(f"{ROOM}/error-maps/3", params={"preview": "true"})
+    assert answer.status_code == 200
+    look = answer.json()
+    assert (look["preview"], look["activated"], look["active_version"]) == (True, True, 3)
+    assert look["reason"] == "map 'Run #6' deleted"
+    assert contents(app) == before
+    # At 25 °C the tables lie between the maps at 24 and 30 °C, and end at 24 °C without the latter.
+    assert {part["component"] for part in look["loses"]} == {"EXX", "EBX", "EZZ", "SXY"}
+    assert (await client.delete(f"{ROOM}/error-maps/3")).status_code == 204
+    table_after = by_code(await current(client))
+    change = next(change for change in look["changes"] if change["component"] == "EXX")
+    before_um, after_um = (t["EXX"]["errors_um"][-1] for t in (table_before, table_after))
+    assert (before_um, after_um) == (25.0, 20.0)
+    assert (change["position_mm"], change["change"]) == (500.0, -5.0)
+
+
+async def test_a_look_at_the_deletion_of_a_map_that_no_table_has(client, app):
+    await client.post(f"{ROOM}/error-maps", json=short("short", 40.0))
+    assert await model_numbers(client) == (3, 4)
+    before = contents(app)
+    answer = await client.delete(f"{ROOM}/error-maps/4", params={"preview": "true"})
+    look = answer.json()
+    assert look["reason"] == "map 'short' deleted, which the active model does not have"
+    assert (look["loses"], look["gains"], look["changes"]) == ([], [], [])
+    assert contents(app) == before
+    missing = await client.delete(f"{ROOM}/error-maps/9", params={"preview": "true"})
+    assert "has no error map 9" in problem(missing, 404)["detail"]
 
 
 async def test_deleting_an_active_map_does_not_activate_what_waits(client):

@@ -199,6 +199,7 @@ def test_maps(thermap, client):
     url = f"{client.base_url}/v1/machines/mcfv5050/error-maps"
     assert answered(thermap("maps", "list", "--json")) == httpx.get(url, trust_env=False).json()
     deleted = thermap("maps", "delete", "3", "--yes")
+    assert "without 'Run #6' tables would lose " in deleted.stderr
     assert deleted.stdout.startswith("error map 'Run #6' is out of use; the active model version")
     assert [one.id for one in client.error_maps("mcfv5050")] == [1, 2]
 
@@ -279,6 +280,18 @@ def test_readings_are_withdrawn(thermap, client, measured):
     assert left == [timedelta(minutes=4), timedelta(minutes=5)]
     again = thermap("readings", "withdraw", *span, "--yes")
     assert again.stdout.startswith("0 readings from ")
+
+
+def test_withdrawn_readings_are_listed(thermap, client, measured):
+    words = ("readings", "list", "--withdrawn")
+    assert thermap(*words).stdout == "no reading was withdrawn\n"
+    client.withdraw_reading("mcfv5050", START)
+    header, one, *_ = lines(thermap(*words))
+    assert header == "time [UTC] withdrawn [UTC] temperatures [°C]"
+    assert one.startswith("2026-03-01 06:00:00 ")
+    (listed,) = answered(thermap(*words, "--json"))
+    assert listed["time"] == iso(START)
+    assert listed["withdrawn_at"] >= iso(START)
 
 
 def test_a_reading_is_withdrawn_by_the_time_that_the_list_shows(thermap, client):

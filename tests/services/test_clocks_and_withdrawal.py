@@ -269,6 +269,28 @@ async def test_the_same_may_be_stored_again_and_withdrawn_again(client):
     assert x_middle(await current(client)) == 22.0
 
 
+async def test_what_was_withdrawn_is_listed(client, clock):
+    path = f"{READINGS}/withdrawn"
+    assert (await client.get(path)).json() == []
+    times = [START - timedelta(seconds=s) for s in (30, 20, 10)]
+    await client.post(READINGS, json=[reading(t, 25.0) for t in times])
+    assert await withdraw(client, **{"from": iso(times[0]), "to": iso(times[1])}) == 2
+    clock.advance(60)
+    await client.post(READINGS, json=reading(times[1], 26.0))
+    assert await withdraw(client, time=iso(times[1])) == 1
+    later = iso(START + timedelta(seconds=60))
+    expected = [
+        reading(times[0], 25.0) | {"withdrawn_at": iso(START)},
+        reading(times[1], 25.0) | {"withdrawn_at": iso(START)},
+        reading(times[1], 26.0) | {"withdrawn_at": later},
+    ]
+    assert (await client.get(path)).json() == expected
+    of_one = {"from": iso(times[1]), "to": iso(times[1])}
+    assert (await client.get(path, params=of_one)).json() == expected[1:]
+    assert (await client.get(path, params={"limit": 1})).json() == expected[:1]
+    problem(await client.get("/v1/machines/nobody/readings/withdrawn"), 404)
+
+
 async def test_a_range_is_withdrawn_with_both_its_ends(client):
     await feed(client, *(at(-10 * i, 20 + 0.1 * i) for i in range(6)))
     gone = {"from": at(-40)["time"], "to": at(-10)["time"]}

@@ -16,7 +16,7 @@ from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
 from app.api.schemas.model_change import PreviewAnswer, change_fields
 from app.services.show_machines import show_error_map, show_error_maps
 from app.services.store_error_map import preview_error_map, remarks, store_error_map
-from app.services.withdraw_error_map import withdraw_map
+from app.services.withdraw_error_map import preview_withdrawal, withdraw_map
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/error-maps", tags=["error maps"]
@@ -71,7 +71,20 @@ def get_error_map(context: ContextDep, machine: MachinePath, map_id: MapPath) ->
     return ErrorMapAnswer.of(stored, in_active_model)
 
 
-@router.delete("/{map_id}", status_code=204, summary="Delete an error map")
-def delete_error_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> None:
-    """Take a map out of use: the next model version is without it, older ones keep it."""
+@router.delete(
+    "/{map_id}",
+    summary="Delete an error map",
+    response_model=PreviewAnswer,
+    responses={204: {"description": "It is out of use"}, 200: {"description": "The preview"}},
+)
+def delete_error_map(
+    context: ContextDep, machine: MachinePath, map_id: MapPath, preview: PreviewQuery = False
+) -> PreviewAnswer | Response:
+    """Take a map out of use: the next model version is without it, older ones keep it.
+
+    It is active whatever its tables lose; a preview says before what that would be.
+    """
+    if preview:
+        return PreviewAnswer.of(preview_withdrawal(context, machine, map_id))
     withdraw_map(context, machine, map_id)
+    return Response(status_code=204)

@@ -13,17 +13,23 @@ from app.api.schemas.readings import (
     OneOrMoreReadings,
     ReadingSchema,
     StoredReadings,
+    WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
 from app.errors import FieldError, InvalidContent, list_names
 from app.services.context import Context
-from app.services.show_machines import show_readings
+from app.services.show_machines import show_readings, show_withdrawn_readings
 from app.services.store_readings import StoreOutcome, store_readings
 from app.services.withdraw_readings import withdraw_reading, withdraw_readings
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"]
 )
+
+
+SinceQuery = Annotated[UtcTime | None, Query(alias="from", description="From this time on")]
+UntilQuery = Annotated[UtcTime | None, Query(alias="to", description="Up to this time")]
+LimitQuery = Annotated[int, Query(ge=1, le=100_000, description="At most so many")]
 
 
 @router.post(
@@ -60,13 +66,13 @@ def post_readings(
 def get_readings(
     context: ContextDep,
     machine: MachinePath,
-    since: Annotated[UtcTime | None, Query(alias="from", description="From this time on")] = None,
-    until: Annotated[UtcTime | None, Query(alias="to", description="Up to this time")] = None,
+    since: SinceQuery = None,
+    until: UntilQuery = None,
     every_s: Annotated[
         float,
         Query(ge=0, allow_inf_nan=False, description="At most one in so many seconds [s]"),
     ] = 0.0,
-    limit: Annotated[int, Query(ge=1, le=100_000, description="At most so many")] = 10_000,
+    limit: LimitQuery = 10_000,
 ) -> list[ReadingSchema]:
     """List readings in order of time; go on from the last one's time for more.
 
@@ -74,6 +80,23 @@ def get_readings(
     """
     found = show_readings(context, machine, since, until, every_s, limit)
     return [ReadingSchema.of(reading) for reading in found]
+
+
+@router.get("/withdrawn", summary="List withdrawn readings")
+def get_withdrawn_readings(
+    context: ContextDep,
+    machine: MachinePath,
+    since: SinceQuery = None,
+    until: UntilQuery = None,
+    limit: LimitQuery = 10_000,
+) -> list[WithdrawnReadingAnswer]:
+    """List what was withdrawn, in order of the readings' times, with when it was withdrawn.
+
+    It counts nowhere; to have it back, store it again. A time that was stored and withdrawn
+    more than once is listed as often.
+    """
+    found = show_withdrawn_readings(context, machine, since, until, limit)
+    return [WithdrawnReadingAnswer.of_withdrawn(withdrawn) for withdrawn in found]
 
 
 @router.delete("", summary="Withdraw readings")

@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag
 
 from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime, way_of
 from app.api.schemas.in_pieces import InPieces
+from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading
 
 
@@ -65,6 +66,18 @@ class StoredReadings(Schema):
     warnings: list[str] = Field(
         [], description="What is to be said of them, in sentences; left out where nothing is"
     )
+
+
+class WithdrawnReadingAnswer(ReadingSchema):
+    """A reading that was withdrawn: it counts nowhere."""
+
+    withdrawn_at: UtcTime = Field(description="When it was withdrawn, UTC")
+
+    @classmethod
+    def of_withdrawn(cls, withdrawn: WithdrawnReading) -> Self:
+        """Show a reading that was withdrawn."""
+        shown = ReadingSchema.of(withdrawn.reading)
+        return cls(**dict(shown), withdrawn_at=withdrawn.withdrawn_at)
 
 
 class WithdrawnReadings(Schema):
