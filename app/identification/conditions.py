@@ -238,6 +238,9 @@ class Conditions:
         if time_constant_s is not None:
             return self.lags.why_missing(signal, time_constant_s, self.times_s)
         have = self.temperatures_c if signal.kind == "temperature" else self.states
+        if signal.name in have:
+            what = "usable reading of" if signal.kind == "temperature" else "reading states"
+            return f"no {what} {signal.name} at that time"
         return f"no {signal.kind} {signal.name} (there are {list_names(have)})"
 
 

@@ -60,6 +60,21 @@ class Part:
     from_c: float | None = None
     to_c: float | None = None
 
+    def contains(self, other: Part) -> bool:
+        """Whether another one is this one, or a part of it."""
+        return (
+            (self.component, self.what, self.sensor) == (other.component, other.what, other.sensor)
+            and _within(other.from_mm, other.to_mm, self.from_mm, self.to_mm)
+            and _within(other.from_c, other.to_c, self.from_c, self.to_c)
+        )
+
+
+def _within(low: float | None, high: float | None, from_: float | None, to: float | None) -> bool:
+    """Whether one range lies in another; None is an open end."""
+    return (from_ is None or (low is not None and low >= from_)) and (
+        to is None or (high is not None and high <= to)
+    )
+
 
 @dataclass(frozen=True, slots=True)
 class ModelDifference:

@@ -221,7 +221,7 @@ def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorS
     if state.age_s is None:
         return state
     age_s = state.age_s + elapsed_s
-    if state.health is Health.OK and age_s > sensor.max_age_s:
+    if state.health in (Health.OK, Health.STALE) and age_s > sensor.max_age_s:
         detail = (
             f"{sensor.name} is stale: its last value is {age_s:.0f} s old, "
             f"at most {sensor.max_age_s:g} s are allowed"

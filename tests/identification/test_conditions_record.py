@@ -87,6 +87,18 @@ def test_too_little_history_is_said_in_minutes():
     assert found.why_missing(Signal("state", "rpm")) == "no state rpm (there are none)"
 
 
+def test_what_readings_state_but_not_at_that_time_is_not_said_to_be_lacking_altogether():
+    states = [(0.0, {"rpm": 1000.0})]
+    history = TemperatureHistory(np.array([0.0]), {"a": np.array([20.0])})
+    sensors = {"a": Sensor("a", max_age_s=300.0)}
+    found = recorded_conditions(sensors, history, states, np.array([1e6]))
+    assert np.isnan(found.state("rpm")).all()
+    told = found.why_missing(Signal("state", "rpm"))
+    assert told == "no reading states rpm at that time"
+    told = found.why_missing(Signal("temperature", "a"))
+    assert told == "no usable reading of a at that time"
+
+
 def test_rows_that_are_taken_share_the_past():
     found = record(np.arange(0.0, 7200.0, 60.0), [3600.0, 5000.0, 7000.0])
     some = found.take(np.array([2, 0]))

@@ -13,6 +13,7 @@ from app.identification.conditions import Conditions
 from app.identification.effects.effect import effect_from_json
 from app.identification.effects.hypothesis import Estimate
 from app.identification.effects.registry import KINDS, explain, repertoire, separating_measurement
+from app.identification.effects.shape import Rising
 from app.identification.live_effects import contributions, corrected_tables, corrections
 from app.identification.observations import POINT_CHANNELS
 from app.identification.projection import sum_of_terms
@@ -191,6 +192,15 @@ def test_explanations_are_plain_sentences(each):
     assert "{" not in told
     assert "nan" not in told
     assert "\n" not in told
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_an_explanation_says_where_its_number_holds_if_the_effect_changes_along_the_axis(each):
+    effect = fitted(each)
+    if any(isinstance(term.shape, Rising) for term in effect.terms):
+        assert " for each " in explain(effect) or "at the upper end of travel" in explain(effect)
+    else:
+        assert " for each " not in explain(effect)
 
 
 def test_every_pair_of_kinds_has_a_separating_measurement():

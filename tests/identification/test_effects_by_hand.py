@@ -153,6 +153,53 @@ def test_a_reversal_has_the_sign_of_the_approach():
     assert explain(effect) == "EXX has a reversal value of 3.0 ± 0.2 µm"
 
 
+RISES = Rising(250.0, 250.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "told"),
+    [
+        # 0.3 µm/day · x/500 is 0.15 in the middle, and 0.15 more from there to the end.
+        (
+            Effect(
+                "drift",
+                ("EXX",),
+                variant="since the first visit",
+                parameters={"drift_um_per_day": 0.15, "drift_rise_um_per_day": 0.15},
+                standard_errors={"drift_um_per_day": 0.003, "drift_rise_um_per_day": 0.005},
+                terms=(Term("EXX", SinceReference(START_S), RISES, 0.15),),
+            ),
+            "EXX drifts since the first visit, 0.150 ± 0.003 µm/day at X 250 mm and "
+            "0.060 ± 0.002 µm/day more for each 100 mm",
+        ),
+        # 2 + 0.02 p is 7 in the middle of 500 mm.
+        (
+            Effect(
+                "backlash",
+                ("EYY",),
+                parameters={"reversal_um": 7.07, "reversal_rise_um": -5.0},
+                standard_errors={"reversal_um": 0.03, "reversal_rise_um": 0.05},
+                terms=(Term("EYY", Always(), RISES, -2.5, is_reversing=True),),
+            ),
+            "EYY has a reversal value of 7.07 ± 0.03 µm at Y 250 mm and 2.00 ± 0.02 µm less for "
+            "each 100 mm",
+        ),
+        (
+            Effect(
+                "step",
+                ("EZZ",),
+                parameters={"step_rise_um": -5.0, "changed_at_unix_s": START_S},
+                terms=(Term("EZZ", StepAfter(START_S), Rising(-15_000.0, 15_000.0), -5.0),),
+            ),
+            "EZZ changed by -3.33 µm for each 10000 mm from Z -15000 mm on between the visits at "
+            "2026-03-01 00:00 UTC",
+        ),
+    ],
+)
+def test_an_explanation_says_where_along_the_axis_its_number_holds(effect, told):
+    assert explain(effect) == told
+
+
 def test_rotations_and_slopes_act_through_their_arms():
     chain = Chain.parse("XYFZ")
     point, tool = np.array([[250.0, 100.0, 200.0]]), np.array([[0.0, 0.0, 100.0]])

@@ -83,6 +83,13 @@ def test_time_without_readings_makes_stale():
     assert later["b"].age_s == 600.5
 
 
+def test_a_stale_sensor_is_told_with_the_age_that_it_has_now():
+    late = assessed([(0.0, {"a": 20.0, "b": 20.0}), (700.0, {"b": 20.0})])
+    days = {s.sensor: s for s in grow_older(THREE, late.values(), 258_500.0)}
+    assert days["a"].age_s == 259_200.0
+    assert "last value is 259200 s old" in days["a"].detail
+
+
 def test_a_missing_sensor_has_no_age_to_grow():
     states = assessed([(0.0, {"a": 20.0})])
     older = {s.sensor: s for s in grow_older(THREE, states.values(), 1e6)}

@@ -18,7 +18,7 @@ from app.identification.effects.kind import (
 )
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 
 BEYOND, SINCE = "beyond the maps", "since the maps"
 """The sensor acted when the maps were measured, and they contain its part; or it did not."""
@@ -56,12 +56,8 @@ class AdditionalSensor(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say with which sensor what moves, and how much."""
-        name = strongest(effect, "slope")
-        how = parameter(effect, name, symbol_of(effect.components[0], "K"))
-        return (
-            f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{where(name)}"
-            f"{if_new(effect)}"
-        )
+        how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
+        return f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{if_new(effect)}"
 
 
 def if_new(effect: Effect) -> str:

@@ -10,7 +10,7 @@ from app.identification.effects.constant_or_warm import constant_or_warm
 from app.identification.effects.effect import Effect
 from app.identification.effects.kind import EffectKind, Need, Proposals
 from app.identification.effects.site import Site
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 
 
 class Angular(EffectKind):
@@ -51,9 +51,7 @@ class Angular(EffectKind):
         """Say what turns, and by how much."""
         code = effect.components[0]
         if not effect.sensors:
-            name = strongest(effect, "angle")
-            how = parameter(effect, name, symbol_of(code))
-            return f"{code}, which the maps lack, turns the tool by {how}{where(name)}"
-        name = strongest(effect, "slope")
-        how = parameter(effect, name, symbol_of(code, "K"))
-        return f"{code}, which the maps lack, turns with {effect.sensors[0]}, {how}{where(name)}"
+            how = size_along(effect, "angle", symbol_of(code))
+            return f"{code}, which the maps lack, turns the tool by {how}"
+        how = size_along(effect, "slope", symbol_of(code, "K"))
+        return f"{code}, which the maps lack, turns with {effect.sensors[0]}, {how}"

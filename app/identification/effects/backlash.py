@@ -13,7 +13,7 @@ from app.identification.effects.kind import EffectKind, Need, Proposals
 from app.identification.effects.shape import Everywhere, Rising
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 
 CONSTANT, ALONG = "constant", "along the axis"
 
@@ -54,9 +54,8 @@ class Backlash(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say how large the reversal is."""
-        name = strongest(effect, "reversal")
-        how = parameter(effect, name, symbol_of(effect.components[0]))
-        return f"{effect.components[0]} has a reversal value of {how}{where(name)}"
+        how = size_along(effect, "reversal", symbol_of(effect.components[0]))
+        return f"{effect.components[0]} has a reversal value of {how}"
 
 
 def _hypothesis(code: str, rising: Rising | None) -> Hypothesis:

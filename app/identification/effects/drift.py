@@ -22,7 +22,7 @@ from app.identification.effects.kind import (
 from app.identification.effects.shape import Shape
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 from app.identification.map_tables import maps_of_label
 
 SINCE_MAPS, SINCE_FIRST = "since the maps", "since the first visit"
@@ -53,9 +53,8 @@ class Drift(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say what drifts, and how fast."""
-        name = strongest(effect, "drift")
-        how = parameter(effect, name, symbol_of(effect.components[0], "day"))
-        return f"{effect.components[0]} drifts {effect.variant}, {how}{where(name)}"
+        how = size_along(effect, "drift", symbol_of(effect.components[0], "day"))
+        return f"{effect.components[0]} drifts {effect.variant}, {how}"
 
 
 def _beginnings_s(site: Site, code: str) -> dict[str, float]:

@@ -10,7 +10,7 @@ from app.identification.effects.constant_or_warm import constant_or_warm
 from app.identification.effects.effect import Effect
 from app.identification.effects.kind import EffectKind, Need, Proposals
 from app.identification.effects.site import Site
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 
 
 class NonrigidSlope(EffectKind):
@@ -51,7 +51,6 @@ class NonrigidSlope(EffectKind):
         """Say what grows with which axis, and how much."""
         component = COMPONENTS[effect.components[0]]
         parent, axis = component.code.partition("^")[0], str(component.times).upper()
-        name = strongest(effect, "slope")
-        how = parameter(effect, name, symbol_of(component.code, "K" if effect.sensors else ""))
+        how = size_along(effect, "slope", symbol_of(component.code, "K" if effect.sensors else ""))
         warm = f" and {effect.sensors[0]}" if effect.sensors else ""
-        return f"{parent} grows with the position of {axis}{warm}, {how}{where(name)}"
+        return f"{parent} grows with the position of {axis}{warm}, {how}"

@@ -57,8 +57,12 @@ class OutdatedMap(EffectKind):
             )
         (name,) = effect.parameters
         how = parameter(effect, name, symbol_of(code))
-        by = "shifted by" if effect.variant == SHIFT else "off at the end of travel by"
-        return f"the maps of {code} no longer hold: they are {by} {how}"
+        by = (
+            f"shifted by {how}"
+            if effect.variant == SHIFT
+            else f"off by {how} at the upper end of travel, and by minus that at the lower"
+        )
+        return f"the maps of {code} no longer hold: they are {by}"
 
 
 def _hypothesis(

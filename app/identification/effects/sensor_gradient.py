@@ -23,7 +23,7 @@ from app.identification.effects.kind import (
 )
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 
 ALL_PAIRS_UP_TO: Final = 8
 """Of more sensors than this, only pairs with the component's own are tried."""
@@ -65,12 +65,11 @@ class SensorGradient(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say with which difference what moves, and how much."""
-        name = strongest(effect, "slope")
-        how = parameter(effect, name, symbol_of(effect.components[0], "K"))
+        how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
         warm, cold = effect.sensors
         return (
             f"{effect.components[0]} bends with the difference of {warm} and {cold}, "
-            f"{how}{where(name)}{if_new(effect)}"
+            f"{how}{if_new(effect)}"
         )
 
     def _said_pairs(self, site: Site) -> NotTested:

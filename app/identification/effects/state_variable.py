@@ -17,7 +17,7 @@ from app.identification.effects.kind import EffectKind, Need, Proposals, amplitu
 from app.identification.effects.shape import Shape
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import parameter, size_along, symbol_of
 from app.units import SECONDS_PER_MIN
 
 AT_ONCE, SQUARED = "at once", "squared at once"
@@ -76,14 +76,13 @@ class StateVariable(EffectKind):
     def explain(self, effect: Effect) -> str:
         """Say with which state what moves, how much, and how late."""
         code, state = effect.components[0], effect.states[0]
-        name = strongest(effect, "slope")
         squared = POWERS[effect.variant] == 2
-        how = parameter(effect, name, symbol_of(code, f"{state}²" if squared else state))
+        how = size_along(effect, "slope", symbol_of(code, f"{state}²" if squared else state))
         late = ""
         if "time_constant_min" in effect.parameters:
             late = f", {parameter(effect, 'time_constant_min', 'min')} late"
         what = f"the square of {state}" if squared else state
-        return f"{code} moves with {what}{late}, {how}{where(name)}"
+        return f"{code} moves with {what}{late}, {how}"
 
 
 def _hypothesis(

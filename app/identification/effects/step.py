@@ -24,10 +24,8 @@ from app.identification.effects.site import Site
 from app.identification.effects.term import Term
 from app.identification.effects.words import (
     components,
-    parameter,
-    strongest,
+    size_along,
     symbol_of,
-    where,
 )
 from app.units import date_text
 
@@ -59,10 +57,9 @@ class Step(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say what changed when, and by how much."""
-        name = strongest(effect, "step")
-        how = parameter(effect, name, symbol_of(effect.components[0]))
+        how = size_along(effect, "step", symbol_of(effect.components[0]))
         when = date_text(effect.parameters["changed_at_unix_s"])
-        return f"{components(effect)} changed by {how}{where(name)} between the visits at {when}"
+        return f"{components(effect)} changed by {how} between the visits at {when}"
 
 
 def change_times(site: Site) -> Nonlinear:

@@ -12,7 +12,7 @@ from app.identification.effects.hypothesis import Hypothesis
 from app.identification.effects.kind import EffectKind, Need, Proposals, amplitudes_of
 from app.identification.effects.site import Site
 from app.identification.effects.term import Term
-from app.identification.effects.words import parameter, strongest, symbol_of, where
+from app.identification.effects.words import size_along, symbol_of
 
 BETWEEN, OVERALL = "between maps", "over all maps"
 
@@ -49,11 +49,10 @@ class TemperatureCurvature(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say how strongly what is curved in which temperature."""
-        name = strongest(effect, "curvature")
-        how = parameter(effect, name, symbol_of(effect.components[0], "K²"))
+        how = size_along(effect, "curvature", symbol_of(effect.components[0], "K²"))
         return (
             f"{effect.components[0]} is curved over the temperature of {effect.sensors[0]} "
-            f"{effect.variant}, {how}{where(name)}"
+            f"{effect.variant}, {how}"
         )
 
 
