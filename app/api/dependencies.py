@@ -39,9 +39,10 @@ async def refuse_unknown_query(request: Request) -> None:
     known = [field.alias for field in _query_params(request.scope["route"].dependant)]
     for name in request.query_params:
         if name not in known:
-            raise InvalidContent.of_field(
-                name, f"expected the query parameters {list_names(known)}, came {name!r}"
+            expected = (
+                f"the query parameters {list_names(known)}" if known else "no query parameter"
             )
+            raise InvalidContent.of_field(name, f"expected {expected}, came {name!r}")
 
 
 def _query_params(dependant: Dependant) -> Iterator[Any]:

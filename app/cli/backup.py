@@ -57,7 +57,7 @@ def restore(
 ) -> None:
     """Bring a backup into a database: whole, or not at all.
 
-    The service is stopped meanwhile. A backup of an older version is upgraded.
+    Stop the service first. A backup of an older version is upgraded.
 
     Example: `thermap restore friday.thermap --database-url sqlite:///new.db`
     """

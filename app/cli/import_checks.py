@@ -118,11 +118,12 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
     of changes.
     """
     for line in preview_lines(preview):
-        typer.echo(f"{file}: {line}", err=line.startswith("would lose"))
+        good = line.startswith(("would gain", "would change"))
+        typer.echo(f"{file}: {line}", err=not good)
     if alone:
         if preview.not_compared:
             typer.echo(
-                f"{file}: by how much tables would change is not known: {preview.not_compared}"
+                f"{file}: it is not known by how much tables would change ({preview.not_compared})"
             )
         became = (
             "its model version would be active at once"
@@ -147,7 +148,7 @@ def say_what_became(
     was_there: bool,
 ) -> None:
     """Say under which number a map is stored, and whether tables follow it."""
-    waits = list(waiting_lines(change, machine))
+    waits = list(waiting_lines(change, machine, number))
     version = change.model_version
     if was_there:
         text = f"error map {label!r} was there already, number {number}"

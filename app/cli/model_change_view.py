@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         CoverageAnswer,
         ModelChange,
         PreviewAnswer,
+        WaitedBeforeAnswer,
     )
 
 MOST_CHANGES: Final = 4
@@ -21,7 +22,10 @@ MOST_CHANGES: Final = 4
 
 def preview_lines(preview: PreviewAnswer) -> Iterator[str]:
     """Say what tables would lose and gain, and by how much they would change now."""
-    yield from (f"would lose {text}" for text in _together(preview.loses))
+    before = preview.waited_before
+    yield from (f"would lose {text}" for text in _together(_new(preview.loses, before)))
+    if before is not None and before.loses:
+        yield f"{_waited(before)}, and would lose {'; '.join(_together(before.loses))}"
     yield from (f"would gain {text}" for text in _together(preview.gains))
     changes = [change for change in preview.changes if change.change]
     if changes:
@@ -35,18 +39,56 @@ def difference_lines(change: ModelChange) -> Iterator[str]:
     yield from (f"tables gain {text}" for text in _together(change.gains or ()))
 
 
-def waiting_lines(change: ModelChange, machine: str) -> Iterator[str]:
-    """Say that a version waits, and how to activate it all the same; nothing where none does."""
-    if change.activated is False and change.model_version is not None:
-        lost = "; ".join(_together(change.loses or ()))
-        yield (
-            f"model version {change.model_version} waits and tables stay as they are, because "
-            f"they would lose {lost}"
-        )
-        yield (
-            f"`thermap models activate {change.model_version} --machine {machine}` activates it "
-            "all the same; what is stored meanwhile is added to it"
-        )
+def waiting_lines(change: ModelChange, machine: str, stored: int | None = None) -> Iterator[str]:
+    """Say that a version waits, and what can be done about it; nothing where none does.
+
+    Parameters
+    ----------
+    change
+        The service's answer.
+    machine
+        The machine's id.
+    stored
+        Number of the map that was stored, where one was.
+    """
+    if change.activated is not False or change.model_version is None:
+        return
+    before = change.waited_before
+    new = _together(_new(change.loses, before))
+    reasons = [f"they would lose {'; '.join(new)}"] if new else []
+    if before is not None and before.loses:
+        reasons.append(f"{_waited(before)}, and would lose {'; '.join(_together(before.loses))}")
+    yield (
+        f"model version {change.model_version} waits and tables stay as they are, because "
+        f"{'; and '.join(reasons)}"
+    )
+    culprits = {m.id: f"map {m.label!r}" for m in before.maps} if before and before.loses else {}
+    if new and stored is not None:
+        culprits[stored] = "the new map"
+    ways = [f"`thermap models activate {change.model_version} --machine {machine}` activates it "]
+    ways[0] += "all the same"
+    ways += [
+        f"`thermap maps delete {number} --machine {machine}` takes {what} out of it"
+        for number, what in culprits.items()
+    ]
+    if change.stays_active is not None:
+        again = f"`thermap models activate {change.stays_active} --machine {machine}`"
+        ways.append(f"{again} gives up all that waits")
+    yield f"{'; '.join(ways)}; what is stored meanwhile is added to it"
+
+
+def _waited(before: WaitedBeforeAnswer) -> str:
+    """Say which version waits already, and by which maps it differs."""
+    maps = f", with {list_names(f'map {m.label!r}' for m in before.maps)}" if before.maps else ""
+    return f"version {before.model_version} waits already{maps}"
+
+
+def _new(
+    loses: Iterable[CoverageAnswer], before: WaitedBeforeAnswer | None
+) -> list[CoverageAnswer]:
+    """Pick the losses that are not the doing of what waited already."""
+    inherited = () if before is None else before.loses
+    return [part for part in loses if part not in inherited]
 
 
 def _together(parts: Iterable[CoverageAnswer]) -> list[str]:

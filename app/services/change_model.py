@@ -24,6 +24,7 @@ from app.identification.effects.effect import Effect
 from app.identification.model_difference import (
     ModelDifference,
     ModelWithEffects,
+    Part,
     model_difference,
 )
 from app.services.context import Context
@@ -88,17 +89,35 @@ class Draft:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class WaitedBefore:
+    """The version that waited already when another was made, which contains what it contains.
+
+    `maps` are those that the active version does not have, and `loses` is what it lacks
+    against that.
+    """
+
+    version: int
+    maps: Sequence[StoredMap]
+    loses: Sequence[Part]
+
+    def of_these(self, loses: Iterable[Part]) -> list[Part]:
+        """Pick what is its doing of what another version loses that contains it."""
+        return [part for part in loses if any(own.contains(part) for own in self.loses)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MadeVersion:
     """A version that was made, whether it is active, and what it lacks.
 
     `difference` is against the version that was active before, `active_version` the number of
-    the one that is active now.
+    the one that is active now, and `waited_before` the version that waited when this was made.
     """
 
     version: ModelVersion
     is_active: bool
     active_version: int | None
     difference: ModelDifference
+    waited_before: WaitedBefore | None = None
 
 
 @contextmanager
@@ -195,6 +214,21 @@ def difference_to_active(
     return model_difference(before, after, _known_states(context, change.row.id))
 
 
+def waited_before(context: Context, change: MachineChange) -> WaitedBefore | None:
+    """Say what waits already, before another version is made: what is lost may be its doing."""
+    active, waiting = change.version, change.waiting
+    if active is None or waiting is None:
+        return None
+    model = compile_version(change.machine, waiting)
+    after = ModelWithEffects(model, adopted_effects(waiting))
+    known = {stored.id for stored in active.maps}
+    return WaitedBefore(
+        version=waiting.version,
+        maps=[stored for stored in waiting.maps if stored.id not in known],
+        loses=difference_to_active(context, change, after).loses,
+    )
+
+
 def _known_states(context: Context, machine_id: str) -> set[str] | None:
     """Name the states that readings state; None without a reading, or where none is in memory."""
     live = context.live.get(machine_id)
@@ -219,6 +253,7 @@ def make_version(
         Whether it is activated whatever it loses.
     """
     difference = difference_to_active(context, change, ModelWithEffects(draft.model, draft.effects))
+    before = waited_before(context, change)
     version = insert_version(
         change.session,
         change.row,
@@ -233,7 +268,7 @@ def make_version(
         activate_version(change.row, version.version)
     else:
         let_wait(change.row, version.version)
-    return MadeVersion(version, is_active, change.row.active_version, difference)
+    return MadeVersion(version, is_active, change.row.active_version, difference, before)
 
 
 def activate_waiting(

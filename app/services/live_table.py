@@ -234,7 +234,7 @@ def _between(ahead: Sequence[Reading]) -> str:
 
 def _no_reading(context: Context, machine_id: str, held: Held) -> NoReading:
     if not held.ahead:
-        return NoReading(f"machine {machine_id!r} has no reading yet: store one first")
+        return NoReading(f"machine {machine_id!r} has no reading yet, store one first")
     (warning,) = ahead_warnings(held.ahead, more_ahead=held.more_ahead)
     return NoReading(
         f"machine {machine_id!r} has no reading that can be used yet, at "

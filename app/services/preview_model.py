@@ -14,7 +14,9 @@ from app.live.registry import LiveMachine, LiveModel
 from app.services.change_model import (
     Draft,
     MachineChange,
+    WaitedBefore,
     difference_to_active,
+    waited_before,
 )
 from app.services.context import Context
 from app.services.live_table import CurrentTable, current_state, current_table
@@ -42,7 +44,8 @@ class Preview:
     """What another version would do to the tables.
 
     `activates` says whether it would be activated without more ado, and `reason` what would
-    make it; `active_version` is the one that it is held against, None before the first.
+    make it; `active_version` is the one that it is held against, None before the first, and
+    `waited_before` what waits already, which may be why something is lost.
     """
 
     reason: str
@@ -50,6 +53,7 @@ class Preview:
     activates: bool
     difference: ModelDifference
     present: PresentChange
+    waited_before: WaitedBefore | None
 
 
 def preview_draft(
@@ -99,6 +103,7 @@ def _preview(
         activates=activates or not difference.loses,
         difference=difference,
         present=_present_change(context, change, model, effects),
+        waited_before=waited_before(context, change),
     )
 
 

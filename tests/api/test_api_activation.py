@@ -134,6 +134,20 @@ async def test_maps_stored_one_after_another_while_a_version_waits_are_all_in_it
     assert all(m["in_active_model"] for m in listed)
 
 
+async def test_losses_of_what_waits_already_are_told_from_new_ones(client):
+    await client.post(f"{ROOM}/error-maps", json=short("first", 40.0))
+    look = (await client.post(f"{ROOM}/error-maps?preview=true", json=short("x", 45.0))).json()
+    document = (await client.post(f"{ROOM}/error-maps", json=short("second", 45.0))).json()
+    listed = (await client.get(f"{ROOM}/error-maps")).json()
+    number = next(m["id"] for m in listed if m["label"] == "first")
+    for answer in (look, document):
+        before = answer["waited_before"]
+        assert (before["model_version"], before["maps"]) == (4, [{"id": number, "label": "first"}])
+        assert before["loses"]
+        assert all(part in answer["loses"] for part in before["loses"])
+    assert document["stays_active"] == 3
+
+
 async def test_what_waits_goes_live_by_itself_once_nothing_is_lost(client):
     """A component that one map has makes tables incomplete; with a second map they have it."""
     one = error_map("Run #9", 40.0)

@@ -196,6 +196,30 @@ def test_what_tables_would_lose_is_shown_before_and_the_map_waits(thermap, clien
     assert (machine.active_model, machine.waiting_model) == (3, 4)
 
 
+def test_a_complete_map_is_not_blamed_for_what_waits_already(thermap, client, write):
+    short = write("short.csv", short_of(40))
+    assert thermap("import", short, "-m", "mcfv5050").exit_code == 0
+    number = max(stored.id for stored in client.error_maps("mcfv5050"))
+    whole = write("whole.csv", short_of(50).replace("EXX,100,12", "EXX,500,60"))
+    found = thermap("import", whole, "-m", "mcfv5050")
+    assert found.exit_code == 0
+    first, waits, ways = found.stderr.splitlines()
+    inherited = "version 4 waits already, with map 'at 40', and would lose EXX from 100 to 500 mm"
+    assert first.startswith(f"{whole}: {inherited}")
+    assert waits.startswith(f"{whole}: model version 5 waits and tables stay as they are, because")
+    assert inherited in waits
+    assert "they would lose" not in waits
+    for way in (
+        "`thermap models activate 5 --machine mcfv5050` activates it all the same",
+        f"`thermap maps delete {number} --machine mcfv5050` takes map 'at 40' out of it",
+        "`thermap models activate 3 --machine mcfv5050` gives up all that waits",
+    ):
+        assert way in ways
+    assert thermap("maps", "delete", number, "-m", "mcfv5050", "--yes").exit_code == 0
+    assert client.machine("mcfv5050").waiting_model is None
+    assert {m.label: m.in_active_model for m in client.error_maps("mcfv5050")}["at 50"]
+
+
 def test_short_maps_imported_one_after_another_are_activated_together(thermap, client, write):
     files = [write(f"{t_c}.csv", short_of(t_c)) for t_c in (35, 40, 45)]
     assert thermap("import", *files, "-m", "mcfv5050").exit_code == 0

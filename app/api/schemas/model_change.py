@@ -12,7 +12,7 @@ from app.api.schemas.base import Number, Schema, UtcTime
 if TYPE_CHECKING:
     from app.compensation.table_difference import ComponentChange
     from app.identification.model_difference import ModelDifference, Part
-    from app.services.change_model import MadeVersion
+    from app.services.change_model import MadeVersion, WaitedBefore
     from app.services.preview_model import Preview
 
 
@@ -91,6 +91,38 @@ class ComponentChangeAnswer(Schema):
         )
 
 
+class WaitingMapAnswer(Schema):
+    """A map that the version that waits has, and the active one has not."""
+
+    id: int = Field(description="The map's number", examples=[4])
+    label: str = Field(description="The map's name", examples=["short"])
+
+
+class WaitedBeforeAnswer(Schema):
+    """What waited already when this version was made: this version contains it."""
+
+    model_version: int = Field(description="The version that waited", examples=[4])
+    maps: list[WaitingMapAnswer] = Field(
+        description="Its maps that the active version has not: without them nothing waits, or "
+        "something else"
+    )
+    loses: list[CoverageAnswer] = Field(
+        description="Which of the version's `loses` are its doing; the others are new"
+    )
+
+    @classmethod
+    def of(cls, before: WaitedBefore | None, difference: ModelDifference) -> Self | None:
+        """Show it, given what the new version loses; None where nothing waited."""
+        if before is None:
+            return None
+        return cls(
+            model_version=before.version,
+            maps=[WaitingMapAnswer(id=m.id, label=m.error_map.label) for m in before.maps],
+            loses=CoverageAnswer.each(before.of_these(difference.loses)),
+        )
+
+
+WAITED_BEFORE = Field(None, description="What waited already; null where nothing did")
 LOSES = Field(description="What its tables lack against those of the version active before")
 GAINS = Field(description="What its tables have beyond those")
 
@@ -109,6 +141,10 @@ class ModelChange(Schema):
     next_step: str | None = Field(
         None, description="How to activate it all the same; null where it is active"
     )
+    waited_before: WaitedBeforeAnswer | None = WAITED_BEFORE
+    stays_active: int | None = Field(
+        None, description="The version that stays active while this one waits; null where it is"
+    )
 
 
 def change_fields(machine: str, made: MadeVersion | None) -> dict[str, Any]:
@@ -120,6 +156,8 @@ def change_fields(machine: str, made: MadeVersion | None) -> dict[str, Any]:
         "activated": made.is_active,
         **difference_fields(made.difference),
         "next_step": None if made.is_active else _how_to_activate(machine, made),
+        "waited_before": WaitedBeforeAnswer.of(made.waited_before, made.difference),
+        "stays_active": None if made.is_active else made.active_version,
     }
 
 
@@ -136,8 +174,9 @@ def _how_to_activate(machine: str, made: MadeVersion) -> str:
     return (
         f"Version {number} is stored and waits, because its tables would lose something; version "
         f"{made.active_version} of machine {machine!r} stays active. Activating {number} lets "
-        f"tables follow it all the same; activating {made.active_version} again gives it up. "
-        "Versions made meanwhile contain what it contains."
+        f"tables follow it all the same; activating {made.active_version} again gives it up, and "
+        "deleting the map that would lose something takes that out. Versions made meanwhile "
+        "contain what it contains."
     )
 
 
@@ -155,6 +194,7 @@ class PreviewAnswer(Schema):
     activated: bool = Field(description="Whether it would be activated without more ado")
     loses: list[CoverageAnswer] = LOSES
     gains: list[CoverageAnswer] = GAINS
+    waited_before: WaitedBeforeAnswer | None = WAITED_BEFORE
     reading_time: UtcTime | None = Field(
         None, description="Time of the latest reading, at which `changes` hold; null without, UTC"
     )
@@ -182,6 +222,7 @@ def preview_fields(preview: Preview) -> dict[str, Any]:
         "active_version": preview.active_version,
         "activated": preview.activates,
         **difference_fields(preview.difference),
+        "waited_before": WaitedBeforeAnswer.of(preview.waited_before, preview.difference),
         "reading_time": present.reading_time,
         "temperatures_c": dict(present.temperatures_c),
         "changes": [ComponentChangeAnswer.of(change) for change in present.changes],
