@@ -123,6 +123,16 @@ def list_names(names: Iterable[str], limit: int = 20) -> str:
     return ", ".join(shown[:limit]) + (f" and {more} more" if more > 0 else "")
 
 
+def it_has(names: Iterable[str]) -> str:
+    """Say what there is, where something else was named.
+
+    >>> it_has(["1", "2"]), it_has([])
+    ('it has: 1, 2', 'it has none yet')
+    """
+    shown = list(names)
+    return f"it has: {list_names(shown)}" if shown else "it has none yet"
+
+
 def counted(number: int, one: str, more: str | None = None) -> str:
     """Write a number of things for a sentence; `more` where an s does not make the plural.
 

@@ -19,6 +19,7 @@ from app.cli.options import (
     UrlOption,
     connect,
     field_question,
+    in_options,
 )
 from app.client import DEFAULT_URL
 
@@ -49,7 +50,7 @@ def accuracy(
     Example: `thermap accuracy mcfv5050 --tool 0,0,160 -t x-middle=24.1 -t z-column=27.3`
     """
     question = field_question(temperature, tool, missing_as_zero)
-    with connect(url) as thermap:
+    with connect(url) as thermap, in_options():
         found = thermap.volumetric_accuracy(machine, question)
         levels = thermap.compensation_levels(machine, question)
     if json:

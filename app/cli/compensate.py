@@ -14,6 +14,7 @@ from app.cli.options import (
     TemperatureOption,
     UrlOption,
     connect,
+    in_options,
     read_named_numbers,
 )
 from app.cli.table_view import table_view
@@ -50,7 +51,7 @@ def compensate(
         raise typer.BadParameter(
             "goes with --temperature; the latest reading has its own state", param_hint="--state"
         )
-    with connect(url) as thermap:
+    with connect(url) as thermap, in_options():
         if json:
             call: Call[Any] = calls.current_table(machine, etag=None)
             if temperatures_c:

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 machines = command_group()
 
 SETTINGS: Final = (
-    *("name", "configuration", "out_of_range", "extrapolation_margin_c", "same_temperature"),
+    *("name", "configuration", "out_of_range", "extrapolation_margin_c"),
+    *("extrapolation_error_ratio", "same_temperature"),
     "axes.AXIS.min_mm",
     "axes.AXIS.max_mm",
     "sensors.SENSOR.FIELD",
@@ -111,9 +112,9 @@ def set_machine(
     """Change settings of a machine; all of them or, if one is wrong, none.
 
     Keys: `name`, `configuration`, `out_of_range` (clamp, extrapolate, reject),
-    `extrapolation_margin_c`, `same_temperature`, `axes.x.min_mm`, `axes.x.max_mm`, and of each
-    sensor `sensors.NAME.stand_in`, `….min_c`, `….max_c`, `….max_age_s` and so on, as
-    `thermap machines show` lists them. A value `null` takes away.
+    `extrapolation_margin_c`, `extrapolation_error_ratio`, `same_temperature`, `axes.x.min_mm`,
+    `axes.x.max_mm`, and of each sensor `sensors.NAME.stand_in`, `….min_c`, `….max_c`,
+    `….max_age_s` and so on, as `thermap machines show` lists them. A value `null` takes away.
 
     Example: `thermap machines set vmc out_of_range=extrapolate sensors.x-middle.max_age_s=60`
     """
@@ -157,7 +158,10 @@ def machines_view(found: Sequence[MachineAnswer]) -> RenderableType:
 
 def machine_view(one: MachineAnswer) -> RenderableType:
     """Lay out one machine."""
-    margin = f" up to {one.extrapolation_margin_c:g} °C beyond"
+    margin = (
+        f" up to {one.extrapolation_margin_c:g} °C beyond, as long as the standard error stays "
+        f"below {one.extrapolation_error_ratio:g} times the maps' own (extrapolation_error_ratio)"
+    )
     head = facts(
         ("machine", one.id),
         ("name", one.name),
@@ -215,7 +219,7 @@ def patch_of(machine: MachineAnswer, stated: Iterable[str]) -> dict[str, Any]:
     for text in stated:
         key, equals, written = (part.strip() for part in text.partition("="))
         first, *further = key.split(".")
-        if not equals or first not in (*SETTINGS[:5], "axes", "sensors"):
+        if not equals or first not in {key.partition(".")[0] for key in SETTINGS}:
             raise _unknown(text)
         if first == "axes" and len(further) == 2 and further[1] in ("min_mm", "max_mm"):
             axes = patch.setdefault("axes", {})

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -223,6 +224,36 @@ def read_point(text: str, option: str, example: str) -> list[float]:
             f"expected X,Y,Z in mm, such as {example}, came {text!r}", param_hint=option
         )
     return found
+
+
+_OPTIONS: Final = {
+    "temperatures_c": "--temperature",
+    "tool_offset_mm": "--tool",
+    "missing_components": "--missing-as-zero",
+    "exaggeration": "--exaggeration",
+    "state": "--state",
+}
+"""Fields of a question, and the options that state them."""
+
+
+class RefusedQuestion(ThermapError):
+    """The service refused what options stated, told in their words."""
+
+
+@contextmanager
+def in_options() -> Iterator[None]:
+    """Tell what the service refuses of a question by the options that state it."""
+    from app.client.errors import InvalidContentError
+
+    try:
+        yield
+    except InvalidContentError as error:
+        told = error.sentence.replace("state 'zero'", "state --missing-as-zero")
+        for one in error.errors:
+            field, _, rest = one.field.partition(".")
+            if field in _OPTIONS:
+                told = told.replace(one.field, f"{_OPTIONS[field]} {rest}".strip())
+        raise RefusedQuestion(told.removeprefix("--missing-as-zero: ")) from error
 
 
 ToolOption = Annotated[

@@ -20,6 +20,7 @@ from app.cli.options import (
     UrlOption,
     connect,
     field_question,
+    in_options,
     write_file,
 )
 from app.client import DEFAULT_URL
@@ -62,7 +63,7 @@ def picture(
     question = field_question(temperature, tool, missing_as_zero)
     if exaggeration is not None:
         question["exaggeration"] = exaggeration
-    with connect(url) as thermap:
+    with connect(url) as thermap, in_options():
         figure = thermap.picture(machine, question)
     write_file(output, _written(figure, output.suffix.lower()))
     show_view(_view(output, figure["layout"]["meta"]))

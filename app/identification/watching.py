@@ -434,17 +434,22 @@ def _judgement(state: WatchState, judged: bool, visits: int, model_version: int)
         state.evidence(),
         LIMIT,
         FALSE_ALARM,
-        _sentence(changed, judged),
+        _sentence(changed, judged, is_first=not any(any(s.setups) for s in state.streams.values())),
         tuple(changed),
         visits,
     )
 
 
-def _sentence(changed: Sequence[Followed], judged: bool) -> str:
+def _sentence(changed: Sequence[Followed], judged: bool, *, is_first: bool) -> str:
     if not changed and not judged:
         return (
             "It could not be judged: nothing is known yet of how much these measurements scatter. "
             "State repeatability_um, or measure more."
+        )
+    if not changed and is_first:
+        return (
+            "The watch begins here: nothing is so far off that a first visit shows it, and there "
+            "is nothing yet to compare it with."
         )
     if not changed:
         return (

@@ -13,7 +13,7 @@ from typing import Any
 from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session, undefer
 
-from app.errors import UnknownThing, list_names
+from app.errors import UnknownThing, it_has
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
 from app.storage.tables import AnalysisRow
 
@@ -54,10 +54,8 @@ def find_analysis(
     can_be = 0 < analysis_id <= LARGEST_INTEGER
     row = session.get(AnalysisRow, analysis_id, options=options) if can_be else None
     if row is None or row.machine_id != machine_id:
-        existing = list_names(str(a.id) for a in list_analyses(session, machine_id))
-        raise UnknownThing(
-            f"machine {machine_id!r} has no analysis {analysis_id}; it has: {existing}"
-        )
+        existing = it_has(str(a.id) for a in list_analyses(session, machine_id))
+        raise UnknownThing(f"machine {machine_id!r} has no analysis {analysis_id}; {existing}")
     return row
 
 

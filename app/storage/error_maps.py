@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.arrays import FloatArray
-from app.errors import UnknownThing, list_names
+from app.errors import UnknownThing, it_has
 from app.geometry.components import COMPONENTS
 from app.geometry.measuring_line import MeasuringLine
 from app.storage.records import StoredMap
@@ -60,8 +60,8 @@ def find_error_map(session: Session, machine_id: str, map_id: int) -> ErrorMapRo
     """
     rows = {row.id: row for row in _in_use(session, machine_id)}
     if map_id not in rows:
-        existing = list_names(f"{row.id} ({row.label})" for row in rows.values())
-        raise UnknownThing(f"machine {machine_id!r} has no error map {map_id}; it has: {existing}")
+        existing = it_has(f"{row.id} ({row.label})" for row in rows.values())
+        raise UnknownThing(f"machine {machine_id!r} has no error map {map_id}; {existing}")
     return rows[map_id]
 
 

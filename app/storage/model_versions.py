@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.errors import UnknownThing, list_names
+from app.errors import UnknownThing, it_has
 from app.storage.error_maps import stored_map
 from app.storage.records import LARGEST_INTEGER, ModelVersion, StoredMap
 from app.storage.tables import MachineRow, ModelVersionMapRow, ModelVersionRow
@@ -78,7 +78,7 @@ def find_version(session: Session, machine_id: str, version: int) -> ModelVersio
         )
         raise UnknownThing(
             f"machine {machine_id!r} has no model version {version}; "
-            f"it has: {list_names(str(v) for v in existing)}"
+            f"{it_has(str(v) for v in existing)}"
         )
     return _model_version(row, {})
 

@@ -11,7 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, undefer_group
 
 from app.arrays import FloatArray
-from app.errors import UnknownThing, list_names
+from app.errors import UnknownThing, it_has
 from app.geometry.components import ORDER
 from app.identification.observations import Observation, Triple, Verification
 from app.identification.search.rows import Datum
@@ -61,9 +61,9 @@ def find_verification(
     row = session.get(VerificationRow, verification_id, options=options) if can_be else None
     if row is None or row.machine_id != machine_id:
         stored = list_verifications(session, machine_id)
-        existing = list_names(f"{v.id} ({v.label})" for v in stored)
+        existing = it_has(f"{v.id} ({v.label})" for v in stored)
         raise UnknownThing(
-            f"machine {machine_id!r} has no verification {verification_id}; it has: {existing}"
+            f"machine {machine_id!r} has no verification {verification_id}; {existing}"
         )
     return row
 

@@ -253,6 +253,12 @@ def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> Se
             f"{times[-1] - times[trusted]:.0f} s, expected at most "
             f"{sensor.max_rate_c_per_min:g} °C/min"
         )
+        if trusted == 0:
+            # Nothing speaks for the first value but that it was the first.
+            detail += (
+                f"; if {values[0]:g} °C is what was wrong, withdraw that reading "
+                "(`thermap readings withdraw`)"
+            )
     elif health is Health.STUCK:
         first, _ = _runs(sensor, times, values)[-1]
         moved = _neighbours_movement(machine, sensor, history, times[first], times[-1:])

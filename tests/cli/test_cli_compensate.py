@@ -84,6 +84,13 @@ def test_json_is_the_services_own(thermap, client, service_url):
     assert shown["components"] == answer["components"]
 
 
+def test_a_sensor_that_is_missing_is_told_by_the_option_that_states_it(thermap):
+    found = thermap("compensate", "mcfv5050", "-t", "x-middle=21")
+    assert found.exit_code == 1
+    assert "(at --temperature z-column)" in " ".join(found.stderr.split())
+    assert "temperatures_c" not in found.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "temperature", "words"),

@@ -81,12 +81,16 @@ def test_a_machine_is_shown(thermap):
 def test_settings_are_changed_together(thermap, client):
     found = thermap(
         *("machines", "set", "mcfv5050", "out_of_range=extrapolate", "name=007"),
+        "extrapolation_error_ratio=5",
         *("axes.x.max_mm=510", "sensors.x-middle.max_age_s=60"),
         *("sensors.z-column.stand_in=spindle", "--json"),
     )
     assert answered(found)["id"] == "mcfv5050"
     now = client.machine("mcfv5050")
     assert (now.out_of_range, now.name) == ("extrapolate", "007")
+    assert now.extrapolation_error_ratio == 5.0
+    shown = " ".join(thermap("machines", "show", "mcfv5050").stdout.split())
+    assert "below 5 times the maps' own (extrapolation_error_ratio)" in shown
     assert (now.axes["x"].min_mm, now.axes["x"].max_mm) == (0, 510)
     assert now.axes["y"].max_mm == 500
     by_name = {sensor.name: sensor for sensor in now.sensors}

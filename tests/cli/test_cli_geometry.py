@@ -38,6 +38,16 @@ def test_what_is_to_be_said_against_a_picture_is_printed(thermap, client, tmp_pa
         assert said in told
 
 
+@pytest.mark.parametrize("command", ["picture", "accuracy"])
+def test_what_is_refused_is_told_by_the_option_that_would_allow_it(thermap, tmp_path, command):
+    file = ("-o", tmp_path / "mill.html") if command == "picture" else ()
+    found = thermap(command, "mcfv5050", *HOT[:-1], *file)
+    assert found.exit_code == 1
+    told = " ".join(found.stderr.split())
+    assert "state --missing-as-zero where these may count as zero" in told
+    assert "missing_components" not in told
+
+
 def test_at_the_latest_reading(thermap, client, tmp_path):
     file = tmp_path / "now.json"
     found = thermap("picture", "mcfv5050", "--missing-as-zero", "-o", file)

@@ -90,6 +90,17 @@ def test_a_stale_sensor_is_told_with_the_age_that_it_has_now():
     assert "last value is 259200 s old" in days["a"].detail
 
 
+def test_after_one_wrong_first_value_the_sentence_says_how_to_be_rid_of_it():
+    (a, *_) = assessed([(0.0, {"a": 79.0}), (10.0, {"a": 22.0}), (20.0, {"a": 22.1})]).values()
+    assert a.health is Health.JUMP
+    assert "if 79 °C is what was wrong" in a.detail
+    assert "`thermap readings withdraw`" in a.detail
+    later = [(0.0, {"a": 22.0}), (10.0, {"a": 22.1}), (20.0, {"a": 79.0})]
+    (a, *_) = assessed(later).values()
+    assert a.health is Health.JUMP
+    assert "withdraw" not in a.detail
+
+
 def test_a_missing_sensor_has_no_age_to_grow():
     states = assessed([(0.0, {"a": 20.0})])
     older = {s.sensor: s for s in grow_older(THREE, states.values(), 1e6)}
@@ -138,7 +149,8 @@ def test_a_jump_faster_than_heat_moves_is_not_believed():
     assert jumped["a"].health is Health.JUMP
     assert jumped["a"].temperature_c == 31.1
     assert jumped["a"].detail == (
-        "a jumped from 20 to 31.1 °C within 60 s, expected at most 10 °C/min"
+        "a jumped from 20 to 31.1 °C within 60 s, expected at most 10 °C/min; if 20 °C is what "
+        "was wrong, withdraw that reading (`thermap readings withdraw`)"
     )
     assert assessed([(0.0, {"a": 31.1}), (MINUTE, {"a": 20.0})])["a"].health is Health.JUMP
 
