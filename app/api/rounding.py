@@ -7,7 +7,8 @@ so many decimals, which could make it 0, but to so many digits.
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any, Final
 
 import numpy as np
 from pydantic import PlainSerializer
@@ -20,6 +21,12 @@ DECIMALS: Final = 4
 
 DIGITS: Final = 9
 """Of ratios, standard deviations and figures of different units."""
+
+UNIX_DECIMALS: Final = 3
+"""Of times in seconds since 1970, of which nine digits would be ten seconds."""
+
+LARGE: Final = 10.0 ** (DIGITS - UNIX_DECIMALS)
+"""Of larger numbers nine digits have fewer decimals."""
 
 
 def to_tenth_nm(micro: float) -> float:
@@ -38,6 +45,42 @@ def to_digits(number: float) -> float:
     (0.333333333, 3.33333333e-13)
     """
     return float(f"{number:.{DIGITS}g}") + 0.0
+
+
+def to_digits_or_ms(number: float) -> float:
+    """Round to nine digits, but what may be seconds since 1970 to milliseconds.
+
+    >>> to_digits_or_ms(1.0 / 3.0), to_digits_or_ms(1772323200.1234567)
+    (0.333333333, 1772323200.123)
+    """
+    return round(number, UNIX_DECIMALS) if abs(number) > LARGE else to_digits(number)
+
+
+def to_digits_in(found: Any, stored: Collection[str] = ()) -> Any:
+    """Round every computed number of JSON's own types to nine significant digits.
+
+    Parameters
+    ----------
+    found
+        Mappings, sequences, numbers and text.
+    stored
+        Names of fields that stay as they came.
+
+    Examples
+    --------
+    >>> to_digits_in({"rms": 1.0 / 3.0, "of": [2, "x"], "changed_at_unix_s": 1772323200.1234567})
+    {'rms': 0.333333333, 'of': [2, 'x'], 'changed_at_unix_s': 1772323200.123}
+    """
+    if isinstance(found, float):
+        return to_digits_or_ms(found)
+    if isinstance(found, Mapping):
+        return {
+            name: value if name in stored else to_digits_in(value, stored)
+            for name, value in found.items()
+        }
+    if isinstance(found, list | tuple):
+        return [to_digits_in(value, stored) for value in found]
+    return found
 
 
 def rounded(micro: FloatArray) -> FloatArray:
@@ -86,3 +129,8 @@ Micro = Annotated[Number, PlainSerializer(to_tenth_nm, return_type=float, when_u
 
 Digits = Annotated[Number, PlainSerializer(to_digits, return_type=float, when_used="json")]
 """A computed number that others may divide by, or of a unit that its name says."""
+
+Parameters = Annotated[
+    dict[str, Number], PlainSerializer(to_digits_in, return_type=dict[str, float], when_used="json")
+]
+"""Computed numbers by name with unit."""

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import orjson
 
-from app.api.rounding import DECIMALS, rounded
+from app.api.rounding import DECIMALS, rounded, to_digits, to_digits_in
 from app.arrays import FloatArray, IntArray
 from app.compensation.table import (
     Basis,
@@ -109,7 +109,7 @@ def _effect_fields(effect: EffectInTable) -> dict[str, Any]:
         "in_table": not effect.missing,
         "missing": effect.missing,
         "held": effect.held,
-        "valid": effect.learnt_in,
+        "valid": to_digits_in(effect.learnt_in),
         "measure_again": effect.measure_again,
     }
 
@@ -332,11 +332,14 @@ def _basis_fields(basis: GroupState | Basis, effects: Sequence[str] = ()) -> dic
     """Say how numbers came about; the last fields of each component."""
     stand_in = {"stand_in_for": basis.stand_in_for} if basis.stand_in_for else {}
     follows = basis.follows if isinstance(basis, Basis) else ()
+    temperature_c = basis.temperature_c
+    if isinstance(basis, Basis) and temperature_c is not None:
+        temperature_c = to_digits(temperature_c)  # it may be one that an effect made
     return {
         "sensor": basis.sensor,
         **stand_in,
-        **({"follows": [one._asdict() for one in follows]} if follows else {}),
-        "temperature_c": basis.temperature_c,
+        **({"follows": to_digits_in([one._asdict() for one in follows])} if follows else {}),
+        "temperature_c": temperature_c,
         "lower_map": basis.lower_map,
         "upper_map": basis.upper_map,
         "weight": None if basis.weight is None else round(basis.weight, WEIGHT_DECIMALS),

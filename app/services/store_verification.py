@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.errors import Conflict, InvalidContent
+from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS
+from app.identification.model_difference import ModelWithEffects
 from app.identification.observations import Observation, Verification
 from app.services.context import FUTURE_TOLERANCE, Context
 from app.services.judge_verification import judge_verification
+from app.services.load_machine import adopted_effects, compile_version
 from app.services.repeating import repeated
 from app.storage.machines import Held, find_machine, stored_machine
+from app.storage.model_versions import active_version
 from app.storage.records import StoredVerification
 from app.storage.verifications import (
     find_label,
@@ -74,6 +77,41 @@ def store_verification(
                 )
                 return VerificationStoredOnce(stored, True)
         # Another verification, or another version, came first: it is judged after that one.
+
+
+def not_compared(context: Context, machine_id: str, components: Sequence[str]) -> list[str]:
+    """Say what of a verification the active model has nothing to be compared with, and why.
+
+    Parameters
+    ----------
+    context, machine_id
+        Whose verification.
+    components
+        What was observed: codes, and `points`.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version, machine = active_version(session, row), stored_machine(row).machine
+    if version is None:
+        return [f"machine {machine_id!r} has no model yet: there is nothing to compare this with"]
+    found = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
+    lacking = [code for code in components if code in COMPONENTS and code not in found.codes]
+    omitted = found.model.omitted
+    reasons = [f"{code}: {omitted[code]}" for code in lacking if code in omitted]
+    unmeasured = [code for code in lacking if code not in omitted]
+    if unmeasured:
+        reasons.append(f"no error map of it has {list_names(unmeasured)}")
+    if not lacking:
+        return []
+    return [
+        f"no table of model version {version.version} has {list_names(lacking)}, and nothing is "
+        f"compared with them ({'; '.join(reasons)})"
+    ]
 
 
 def _known(

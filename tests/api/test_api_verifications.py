@@ -4,7 +4,7 @@ from datetime import timedelta
 
 import pytest
 
-from tests.service_examples import ROOM, START, contents, iso, problem
+from tests.service_examples import MACHINE, ROOM, START, contents, iso, problem
 
 pytestmark = pytest.mark.anyio
 
@@ -29,6 +29,24 @@ POINT = {
     "measured_um": [1.2, -0.4, 3.3],
     "state": {"spindle_rpm": 8000.0},
 }
+
+
+async def test_what_nothing_can_be_compared_with_is_said_when_it_is_stored(client):
+    fine = (await client.post(PATH, json=verification())).json()
+    assert fine["warnings"] == []
+    body = verification(observation(), observation("EYY"), label="with EYY")
+    (warning,) = (await client.post(PATH, json=body)).json()["warnings"]
+    assert "no table of model version 3 has EYY, and nothing is compared with them" in warning
+    again = await client.post(PATH, json=body)
+    assert (again.status_code, again.json()["warnings"]) == (200, [warning])
+
+
+async def test_without_a_model_a_verification_is_stored_with_a_warning(client):
+    await client.post("/v1/machines", json=MACHINE | {"id": "new"})
+    answer = await client.post("/v1/machines/new/verifications", json=verification())
+    assert answer.status_code == 201
+    (warning,) = answer.json()["warnings"]
+    assert "no model yet" in warning
 
 
 async def test_what_was_stored_is_shown_as_it_came(client):
@@ -67,7 +85,7 @@ async def test_what_was_stored_is_shown_as_it_came(client):
     assert point == POINT
     assert angle["measured_urad"] == 7.5
     listed = (await client.get(PATH)).json()
-    assert listed == [made]
+    assert listed == [{name: said for name, said in made.items() if name != "warnings"}]
 
 
 async def test_iso_names_and_signs_become_ours(client):

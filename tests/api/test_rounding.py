@@ -4,14 +4,19 @@ import io
 import json
 import math
 import re
+from datetime import timedelta
 
 import numpy as np
 import pytest
 
 from app.api.schemas.accuracy import LinesAnswer
 from app.api.schemas.measurements.axes import TargetAnswer
+from app.api.schemas.models import AdoptedEffectAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from tests.service_examples import ROOM, error_map, temperatures
+from app.identification.effects.driver import StepAfter
+from app.identification.effects.effect import Effect
+from app.identification.effects.term import Term
+from tests.service_examples import ROOM, START, error_map, iso, reading, temperatures
 
 on_sqlite = pytest.mark.parametrize("furnished_url", ["sqlite"], indirect=True)
 pytestmark = pytest.mark.anyio
@@ -90,3 +95,55 @@ def test_ratios_have_nine_digits_and_predictions_may_be_of_several_shapes():
     }  # fmt: skip
     kept = PredictionAnswer.model_construct(predicted_um=[1 / 3, [2 / 3, -1e-9], None])
     assert json.loads(kept.model_dump_json())["predicted_um"] == [0.3333, [0.6667, 0.0], None]
+
+
+def figures(value):
+    """Every number that is not whole, with its significant digits."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for inner in value:
+            yield from figures(inner)
+    elif isinstance(value, float):
+        yield value, len(f"{value!r}".partition("e")[0].replace(".", "").strip("-0"))
+
+
+@on_sqlite
+async def test_residuals_and_correlations_have_no_more_digits_than_they_know(client):
+    observed = [
+        {
+            "time": iso(START - timedelta(seconds=100 - i)),
+            "component": "EXX",
+            "position_mm": 100.0 * i,
+            "measured_um": 1.5 * i * i,
+        }
+        for i in range(5)
+    ]
+    readings = [reading(START - timedelta(seconds=s), 24.0 + s / 300) for s in (200, 100, 0)]
+    assert (await client.post(f"{ROOM}/readings", json=readings)).status_code == 201
+    body = {"label": "thirds", "observations": observed}
+    number = (await client.post(f"{ROOM}/verifications", json=body)).json()["id"]
+    residuals = (await client.get(f"{ROOM}/verifications/{number}/residuals?rows=9")).json()
+    for row in residuals["rows"]:
+        assert row["predicted"] == round(row["predicted"], 4)
+        assert row["residual"] == round(row["residual"], 4)
+    # Ends that are times since 1970 need more digits before the point.
+    found = [digits for value, digits in figures(residuals) if abs(value) < 1e6]
+    assert max(found) <= 9
+    assert len(found) > 20
+    correlation = (await client.post(f"{ROOM}/sensor-assignment/correlate")).json()
+    assert max(digits for _, digits in figures(correlation)) <= 9
+
+
+def test_parameters_and_ranges_are_rounded_where_they_are_shown():
+    third = 1.0 / 3.0
+    effect = Effect(
+        "step",
+        ("EXX",),
+        parameters={"step_um": third, "changed_at_unix_s": 1772323200.1234567},
+        standard_errors={"step_um": third / 10.0},
+        terms=(Term("EXX", StepAfter(1772323200.1234567), coefficient=third),),
+    )
+    shown = AdoptedEffectAnswer.of(effect).model_dump(mode="json")
+    assert shown["parameters"] == {"step_um": 0.333333333, "changed_at_unix_s": 1772323200.123}
+    assert shown["standard_errors"] == {"step_um": 0.0333333333}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import orjson
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 
@@ -18,6 +19,7 @@ from app.api.dependencies import (
 )
 from app.api.media_types import JSON
 from app.api.pages import Page
+from app.api.rounding import to_digits_in
 from app.api.schemas.analyses import (
     AdoptionRequest,
     AnalysisAnswer,
@@ -88,8 +90,10 @@ def get_analyses(context: ContextDep, machine: MachinePath) -> list[AnalysisHead
 def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Response:
     """Show how far an analysis is and, once it is done, what it found."""
     stored, result = show_analysis(context, machine, analysis_id)
-    answer = AnalysisAnswer.with_result(stored, result)
-    return Response(answer.model_dump_json(), media_type=JSON)
+    answer = AnalysisAnswer.with_result(stored, result).model_dump(mode="json")
+    # What adoption stores stays as it is.
+    written = orjson.dumps(to_digits_in(answer, stored=("effect",)))
+    return Response(written, media_type=JSON)
 
 
 @router.get("/{analysis_id}/report", summary="Report of an analysis", response_class=HTMLResponse)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import orjson
 from fastapi import APIRouter, Header, Query
 from starlette.responses import Response
 
@@ -14,6 +15,7 @@ from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
 from app.api.residuals_html import residuals_html
+from app.api.rounding import to_digits_in
 from app.api.schemas.residuals import (
     MOST_ROWS,
     ComparisonRequest,
@@ -93,4 +95,5 @@ def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
     if form == HTML:
         return Page(residuals_html(shown), scripts=2, headers=headers)
     answer = ResidualsAnswer.of(shown, residual_rows(shown, rows))
-    return Response(answer.model_dump_json(), media_type=JSON, headers=headers)
+    written = to_digits_in(answer.model_dump(mode="json"), stored=("measured",))
+    return Response(orjson.dumps(written), media_type=JSON, headers=headers)

@@ -12,6 +12,7 @@ from app.api.dependencies import ContextDep, MachinePath, VerificationPath
 from app.api.media_types import JSON
 from app.api.schemas.verifications import (
     MeasuredObservation,
+    StoredVerificationAnswer,
     VerificationAnswer,
     VerificationRequest,
     WholeVerificationAnswer,
@@ -21,7 +22,7 @@ from app.api.table_json import OPTIONS
 from app.services.delete_verification import delete_verification
 from app.services.show_verifications import show_verification, show_verifications
 from app.services.show_watch import show_watch
-from app.services.store_verification import store_verification
+from app.services.store_verification import not_compared, store_verification
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]
@@ -37,15 +38,20 @@ PATH = "/verifications"
 )
 def post_verification(
     context: ContextDep, machine: MachinePath, body: VerificationRequest, response: Response
-) -> VerificationAnswer:
+) -> StoredVerificationAnswer:
     """Store up to 100,000 observations: all of them or, if one is wrong, none.
 
-    The same content under the same label again answers 200 with the stored verification.
+    The same content under the same label again answers 200 with the stored verification. What
+    the active model has no table for is stored too; `warnings` say that nothing is compared
+    with it.
     """
     found = store_verification(context, machine, body.to_verification())
     response.status_code = 201 if found.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
-    return VerificationAnswer.of(found.stored)
+    warnings = not_compared(context, machine, found.stored.components)
+    return StoredVerificationAnswer(
+        **VerificationAnswer.of(found.stored).model_dump(), warnings=warnings
+    )
 
 
 @router.get(PATH, summary="List verifications")

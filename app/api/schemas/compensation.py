@@ -23,7 +23,13 @@ class FollowsAnswer(Schema):
     temperature_c: Number = Field(
         description="Its temperature [°C], at the edge of where the effect was learnt if beyond"
     )
-    share: Number = Field(description="Share of that in the numbers; all sum to 1", examples=[0.97])
+    share: Number = Field(
+        description="Share of that in the numbers; all sum to 1. Beyond where the effect was "
+        "learnt, what it makes of the maps is held at the edge and the assigned sensor goes on: of "
+        "a share of 0.9975 there are then 0.9975 of the other sensor at the edge, 1 of the "
+        "assigned one now, and -0.9975 of the assigned one at the edge",
+        examples=[0.97],
+    )
 
 
 class ComponentCompensationAnswer(Schema):

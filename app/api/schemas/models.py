@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, RootModel
 
+from app.api.rounding import Digits, Parameters
 from app.api.schemas.base import Number, Schema, UtcTime
 from app.api.schemas.model_change import ModelChange, change_fields
 from app.errors import FieldError, InvalidContent, UnknownComponent
@@ -52,8 +53,8 @@ class SensorCorrelationAnswer(Schema):
     """How one component's change goes with one sensor's temperature over the maps."""
 
     sensor: str = Field(description="Sensor", examples=["x-middle"])
-    r: Number | None = Field(description="Pearson's correlation; null where there is none")
-    confidence_95: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
+    r: Digits | None = Field(description="Pearson's correlation; null where there is none")
+    confidence_95: Annotated[list[Digits], Field(min_length=2, max_length=2)] | None = Field(
         description="Its 95 % confidence interval; null for fewer than four maps"
     )
     maps: int = Field(description="Number of maps that it rests on")
@@ -135,11 +136,11 @@ class AdoptedEffectAnswer(Schema):
     components: list[str] = Field(description="Components that it acts on", examples=[["EZZ"]])
     sensors: list[str] = Field(description="Sensors that drive it", examples=[["z-column"]])
     states: list[str] = Field(description="States of the machine that drive it")
-    parameters: dict[str, Number] = Field(
+    parameters: Parameters = Field(
         description="Parameters; their names say the unit",
         examples=[{"time_constant_min": 41.2}],
     )
-    standard_errors: dict[str, Number] = Field(
+    standard_errors: Parameters = Field(
         description="One standard deviation of those that were estimated",
         examples=[{"time_constant_min": 1.9}],
     )
@@ -174,7 +175,11 @@ class AdoptedEffectAnswer(Schema):
 
 
 class ModelAnswer(Schema):
-    """One immutable version of a machine's model."""
+    """One immutable version of a machine's model: its maps, its assignment and its effects.
+
+    Tables are computed with it under the machine's settings (`out_of_range`, `same_temperature`,
+    the sensors' `resolution_c` …) as they are now: changing these changes tables at once.
+    """
 
     version: int = Field(description="Number of the version", examples=[3])
     active: bool = Field(description="Whether tables are computed with it now")

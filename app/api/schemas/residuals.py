@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 from pydantic import ConfigDict, Field
 
 from app.answer import IN_ITS_UNIT
+from app.api.rounding import Micro
 from app.api.schemas.analyses import VerificationIds
 from app.api.schemas.base import Integer, Number, Schema, UtcTime
 from app.identification.residual_report import Size
@@ -49,8 +50,8 @@ class ResidualRow(Schema):
         examples=["+", "+0-"],
     )
     measured: Number = Field(description=f"Measured {IN_ITS_UNIT}")
-    predicted: Number = Field(description=f"Predicted, adopted effects included {IN_ITS_UNIT}")
-    residual: Number = Field(
+    predicted: Micro = Field(description=f"Predicted, adopted effects included {IN_ITS_UNIT}")
+    residual: Micro = Field(
         description="Measured minus predicted, without the unknown zero of a datum that is not "
         f"absolute {IN_ITS_UNIT}"
     )

@@ -233,6 +233,14 @@ class VerificationAnswer(VerificationHead):
         )
 
 
+class StoredVerificationAnswer(VerificationAnswer):
+    """A verification that was stored just now, or was there already."""
+
+    warnings: list[str] = Field(
+        default_factory=list, description="What the active model cannot be held against, and why"
+    )
+
+
 class WholeVerificationAnswer(VerificationAnswer):
     """A stored verification with its observations, in the order in which they came."""
 
