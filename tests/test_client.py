@@ -151,6 +151,7 @@ async def test_error_maps(client):
     assert again.id == stored.id
     assert (stored.activated, [p.component for p in stored.loses]) == (False, ["EXX"])
     of_storing = {"model_version": None, "loses": [], "gains": [], "next_step": None}
+    of_storing |= {"waited_before": None, "stays_active": None}
     shown = stored.model_copy(update=of_storing)
     assert await client.error_map("mcfv5050", stored.id) == shown
     assert [m.label for m in await client.error_maps("mcfv5050")][-1] == "Run #7"

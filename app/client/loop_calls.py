@@ -10,7 +10,11 @@ from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.models import ChangedModelAnswer
 from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
-from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
+from app.api.schemas.verifications import (
+    StoredVerificationAnswer,
+    VerificationAnswer,
+    WholeVerificationAnswer,
+)
 from app.api.schemas.watch import WatchAnswer
 from app.client.call import Call, Content, nothing, reader_of
 from app.client.calls import PREVIEW, accepting, of_machine
@@ -20,10 +24,10 @@ PLANNING_S: Final = 600.0
 """A plan of many visits is computed while its request waits [s]."""
 
 
-def store_verification(machine_id: str, verification: Content) -> Call[VerificationAnswer]:
+def store_verification(machine_id: str, verification: Content) -> Call[StoredVerificationAnswer]:
     """POST …/verifications."""
     path = of_machine(machine_id, "verifications")
-    return Call("POST", path, reader_of(VerificationAnswer), verification)
+    return Call("POST", path, reader_of(StoredVerificationAnswer), verification)
 
 
 def verifications(machine_id: str) -> Call[list[VerificationAnswer]]:

@@ -191,8 +191,7 @@ def _not_drawn(plotly_js: str) -> str:
     return (
         "The picture is not drawn yet: the browser has to run JavaScript, and loads "
         f"{html.escape(plotly_js)} from the service that wrote this page. Kept as a file, the "
-        "page cannot draw; <code>thermap picture</code> writes one that needs no other file, and "
-        "<code>POST</code> with <code>Accept: text/html</code> answers with one."
+        "page cannot draw; <code>thermap picture</code> writes one that needs no other file."
     )
 
 

@@ -78,13 +78,16 @@ def post_residuals(
     return _response(shown, body.rows, accept)
 
 
-@router.post("/models/compare", summary="Compare model versions on verifications")
-def post_comparison(
-    context: ContextDep, machine: MachinePath, body: ComparisonRequest
-) -> ModelComparisonAnswer:
+@router.post(
+    "/models/compare",
+    summary="Compare model versions on verifications",
+    response_model=ModelComparisonAnswer,
+)
+def post_comparison(context: ContextDep, machine: MachinePath, body: ComparisonRequest) -> Response:
     """Show versions side by side, on the observations that all can be held against."""
     compared = compare_models(context, machine, body.verifications, body.versions)
-    return ModelComparisonAnswer.of(body.verifications, compared)
+    answer = ModelComparisonAnswer.of(body.verifications, compared).model_dump(mode="json")
+    return Response(orjson.dumps(to_digits_in(answer)), media_type=JSON)
 
 
 def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
