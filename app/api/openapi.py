@@ -12,6 +12,7 @@ from pydantic import Field
 from app.answer import answers
 from app.api.pages import Page
 from app.api.schemas.base import Schema
+from app.api.schemas.error_field import AnswerHead
 
 DESCRIPTION = """
 Stores error maps measured in several thermal states, with the temperatures of their
@@ -82,7 +83,7 @@ def document_problems(service: FastAPI) -> None:
             for name in _NOT_OURS:
                 schemas.pop(name, None)
             reference = "#/components/schemas/{model}"
-            models: tuple[type[Schema], ...] = (ProblemField, Problem)
+            models: tuple[type[Schema], ...] = (ProblemField, Problem, AnswerHead)
             for model in models:
                 written = model.model_json_schema(ref_template=reference)
                 schemas.update(written.pop("$defs", {}))

@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
-from app.api.media_types import ARROW, JSON, NPY
+from app.api.media_types import ANSWER_HEADER, ARROW, JSON, NPY
 from app.api.negotiation import chosen_form
 from app.api.rounding import rounded, rounded_up, to_tenth_nm
 from app.api.schemas.accuracy import (
@@ -48,7 +48,13 @@ _VECTORS: dict[int | str, dict[str, Any]] = {
         "content": {
             NPY: {"schema": {"type": "string", "format": "binary"}},
             ARROW: {"schema": {"type": "string", "format": "binary"}},
-        }
+        },
+        "headers": {
+            ANSWER_HEADER: {
+                "description": "What the answer says of itself, with npy and Arrow",
+                "content": {JSON: {"schema": {"$ref": "#/components/schemas/AnswerHead"}}},
+            }
+        },
     }
 }
 
