@@ -1,3 +1,5 @@
 """thermap: thermal error maps of machine tools, and compensation tables for live temperatures."""
 
-__version__ = "0.1.0"
+from thermap import __version__
+
+__all__ = ["__version__"]

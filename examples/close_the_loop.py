@@ -20,13 +20,12 @@ from typing import Any
 
 import httpx
 
-from app.api.schemas.analyses import AnalysisAnswer
-from app.client import AsyncThermapClient
 from app.main import create_app
 from app.settings import Settings
-from app.storage.records import AnalysisStatus
 from benchmarks.undeclared import make_campaign
 from benchmarks.undeclared.campaign import Campaign
+from thermap import AsyncThermapClient
+from thermap.answers import AnalysisAnswer
 
 PLANTED = "thermal-lag:component"
 SIZE = 3.0
@@ -110,7 +109,7 @@ async def finished(thermap: AsyncThermapClient, machine: str, number: int) -> An
     """Wait until an analysis is done."""
     while True:
         analysis = await thermap.analysis(machine, number)
-        if analysis.status not in (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING):
+        if analysis.status not in ("queued", "running"):
             return analysis
         await asyncio.sleep(LOOK_EVERY_S)
 

@@ -24,9 +24,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from app.api.schemas.compensation import CompensationAnswer
 from app.api.schemas.machines import settings_of
-from app.client import AsyncThermapClient
 from app.demo.machine import TRAVEL_MM, example_machine, positions_mm
 from app.demo.true_errors import true_errors
 from app.demo.warm_up import run_temperatures
@@ -37,6 +35,8 @@ from app.main import create_app
 from app.measurement.step_diagonal_readings import step_diagonal_readings
 from app.settings import Settings
 from app.units import MM_PER_M
+from thermap import AsyncThermapClient
+from thermap.answers import CompensationAnswer
 
 MEASURED_RUNS = (1, 3, 6)
 ASKED_RUNS = (2, 4, 5)

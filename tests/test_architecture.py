@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import app
+import thermap
 
 PACKAGE = Path(app.__file__).parent
 TREES = {p: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
@@ -24,7 +25,6 @@ FLOORS = [
     {"services"},
     {"pages"},
     {"api"},
-    {"client"},
     {"cli"},
     {"main", "__main__"},
 ]
@@ -32,6 +32,13 @@ FLOORS = [
 
 MAY_ALSO = {("cli", "main")}
 """The command line starts the service."""
+
+CLIENT = Path(thermap.__file__).parent
+CLIENT_LIBRARIES = {"httpx", "pydantic", "thermap"} | set(sys.stdlib_module_names)
+"""What users import stands on two libraries; numpy only where an answer is made an array."""
+
+MAY_USE_THE_CLIENT = {"cli", "__init__"}
+"""The command line speaks to the service as users do; the version stands in `thermap`."""
 
 PURE = {
     *("units", "errors", "arrays", "answer", "geometry", "thermal"),
@@ -88,6 +95,20 @@ def may_import(room, other):
     if room == "__init__":
         return False
     return other == room or floor_of(other) < floor_of(room) or (room, other) in MAY_ALSO
+
+
+def test_the_client_knows_nothing_of_the_application():
+    for path in sorted(CLIENT.rglob("*.py")):
+        roots = {module.split(".")[0] for module in imports_of(path)}
+        allowed = CLIENT_LIBRARIES | ({"numpy"} if path.name == "calls.py" else set())
+        assert roots <= allowed, f"{path} imports {roots - allowed}"
+
+
+def test_the_command_line_alone_uses_the_client():
+    for path in MODULES:
+        if room_of(path) not in MAY_USE_THE_CLIENT:
+            ours = {m for m in imports_of(path) if m.split(".")[0] == "thermap"}
+            assert ours == set(), f"{path} imports {ours}"
 
 
 def test_the_search_knows_only_its_rows():

@@ -16,11 +16,11 @@ import httpx
 import numpy as np
 import pytest
 
-from app.api.schemas.error_maps import ErrorMapSchema
-from app.api.schemas.machines import MachinePatch, MachineSettings
-from app.api.schemas.readings import ReadingSchema
 from app.cli.listening import listening, serving, url_of
-from app.client import (
+from app.main import create_app
+from app.settings import Settings
+from tests.service_examples import MACHINE, START, error_map, furnish_database, reading, table
+from thermap import (
     DEFAULT_URL,
     AsyncThermapClient,
     ConflictError,
@@ -37,9 +37,8 @@ from app.client import (
     calls,
     loop_calls,
 )
-from app.main import create_app
-from app.settings import Settings
-from tests.service_examples import MACHINE, START, error_map, furnish_database, reading, table
+from thermap.answers import ReadingSchema
+from thermap.requests import ErrorMapSchema, MachinePatch, MachineSettings
 
 pytestmark = pytest.mark.anyio
 

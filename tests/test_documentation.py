@@ -15,6 +15,8 @@ PAGES = [
     *METHODS,
 ]
 
+NAMED = re.compile(r"`((?:app|thermap)(?:\.\w+)+)`")
+
 
 def test_http_reference_is_what_the_service_says():
     written = write_page(openapi_document())
@@ -28,7 +30,9 @@ def test_named_objects_exist():
     missing = [
         f"{page.name}: {name}"
         for page in PAGES
-        for name in sorted(set(re.findall(r"`(app(?:\.\w+)+)`", page.read_text(encoding="utf-8"))))
+        for name in sorted(
+            set(re.findall(r"`((?:app|thermap)(?:\.\w+)+)`", page.read_text(encoding="utf-8")))
+        )
         if not exists(name)
     ]
     assert missing == []

@@ -8,10 +8,10 @@ import httpx
 import pytest
 
 from app.cli.demo_machine import set_up
-from app.client import ThermapClient
 from scripts.http_requests import SCRIPT, CurlRequest, requests_of_page, routes_without_request
 from scripts.write_http_reference import PAGE, openapi_document
 from tests.service_examples import client_of, running
+from thermap import ThermapClient
 
 REQUESTS = requests_of_page(PAGE.read_text(encoding="utf-8"))
 

@@ -10,7 +10,6 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer
 from app.cli.options import (
     MachineArgument,
     MissingOption,
@@ -21,7 +20,8 @@ from app.cli.options import (
     field_question,
     in_options,
 )
-from app.client import DEFAULT_URL
+from thermap import DEFAULT_URL
+from thermap.answers import AccuracyAnswer, LevelsAnswer
 
 _LEVELS = {
     "nothing": "none",

@@ -13,31 +13,31 @@ from pydantic import TypeAdapter
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from app.api.schemas.analyses import AnalysisAnswer
-from app.api.schemas.models import ModelCoverageAnswer
+from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications
 from app.cli.analyse_plan_view import plan_view
 from app.cli.analyse_view import analysis_view
 from app.cli.import_checks import naming
 from app.cli.model_change_view import preview_lines, waiting_lines
 from app.cli.options import MachineArgument, UrlOption, connect, expect_page, write_file
-from app.client import (
+from app.errors import ThermapError, list_names
+from app.geometry.components import ORDER
+from app.identification.analysis import Analysis
+from app.identification.plan import Plan
+from app.identification.search.findings import Status
+from thermap import (
     DEFAULT_URL,
+    FieldError,
     InvalidContentError,
     ThermapClient,
     ThermapClientError,
     loop_calls,
 )
-from app.errors import FieldError, ThermapError, list_names
-from app.geometry.components import ORDER
-from app.identification.analysis import Analysis
-from app.identification.plan import Plan
-from app.identification.search.findings import Status
-from app.storage.records import AnalysisStatus
+from thermap.answers import AnalysisAnswer, ModelCoverageAnswer
 
 POLL_S: Final = 0.3
 _PLAN: Final = TypeAdapter(Plan)
-_GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
+_GOING_ON: Final = ("queued", "running")
 
 
 class NotAnalysed(ThermapError):
@@ -143,8 +143,8 @@ def analyse(
 
 
 def _result(content: bytes) -> Analysis:
-    """Read what was found, of an analysis that is done."""
-    result = AnalysisAnswer.model_validate_json(content).result
+    """Read what was found, of an analysis that is done, as the pages read it too."""
+    result = analyses.AnalysisAnswer.model_validate_json(content, extra="ignore").result
     if result is None:
         raise NotAnalysed("the analysis has no result")
     return result
@@ -351,7 +351,7 @@ def _cancel(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
 
 
 def _expect_done(job: AnalysisAnswer) -> None:
-    if job.status is not AnalysisStatus.DONE:
+    if job.status != "done":
         why = f": {job.message}" if job.message else ""
         raise NotAnalysed(f"analysis {job.id} {job.status}{why}")
 

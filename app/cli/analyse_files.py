@@ -17,8 +17,9 @@ from app.cli.contract_json import read_json
 from app.cli.csv_verification import read_csv_verification
 from app.cli.delimited_text import Problems, UnreadableFile
 from app.cli.import_checks import choose_machine
-from app.errors import FieldError, InvalidContent
+from app.errors import InvalidContent
 from app.geometry.components import parse_component
+from thermap import FieldError
 
 _VALUE: Final = "measured_"
 """Fields that begin so hold what was measured."""

@@ -23,11 +23,11 @@ from app.cli.options import (
     expect_page,
     write_file,
 )
-from app.client import DEFAULT_URL
 from app.errors import list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.analyses import AnalysisHead
+    from thermap.answers import AnalysisHead
 
 analyses = command_group()
 
@@ -47,7 +47,7 @@ def list_analyses(
 
     Example: `thermap analyses list --machine vmc`
     """
-    from app.client import loop_calls
+    from thermap import loop_calls
 
     with connect(url) as thermap:
         call = loop_calls.analyses(chosen_machine(thermap, machine))
@@ -77,7 +77,7 @@ def show_analysis(
     """
     import orjson
 
-    from app.client import loop_calls
+    from thermap import loop_calls
 
     if output is not None:
         expect_page(output)
@@ -104,7 +104,7 @@ def cancel_analysis(
 
     Example: `thermap analyses cancel 2 --machine vmc`
     """
-    from app.client import loop_calls
+    from thermap import loop_calls
 
     with connect(url) as thermap:
         call = loop_calls.cancel_analysis(chosen_machine(thermap, machine), number)

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from app.client import ThermapClient
-    from app.client.call import Call
+    from thermap import ThermapClient
+    from thermap.call import Call
 
 Answer = TypeVar("Answer")
 
@@ -32,7 +32,7 @@ def show(
     thermap
         The client.
     call
-        The call, of `app.client.calls` or `app.client.loop_calls`.
+        The call, of `thermap.calls` or `thermap.loop_calls`.
     view
         Makes what a person reads.
     json

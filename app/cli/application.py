@@ -164,7 +164,7 @@ def main() -> None:
 
 def _explain(error: Exception) -> None:
     """Tell what the client could not do; anything else is none of ours to tell."""
-    client = sys.modules.get("app.client.errors")
+    client = sys.modules.get("thermap.errors")
     if client is None:  # then none of its errors can have come
         return
     if isinstance(error, client.NotListeningError):

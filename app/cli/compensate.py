@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from app.api.schemas.compensation import CompensationAnswer
 from app.cli.options import (
     MachineArgument,
     TemperatureOption,
@@ -18,8 +17,9 @@ from app.cli.options import (
     read_named_numbers,
 )
 from app.cli.table_view import table_view
-from app.client import DEFAULT_URL, ThermapClient, calls
-from app.client.call import Call
+from thermap import DEFAULT_URL, ThermapClient, calls
+from thermap.answers import CompensationAnswer
+from thermap.call import Call
 
 
 def compensate(

@@ -12,7 +12,6 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from app.api.schemas.compensation import CurrentCompensationAnswer
 from app.cli.demo_machine import reading_at, set_up
 from app.cli.demo_view import argument_view, live_view, short_line
 from app.cli.listening import (
@@ -31,9 +30,10 @@ from app.cli.listening import (
     url_of,
 )
 from app.cli.options import connect
-from app.client import ThermapClient
 from app.demo.remaining_error import remaining_errors
 from app.settings import sqlite_url
+from thermap import ThermapClient
+from thermap.answers import CurrentCompensationAnswer
 
 READING_EVERY_S: Final = 1.0
 LINE_EVERY_S: Final = 10.0

@@ -8,12 +8,12 @@ from typing import Any, Final
 
 from app.api.schemas.machines import settings_of
 from app.api.schemas.readings import ReadingSchema
-from app.client import ConflictError, ThermapClient, UnknownThingError
 from app.demo.error_maps import run_map
 from app.demo.machine import example_machine
 from app.demo.warm_up import temperatures_at
 from app.errors import Conflict
 from app.thermal.error_map import ComponentTable
+from thermap import ConflictError, ThermapClient, UnknownThingError
 
 STORED_RUNS: Final = (1, 3, 6)
 HISTORY: Final = timedelta(minutes=5)

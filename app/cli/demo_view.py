@@ -11,9 +11,9 @@ from rich.segment import Segment, SegmentLines
 from rich.table import Table
 from rich.text import Text
 
-from app.api.schemas.compensation import CurrentCompensationAnswer
 from app.cli.table_view import Layout, signed, table_view
 from app.demo.remaining_error import RemainingError
+from thermap.answers import CurrentCompensationAnswer
 
 _LAYOUTS: Final = (
     (Layout.FULL, False),

@@ -12,13 +12,14 @@ import typer
 
 from app.cli.csv_comments import Stated
 from app.cli.model_change_view import preview_lines, waiting_lines
-from app.client import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
 from app.errors import Conflict, ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER, parse_component
+from thermap import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
 
 if TYPE_CHECKING:
     from app.api.schemas.machines import MachineSettings
-    from app.api.schemas.model_change import ModelChange, PreviewAnswer
+    from app.cli.model_change_view import ModelChange
+    from thermap.answers import MachineAnswer, PreviewAnswer
 
 
 class NotImported(ThermapError):
@@ -160,6 +161,14 @@ def say_what_became(
     typer.echo(f"{file}: {text}")
     for line in waits:
         typer.echo(f"{file}: {line}", err=True)
+
+
+def settings_of_stored(machine: MachineAnswer) -> MachineSettings:
+    """Leave away what only a stored machine has."""
+    from app.api.schemas.machines import MachineSettings
+
+    stated = machine.model_dump(include={*MachineSettings.model_fields})
+    return MachineSettings.model_validate(stated)
 
 
 def say_what_follows_no_sensor(

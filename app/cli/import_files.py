@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from app.api.schemas.error_maps import ErrorMapSchema
-from app.api.schemas.machines import MachineAnswer, MachineSettings, settings_of
+from app.api.schemas.machines import MachineSettings, settings_of
 from app.api.schemas.readings import ReadingSchema
 from app.cli.contract_json import read_contract_json
 from app.cli.csv_comments import Stated
@@ -24,12 +24,13 @@ from app.cli.import_checks import (
     naming,
     say_what_became,
     say_what_follows_no_sensor,
+    settings_of_stored,
     show_preview,
 )
 from app.cli.import_measurements import import_measurements
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
-from app.client import DEFAULT_URL, ThermapClient, UnknownThingError
 from app.errors import Conflict, counted
+from thermap import DEFAULT_URL, ThermapClient, UnknownThingError
 
 
 @dataclass(slots=True)
@@ -200,7 +201,10 @@ def _check_with_service(
     """Refuse what the machines cannot take, before anything is sent; give the machines."""
     described = {settings.id: settings for one in imported for settings in one.machines}
     wanted = {one.machine for one in imported if one.needs_machine}
-    machines = {id_: described.get(id_) or thermap.machine(id_) for id_ in sorted(wanted)}
+    machines = {
+        id_: described.get(id_) or settings_of_stored(thermap.machine(id_))
+        for id_ in sorted(wanted)
+    }
     for one in imported:
         if one.needs_machine:
             known = [sensor.name for sensor in machines[one.machine].sensors]
@@ -261,15 +265,10 @@ def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:
     except UnknownThingError:
         thermap.create_machine(settings)
         return f"machine {settings.id} stored"
-    if _settings(present) != MachineSettings.model_validate(settings_of(settings.to_machine())):
+    wanted = MachineSettings.model_validate(settings_of(settings.to_machine()))
+    if settings_of_stored(present) != wanted:
         raise Conflict(
             f"machine {settings.id} is there with other settings; "
             f"`thermap machines set {settings.id} KEY=VALUE` changes them"
         )
     return f"machine {settings.id} was there already"
-
-
-def _settings(present: MachineAnswer) -> MachineSettings:
-    """Leave away what only a stored machine has."""
-    stated = {name: getattr(present, name) for name in MachineSettings.model_fields}
-    return MachineSettings.model_validate(stated)

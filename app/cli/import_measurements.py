@@ -13,7 +13,7 @@ from rich.console import Console
 
 from app.api.field_errors import field_error
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
-from app.api.schemas.measurements.base import MeasurementAnswer, MeasurementRequest
+from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
 from app.api.schemas.measurements.parts import (
     DrilledPlateRequest,
@@ -32,13 +32,15 @@ from app.cli.import_checks import (
     naming,
     say_what_became,
     say_what_follows_no_sensor,
+    settings_of_stored,
     show_preview,
 )
 from app.cli.measurement_view import measurement_view
 from app.cli.options import connect
-from app.client import ThermapClient, calls
-from app.client.call import Call
 from app.errors import list_names
+from thermap import ThermapClient, calls
+from thermap.answers import MeasurementAnswer
+from thermap.call import Call
 
 _OPTION_OF: Final = {
     "label": "--label",
@@ -197,7 +199,7 @@ def _check_with_service(
             answer = thermap.send(_METHODS[method].call(one.machine, one.body, calls.Storing()))
         components[one.machine] += [found.component for found in answer.components]
     for id_, codes in components.items():
-        say_what_follows_no_sensor(thermap, machines[id_], codes)
+        say_what_follows_no_sensor(thermap, settings_of_stored(machines[id_]), codes)
 
 
 def _send(thermap: ThermapClient, method: str, one: MeasuredFile, wish: Wish, json: bool) -> None:

@@ -20,12 +20,11 @@ from app.cli.options import (
     confirm,
     connect,
 )
-from app.client import DEFAULT_URL
 from app.errors import counted, list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.machines import MachineAnswer, SensorSchema
-    from app.api.schemas.needed import NeededAnswer
+    from thermap.answers import MachineAnswer, NeededAnswer, SensorSchema
 
 machines = command_group()
 
@@ -53,7 +52,7 @@ def list_machines(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> Non
 
     Example: `thermap machines list`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         show(thermap, calls.machines(), machines_view, json=json)
@@ -67,7 +66,7 @@ def show_machine(
 
     Example: `thermap machines show vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         show(thermap, calls.machine(machine), machine_view, json=json)
@@ -93,7 +92,7 @@ def needed_components(
 
     Example: `thermap machines needs vmc --preset large-gantry`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.needed_components(machine, preset, tool_length)
@@ -118,7 +117,7 @@ def set_machine(
 
     Example: `thermap machines set vmc out_of_range=extrapolate sensors.x-middle.max_age_s=60`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         patch = patch_of(thermap.machine(machine), changes)

@@ -21,11 +21,11 @@ from app.cli.options import (
     confirm,
     connect,
 )
-from app.client import DEFAULT_URL
 from app.errors import list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.error_maps import ErrorMapAnswer
+    from thermap.answers import ErrorMapAnswer
 
 maps = command_group()
 
@@ -45,7 +45,7 @@ def list_maps(
 
     Example: `thermap maps list --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.error_maps(chosen_machine(thermap, machine))
@@ -63,7 +63,7 @@ def show_map(
 
     Example: `thermap maps show 2 --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.error_map(chosen_machine(thermap, machine), number)

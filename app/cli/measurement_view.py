@@ -9,11 +9,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.api.schemas.error_maps import ComponentAnswer
-from app.api.schemas.measurements.base import MeasurementAnswer
 from app.cli.table_view import signed
 from app.geometry.components import COMPONENTS
 from app.units import unit_of_field
+from thermap.answers import ComponentAnswer, MeasurementAnswer
 
 DECIMALS: Final = 4
 """Of figures: a tenth of a nanometre, a tenth of a micrometre where they are in mm."""

@@ -3,18 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from app.errors import list_names
 
 if TYPE_CHECKING:
-    from app.api.schemas.model_change import (
+    from thermap.answers import (
         ComponentChangeAnswer,
         CoverageAnswer,
-        ModelChange,
         PreviewAnswer,
         WaitedBeforeAnswer,
     )
+
+
+class ModelChange(Protocol):
+    """What every answer says that may have made a model version."""
+
+    @property
+    def model_version(self) -> int | None:
+        """The version that was made."""
+
+    @property
+    def activated(self) -> bool | None:
+        """Whether tables follow it already."""
+
+    @property
+    def loses(self) -> Sequence[CoverageAnswer]:
+        """What tables lose by it."""
+
+    @property
+    def gains(self) -> Sequence[CoverageAnswer]:
+        """What they gain."""
+
+    @property
+    def waited_before(self) -> WaitedBeforeAnswer | None:
+        """The version that waited already."""
+
+    @property
+    def stays_active(self) -> int | None:
+        """The version that stays active while this one waits."""
+
 
 MOST_CHANGES: Final = 4
 """Components whose change is named; the others change by less."""
@@ -35,8 +63,8 @@ def preview_lines(preview: PreviewAnswer) -> Iterator[str]:
 
 def difference_lines(change: ModelChange) -> Iterator[str]:
     """Say what tables have lost and gained."""
-    yield from (f"tables lose {text}" for text in _together(change.loses or ()))
-    yield from (f"tables gain {text}" for text in _together(change.gains or ()))
+    yield from (f"tables lose {text}" for text in _together(change.loses))
+    yield from (f"tables gain {text}" for text in _together(change.gains))
 
 
 def waiting_lines(change: ModelChange, machine: str, stored: int | None = None) -> Iterator[str]:

@@ -20,13 +20,11 @@ from app.cli.options import (
     connect,
 )
 from app.cli.verifications import VerificationsOption, chosen_verifications
-from app.client import DEFAULT_URL
 from app.errors import counted, list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.models import ModelAnswer
-    from app.api.schemas.residuals import ModelComparisonAnswer
-    from app.identification.residual_report import Size
+    from thermap.answers import ModelAnswer, ModelComparisonAnswer, SizeAnswer
 
 models = command_group()
 
@@ -46,7 +44,7 @@ def list_models(
 
     Example: `thermap models list --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.models(chosen_machine(thermap, machine))
@@ -64,7 +62,7 @@ def show_model(
 
     Example: `thermap models show 3 --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.model(chosen_machine(thermap, machine), version)
@@ -82,7 +80,7 @@ def activate_model(
 
     Example: `thermap models activate 2 --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
@@ -111,7 +109,7 @@ def compare_models(
 
     Example: `thermap models compare 1 3 --machine vmc`
     """
-    from app.client import loop_calls
+    from thermap import loop_calls
 
     if len(versions) < 2:
         raise typer.BadParameter("expected two versions or more, came one", param_hint="VERSION")
@@ -174,7 +172,7 @@ def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
     return Group(table, Text(), told, *reasons)
 
 
-def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[Size]]]:
+def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAnswer]]]:
     """Give each component's sizes in the order of the versions, all lengths last."""
     for i, size in enumerate(found.versions[0].components):
         yield size.component, [one.components[i] for one in found.versions]

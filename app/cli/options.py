@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from app.client import DEFAULT_URL, URL_VARIABLE
 from app.errors import ThermapError, list_names
+from thermap import DEFAULT_URL, URL_VARIABLE
 
 if TYPE_CHECKING:
-    from app.client import ThermapClient
+    from thermap import ThermapClient
 
 
 MachineArgument = Annotated[
@@ -67,7 +67,7 @@ def command_group() -> typer.Typer:
 
 def connect(url: str = DEFAULT_URL) -> ThermapClient:
     """Make a client; a URL that is none is wrong usage."""
-    from app.client import ThermapClient
+    from thermap import ThermapClient
 
     try:
         return ThermapClient(url)
@@ -243,7 +243,7 @@ class RefusedQuestion(ThermapError):
 @contextmanager
 def in_options() -> Iterator[None]:
     """Tell what the service refuses of a question by the options that state it."""
-    from app.client.errors import InvalidContentError
+    from thermap.errors import InvalidContentError
 
     try:
         yield

@@ -23,8 +23,8 @@ from app.cli.options import (
     in_options,
     write_file,
 )
-from app.client import DEFAULT_URL
 from app.pictures.page import INLINE, page
+from thermap import DEFAULT_URL
 
 
 def picture(

@@ -22,11 +22,11 @@ from app.cli.options import (
     connect,
     read_time,
 )
-from app.client import DEFAULT_URL
 from app.errors import counted
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.readings import ReadingSchema, WithdrawnReadingAnswer
+    from thermap.answers import ReadingSchema, WithdrawnReadingAnswer
 
 readings = command_group()
 
@@ -84,7 +84,7 @@ def list_readings(
 
     Example: `thermap readings list --machine vmc --from 2026-03-01T06:00:00Z --every-s 600`
     """
-    from app.client import calls
+    from thermap import calls
 
     last = None if until is None else read_time(until, "--to")
     if withdrawn:

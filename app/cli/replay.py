@@ -21,14 +21,14 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from app.api.schemas.machines import MachineAnswer
 from app.cli.csv_recording import TIME_COLUMNS, read_recording
 from app.cli.delimited_text import left_out
 from app.cli.options import MachineArgument, UrlOption, connect, read_time
 from app.cli.replay_times import Plan, Stamps, plan_replay
 from app.cli.table_change import change_view, component_changes, sampled_tables
-from app.client import DEFAULT_URL, ConflictError, ThermapClient
 from app.errors import counted, list_names
+from thermap import DEFAULT_URL, ConflictError, ThermapClient
+from thermap.answers import MachineAnswer
 
 _LONGEST_SLEEP_S = 0.2
 _WARY = timedelta(minutes=2)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 
-from app.api.schemas.machines import SensorSchema
 from app.api.schemas.readings import ReadingSchema
 from app.cli.csv_recording import Recording
 from app.live.reading_window import kept_spacing_s
 from app.thermal.machine import Sensor
 from app.thermal.sensor_health import CLEARLY
 from app.units import SECONDS_PER_MIN
+from thermap.answers import SensorSchema
 
 
 class Stamps(StrEnum):

@@ -19,11 +19,11 @@ from app.cli.options import (
     command_group,
     connect,
 )
-from app.client import DEFAULT_URL
 from app.errors import list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.models import CorrelationAnswer, ProposalAnswer, WaitingAssignmentAnswer
+    from thermap.answers import CorrelationAnswer, ProposalAnswer, WaitingAssignmentAnswer
 
 sensors = command_group()
 
@@ -41,7 +41,7 @@ def show_assignment(
 
     Example: `thermap sensors show --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.sensor_assignment(chosen_machine(thermap, machine))
@@ -62,7 +62,7 @@ def assign_sensors(
 
     Example: `thermap sensors assign EXX=x-middle EZZ=z-column --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     stated = _read_assignment(assignment)
     with connect(url) as thermap:
@@ -86,7 +86,7 @@ def correlate_sensors(
 
     Example: `thermap sensors correlate --machine vmc`
     """
-    from app.client import calls
+    from thermap import calls
 
     with connect(url) as thermap:
         call = calls.correlate_sensors(chosen_machine(thermap, machine))

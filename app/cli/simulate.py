@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
 from app.cli.options import (
     MachineArgument,
     MissingOption,
@@ -24,10 +23,11 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.simulate_verification import simulate_verification
-from app.client import DEFAULT_URL
 from app.errors import counted, list_names
 from app.geometry.body_diagonal import DIAGONALS
 from app.measurement.step_diagonal_readings import TARGETS
+from thermap import DEFAULT_URL
+from thermap.answers import SimulatedStepDiagonal
 
 _DECIMALS = 6
 """Of readings in µm: far below what any laser resolves."""

@@ -26,11 +26,11 @@ from app.cli.options import (
     read_time,
     write_file,
 )
-from app.client import DEFAULT_URL
 from app.errors import ThermapError, UnknownComponent, counted, list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.client import ThermapClient
+    from thermap import ThermapClient
 
 OBSERVATION_EVERY: Final = timedelta(seconds=20)
 """So long an instrument takes from one place to the next."""

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from app.api.schemas.compensation import CompensationAnswer
 from app.arrays import FloatArray
 from app.cli.table_view import evenly_chosen, signed
-from app.client import InvalidContentError, ThermapClient
 from app.geometry.components import COMPONENTS
+from thermap import InvalidContentError, ThermapClient
+from thermap.answers import CompensationAnswer
 
 SAMPLES: Final = 60
 """Tables that are asked for over a replay; the temperatures change slowly."""

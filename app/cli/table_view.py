@@ -18,12 +18,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.api.schemas.compensation import (
+from app.geometry.components import COMPONENTS
+from thermap.answers import (
     CompensationAnswer,
     ComponentCompensationAnswer,
     CurrentCompensationAnswer,
 )
-from app.geometry.components import COMPONENTS
 
 POSITIONS_SHOWN: Final = 5
 SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"

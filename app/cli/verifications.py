@@ -23,14 +23,12 @@ from app.cli.options import (
     expect_page,
     write_file,
 )
-from app.client import DEFAULT_URL
 from app.errors import counted, list_names
+from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.residuals import ResidualsAnswer
-    from app.api.schemas.verifications import VerificationAnswer
-    from app.client import ThermapClient
-    from app.identification.residual_report import Size
+    from thermap import ThermapClient
+    from thermap.answers import ResidualsAnswer, SizeAnswer, VerificationAnswer
 
 verifications = command_group()
 
@@ -59,7 +57,7 @@ def list_verifications(
 
     Example: `thermap verifications list --machine vmc`
     """
-    from app.client import loop_calls
+    from thermap import loop_calls
 
     with connect(url) as thermap:
         call = loop_calls.verifications(chosen_machine(thermap, machine))
@@ -96,7 +94,7 @@ def show_residuals(
 
     Example: `thermap verifications residuals 1 2 --machine vmc -o residuals.html`
     """
-    from app.client import loop_calls
+    from thermap import loop_calls
 
     if output is not None:
         expect_page(output)
@@ -207,7 +205,7 @@ def _is_any_guessed(found: ResidualsAnswer) -> bool:
     return any("residuals" in size.repeatability_origin for size in found.components)
 
 
-def _cells(size: Size) -> list[str]:
+def _cells(size: SizeAnswer) -> list[str]:
     guessed = "~" if "residuals" in size.repeatability_origin else ""
     known = "–" if size.repeatability is None else f"{guessed}{size.repeatability:.2f}"
     name = "all lengths" if size.component == "all" else size.component

@@ -17,10 +17,10 @@ from typer.testing import CliRunner
 
 from app.cli import application
 from app.cli.listening import listening, serving, url_of
-from app.client import ThermapClient
 from app.main import create_app
 from app.settings import Settings
 from tests.service_examples import furnish_database
+from thermap import ThermapClient
 
 ROOT = Path(__file__).parent.parent.parent
 ENVIRONMENT = {

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 import httpx
 import pytest
 
-from app.client import calls
 from tests.service_examples import MACHINE, error_map, reading
+from thermap import calls
 
 # Between Run #1 (20 °C) and Run #3 (24 °C) of the example machine EXX grows by
 # (t − 20)·x/100 µm: at 21 °C and 500 mm it is 5 µm.

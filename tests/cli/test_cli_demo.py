@@ -15,9 +15,9 @@ from app.cli.demo_machine import HISTORY, set_up
 from app.cli.demo_view import live_view
 from app.cli.listening import listening
 from app.cli.table_view import signed
-from app.client import ThermapClient
 from app.errors import Conflict
 from tests.cli.conftest import ended
+from thermap import ThermapClient
 
 
 def read_until(process, words, within_s=120.0):

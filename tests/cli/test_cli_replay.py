@@ -5,10 +5,10 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
-from app.api.schemas.machines import SensorSchema
 from app.cli.csv_recording import Recording, read_recording
 from app.cli.delimited_text import UnreadableFile
 from app.cli.replay_times import Stamps, plan_replay
+from thermap.answers import SensorSchema
 
 SENSORS = ["x-middle", "y-front", "z-column", "spindle"]
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)

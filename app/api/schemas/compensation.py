@@ -5,7 +5,6 @@ from __future__ import annotations
 from pydantic import Field
 
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
-from app.geometry.components import COMPONENTS
 from app.identification.effects.valid import LearntIn
 
 
@@ -140,25 +139,6 @@ class ComponentCompensationAnswer(Schema):
         "effects has no standard errors, because the maps do not say how sure an effect is",
         examples=[["thermal-lag"]],
     )
-
-    @property
-    def unit(self) -> str:
-        """The unit of this component's errors and compensation."""
-        return COMPONENTS[self.component].unit.symbol
-
-    @property
-    def standard_errors(self) -> list[float] | float | None:
-        """One standard deviation of the errors, in `unit`; None where it is not known."""
-        value: list[float] | float | None = getattr(
-            self, COMPONENTS[self.component].standard_error_field
-        )
-        return value
-
-    @property
-    def compensation(self) -> list[float] | float:
-        """Minus the error, in `unit`: a list over the positions, or a single number."""
-        value: list[float] | float = getattr(self, COMPONENTS[self.component].compensation_field)
-        return value
 
 
 class EffectInTableAnswer(Schema):

@@ -9,52 +9,62 @@ import io
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from importlib.util import find_spec
 from itertools import islice
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from urllib.parse import quote
 
 import httpx
-import numpy as np
 from pydantic import BaseModel
 
-from app.api.media_types import ANSWER_HEADER, HTML, NPY
-from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
-from app.api.schemas.compensation import CompensationAnswer, CurrentCompensationAnswer
-from app.api.schemas.error_field import AnswerHead
-from app.api.schemas.error_maps import ErrorMapAnswer
-from app.api.schemas.grids import GridAnswer
-from app.api.schemas.health import HealthAnswer, ReadyAnswer
-from app.api.schemas.machines import MachineAnswer
-from app.api.schemas.measurements.axes import PositioningAnswer
-from app.api.schemas.measurements.base import MeasurementAnswer
-from app.api.schemas.measurements.diagonals import BodyDiagonalAnswer, StepDiagonalAnswer
-from app.api.schemas.measurements.parts import (
-    DrilledPlateAnswer,
-    MachinedPartAnswer,
-    RotaryAxisAnswer,
-)
-from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
-from app.api.schemas.model_change import PreviewAnswer
-from app.api.schemas.models import (
-    AssignmentSchema,
+from thermap.answers import (
+    AccuracyAnswer,
+    AnswerHead,
+    BodyDiagonalAnswer,
     ChangedModelAnswer,
+    CompensationAnswer,
     CorrelationAnswer,
+    CurrentCompensationAnswer,
+    DrilledPlateAnswer,
+    ErrorMapAnswer,
+    GridAnswer,
+    HealthAnswer,
+    LevelsAnswer,
+    LinesAnswer,
+    MachineAnswer,
+    MachinedPartAnswer,
+    MeasurementAnswer,
     ModelAnswer,
     ModelCoverageAnswer,
-    WaitingAssignmentAnswer,
-)
-from app.api.schemas.needed import NeededAnswer, PresetAnswer
-from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import (
+    NeededAnswer,
+    PositioningAnswer,
+    PredictionAnswer,
+    PresetAnswer,
+    PreviewAnswer,
     ReadingSchema,
+    ReadyAnswer,
+    RotaryAxisAnswer,
+    RotaryErrorAnswer,
+    SimulatedStepDiagonal,
+    StepDiagonalAnswer,
     StoredReadings,
+    WaitingAssignmentAnswer,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
-from app.api.schemas.rotary import RotaryErrorAnswer
-from app.arrays import FloatArray
-from app.client.call import Answer, Call, Content, nothing, reader_of
-from app.client.errors import error_of, unreadable
+from thermap.call import Answer, Call, Content, nothing, reader_of
+from thermap.errors import error_of, unreadable
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    FloatArray: TypeAlias = NDArray[np.float64]
+
+HTML: Final = "text/html"
+NPY: Final = "application/x-npy"
+ANSWER_HEADER: Final = "Thermap-Answer"
+"""What an answer in numpy's form says beside its numbers, as JSON."""
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
@@ -200,7 +210,7 @@ def sensor_assignment(machine_id: str) -> Call[dict[str, str]]:
 
 def assign_sensors(
     machine_id: str,
-    assignment: AssignmentSchema | Mapping[str, str],
+    assignment: Mapping[str, str],
     accept_losses: bool = False,
 ) -> Call[dict[str, str] | WaitingAssignmentAnswer]:
     """PUT …/sensor-assignment; 202 says that the version waits."""
@@ -208,9 +218,7 @@ def assign_sensors(
     return Call("PUT", path, _read_assigned, assignment, query=accepting(accept_losses))
 
 
-def preview_assignment(
-    machine_id: str, assignment: AssignmentSchema | Mapping[str, str]
-) -> Call[PreviewAnswer]:
+def preview_assignment(machine_id: str, assignment: Mapping[str, str]) -> Call[PreviewAnswer]:
     """PUT …/sensor-assignment?preview=true."""
     path = of_machine(machine_id, "sensor-assignment")
     return Call("PUT", path, reader_of(PreviewAnswer), assignment, query=PREVIEW)
@@ -354,7 +362,12 @@ def predict(
 
 
 def volumetric_error(machine_id: str, question: Content) -> Call[VolumetricErrors]:
-    """POST …/volumetric-error, answered in numpy's form."""
+    """POST …/volumetric-error, answered in numpy's form; ImportError where there is no numpy."""
+    if find_spec("numpy") is None:
+        raise ImportError(
+            "volumetric_error answers with numpy arrays, and numpy is not installed: "
+            "`pip install thermap-client[numpy]`"
+        )
     path = of_machine(machine_id, "volumetric-error")
     return Call("POST", path, _read_vectors, question, headers={"Accept": NPY})
 
@@ -502,6 +515,8 @@ def _read_text(response: httpx.Response) -> str:
 
 def _read_vectors(response: httpx.Response) -> VolumetricErrors:
     """Read one array of shape (n, 6) or (s, n, 6), and the head beside it."""
+    import numpy as np
+
     try:
         numbers = np.load(io.BytesIO(response.content), allow_pickle=False)
         head = AnswerHead.model_validate_json(response.headers[ANSWER_HEADER], extra="ignore")

@@ -16,13 +16,20 @@ Each has the sentence, the status and the fields that are to blame.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import httpx
-import orjson
 
-from app.errors import FieldError, list_names
+
+@dataclass(frozen=True, slots=True)
+class FieldError:
+    """One field that is to blame: its path, and what was expected, what came, the unit."""
+
+    field: str
+    message: str
 
 
 class ThermapClientError(Exception):
@@ -50,7 +57,10 @@ class ThermapClientError(Exception):
     def sentence(self) -> str:
         """The detail, and the fields that are to blame where it does not name them."""
         unnamed = [error.field for error in self.errors if error.field not in self.detail]
-        return f"{self.detail} (at {list_names(unnamed, 3)})" if unnamed else self.detail
+        if not unnamed:
+            return self.detail
+        more = f" and {len(unnamed) - 3} more" if len(unnamed) > 3 else ""
+        return f"{self.detail} (at {', '.join(unnamed[:3])}{more})"
 
 
 class UnknownThingError(ThermapClientError):
@@ -157,8 +167,8 @@ def _problem(response: httpx.Response) -> dict[str, Any] | None:
     if not response.headers.get("content-type", "").startswith("application/problem+json"):
         return None
     try:
-        document = orjson.loads(response.content)
-    except orjson.JSONDecodeError:
+        document = json.loads(response.content)
+    except ValueError:  # also text that is no UTF-8
         return None
     return document if isinstance(document, dict) and "detail" in document else None
 

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
-from app.api.media_types import HTML
-from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
-from app.api.schemas.model_change import PreviewAnswer
-from app.api.schemas.models import ChangedModelAnswer
-from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
-from app.api.schemas.verifications import (
+from thermap.answers import (
+    AnalysisAnswer,
+    AnalysisHead,
+    ChangedModelAnswer,
+    ModelComparisonAnswer,
+    PlanAnswer,
+    PreviewAnswer,
+    ResidualsAnswer,
     StoredVerificationAnswer,
     VerificationAnswer,
+    WatchAnswer,
     WholeVerificationAnswer,
 )
-from app.api.schemas.watch import WatchAnswer
-from app.client.call import Call, Content, nothing, reader_of
-from app.client.calls import PREVIEW, accepting, of_machine
-from app.identification.plan import Plan
+from thermap.call import Call, Content, nothing, reader_of
+from thermap.calls import HTML, PREVIEW, accepting, of_machine
 
 PLANNING_S: Final = 600.0
 """A plan of many visits is computed while its request waits [s]."""
@@ -91,10 +92,10 @@ def analyse(machine_id: str, question: Content) -> Call[AnalysisHead]:
     return Call("POST", of_machine(machine_id, "analyses"), reader_of(AnalysisHead), question)
 
 
-def plan_analysis(machine_id: str, plan: Content) -> Call[Plan]:
+def plan_analysis(machine_id: str, plan: Content) -> Call[PlanAnswer]:
     """POST …/analyses/plan."""
     path = of_machine(machine_id, "analyses", "plan")
-    return Call("POST", path, reader_of(Plan), plan, patience_s=PLANNING_S)
+    return Call("POST", path, reader_of(PlanAnswer), plan, patience_s=PLANNING_S)
 
 
 def analyses(machine_id: str) -> Call[list[AnalysisHead]]:

@@ -1,4 +1,7 @@
-"""The client that waits for each answer."""
+"""The client that waits for each answer.
+
+Written by `scripts/write_client.py` from the awaiting one.
+"""
 
 from __future__ import annotations
 
@@ -9,48 +12,52 @@ from typing import Any, Self
 
 import httpx
 
-from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
-from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
-from app.api.schemas.compensation import CompensationAnswer
-from app.api.schemas.error_maps import ErrorMapAnswer
-from app.api.schemas.grids import GridAnswer
-from app.api.schemas.health import HealthAnswer, ReadyAnswer
-from app.api.schemas.machines import MachineAnswer
-from app.api.schemas.measurements.axes import PositioningAnswer
-from app.api.schemas.measurements.base import MeasurementAnswer
-from app.api.schemas.measurements.diagonals import BodyDiagonalAnswer, StepDiagonalAnswer
-from app.api.schemas.measurements.parts import (
-    DrilledPlateAnswer,
-    MachinedPartAnswer,
-    RotaryAxisAnswer,
-)
-from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
-from app.api.schemas.model_change import PreviewAnswer
-from app.api.schemas.models import (
-    AssignmentSchema,
+from thermap import calls, loop_calls
+from thermap.answers import (
+    AccuracyAnswer,
+    AnalysisAnswer,
+    AnalysisHead,
+    BodyDiagonalAnswer,
     ChangedModelAnswer,
+    CompensationAnswer,
     CorrelationAnswer,
+    DrilledPlateAnswer,
+    ErrorMapAnswer,
+    GridAnswer,
+    HealthAnswer,
+    LevelsAnswer,
+    LinesAnswer,
+    MachineAnswer,
+    MachinedPartAnswer,
+    MeasurementAnswer,
     ModelAnswer,
+    ModelComparisonAnswer,
     ModelCoverageAnswer,
-    WaitingAssignmentAnswer,
-)
-from app.api.schemas.needed import NeededAnswer, PresetAnswer
-from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import (
+    NeededAnswer,
+    PlanAnswer,
+    PositioningAnswer,
+    PredictionAnswer,
+    PresetAnswer,
+    PreviewAnswer,
     ReadingSchema,
+    ReadyAnswer,
+    ResidualsAnswer,
+    RotaryAxisAnswer,
+    RotaryErrorAnswer,
+    SimulatedStepDiagonal,
+    StepDiagonalAnswer,
     StoredReadings,
+    StoredVerificationAnswer,
+    VerificationAnswer,
+    WaitingAssignmentAnswer,
+    WatchAnswer,
+    WholeVerificationAnswer,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
-from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
-from app.api.schemas.rotary import RotaryErrorAnswer
-from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
-from app.api.schemas.watch import WatchAnswer
-from app.client import calls, loop_calls
-from app.client.call import Answer, Call, Content
-from app.client.calls import TaggedTable, VolumetricErrors
-from app.client.connection import explaining, httpx_options, service_url, without_password
-from app.identification.plan import Plan
+from thermap.call import Answer, Call, Content
+from thermap.calls import TaggedTable, VolumetricErrors
+from thermap.connection import explaining, httpx_options, service_url, without_password
 
 
 class ThermapClient:
@@ -69,12 +76,12 @@ class ThermapClient:
     Raises
     ------
     ThermapClientError
-        By every method, of the kind that `app.client.errors` draws.
+        By every method, of the kind that `thermap.errors` draws.
 
     Notes
     -----
-    Bodies are the schemas of `app.api.schemas` or mappings with the same fields;
-    numpy arrays may stand wherever a list of numbers may. Safe to share by threads.
+    Bodies are mappings, or the shapes of `thermap.requests` with the same fields; numpy
+    arrays may stand wherever a list of numbers may. Safe to share by threads.
     """
 
     def __init__(
@@ -172,7 +179,7 @@ class ThermapClient:
     def assign_sensors(
         self,
         machine: str,
-        assignment: AssignmentSchema | Mapping[str, str],
+        assignment: Mapping[str, str],
         *,
         accept_losses: bool = False,
     ) -> dict[str, str] | WaitingAssignmentAnswer:
@@ -183,9 +190,7 @@ class ThermapClient:
         """
         return self.send(calls.assign_sensors(machine, assignment, accept_losses))
 
-    def preview_assignment(
-        self, machine: str, assignment: AssignmentSchema | Mapping[str, str]
-    ) -> PreviewAnswer:
+    def preview_assignment(self, machine: str, assignment: Mapping[str, str]) -> PreviewAnswer:
         """Say what an assignment would do to the tables; nothing changes."""
         return self.send(calls.preview_assignment(machine, assignment))
 
@@ -219,7 +224,8 @@ class ThermapClient:
         They travel in parts of 10,000, each stored whole or not at all. After an
         error the same list may be sent again: what is there counts as duplicates.
         """
-        return calls.add_up(self.send(part) for part in calls.store_readings(machine, readings))
+        parts = calls.store_readings(machine, readings)
+        return calls.add_up([self.send(part) for part in parts])
 
     def readings(
         self,
@@ -408,7 +414,7 @@ class ThermapClient:
         """Say what a laser would read on the stored machine in a `StepDiagonalSimulation`."""
         return self.send(calls.simulate_step_diagonal(machine, plan))
 
-    def store_verification(self, machine: str, verification: Content) -> VerificationAnswer:
+    def store_verification(self, machine: str, verification: Content) -> StoredVerificationAnswer:
         """Store a `VerificationRequest`: observations to hold the model against."""
         return self.send(loop_calls.store_verification(machine, verification))
 
@@ -462,7 +468,7 @@ class ThermapClient:
         """Ask for an analysis with an `AnalysisRequest`; look at it until it is done."""
         return self.send(loop_calls.analyse(machine, question))
 
-    def plan_analysis(self, machine: str, plan: Content) -> Plan:
+    def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
         """Say what the observations of a `PlanRequest` could see, before anyone measures."""
         return self.send(loop_calls.plan_analysis(machine, plan))
 
@@ -512,7 +518,7 @@ class ThermapClient:
         return self.send(loop_calls.preview_adoption(machine, analysis_id, effects, onto_active))
 
     def send(self, call: Call[Answer]) -> Answer:
-        """Send a call that `app.client.calls` describes, and read its answer."""
+        """Send a call that `thermap.calls` describes, and read its answer."""
         return call.answer(self._exchange(call))
 
     def content(self, call: Call[Any]) -> bytes:

@@ -1,8 +1,11 @@
 """Talk to a thermap service from Python: one method a route, answers with types.
 
->>> from app.client import ThermapClient
->>> with ThermapClient("http://127.0.0.1:8000") as thermap:
-...     table = thermap.compensation("mcfv5050", {"x-middle": 24.1})  # doctest: +SKIP
+>>> from thermap import ThermapClient
+>>> with ThermapClient("http://127.0.0.1:8000") as client:
+...     table = client.compensation("mcfv5050", {"x-middle": 24.1})  # doctest: +SKIP
+
+Answers are the shapes of `thermap.answers`; bodies are mappings, or the shapes of
+`thermap.requests`. Both are generated from the service's OpenAPI document.
 """
 
 from __future__ import annotations
@@ -11,11 +14,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from app.client.awaiting import AsyncThermapClient
-    from app.client.blocking import ThermapClient
-    from app.client.calls import TaggedTable, VolumetricErrors
-    from app.client.errors import (
+    from thermap._async.client import AsyncThermapClient
+    from thermap._sync.client import ThermapClient
+    from thermap.calls import TaggedTable, VolumetricErrors
+    from thermap.errors import (
         ConflictError,
+        FieldError,
         InvalidContentError,
         NotAllowedError,
         NotListeningError,
@@ -27,6 +31,8 @@ if TYPE_CHECKING:
         UnknownThingError,
     )
 
+__version__ = "0.1.0"
+
 DEFAULT_URL: Final = "http://127.0.0.1:8000"
 URL_VARIABLE: Final = "THERMAP_URL"
 """The variable of the environment that says where the service is."""
@@ -36,6 +42,7 @@ __all__ = [
     "URL_VARIABLE",
     "AsyncThermapClient",
     "ConflictError",
+    "FieldError",
     "InvalidContentError",
     "NotAllowedError",
     "NotListeningError",
@@ -48,28 +55,19 @@ __all__ = [
     "UnexpectedAnswerError",
     "UnknownThingError",
     "VolumetricErrors",
+    "__version__",
 ]
 
 _HOMES: Final = {
-    "AsyncThermapClient": "awaiting",
-    "ConflictError": "errors",
-    "InvalidContentError": "errors",
-    "NotAllowedError": "errors",
-    "NotListeningError": "errors",
-    "ServiceUnavailableError": "errors",
+    "AsyncThermapClient": "_async.client",
+    "ThermapClient": "_sync.client",
     "TaggedTable": "calls",
-    "ThermapClient": "blocking",
-    "ThermapClientError": "errors",
-    "TooLargeError": "errors",
-    "TooManyRequestsError": "errors",
-    "UnexpectedAnswerError": "errors",
-    "UnknownThingError": "errors",
     "VolumetricErrors": "calls",
-}
+} | dict.fromkeys((name for name in __all__ if name.endswith("Error")), "errors")
 
 
 def __getattr__(name: str) -> Any:
-    """Load a client when it is asked for: the shapes of all answers take their time."""
+    """Load a client when it is asked for: httpx and the shapes of all answers take their time."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

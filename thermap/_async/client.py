@@ -1,66 +1,87 @@
-"""The client for asyncio: the same methods, to be awaited."""
-# ruff: noqa: D102 -- each method's docstring is that of the blocking client's
+"""The client: one method a route.
+
+`scripts/write_client.py` makes the blocking client of this one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
-from inspect import getdoc
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
-from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer, LinesAnswer
-from app.api.schemas.analyses import AnalysisAnswer, AnalysisHead
-from app.api.schemas.compensation import CompensationAnswer
-from app.api.schemas.error_maps import ErrorMapAnswer
-from app.api.schemas.grids import GridAnswer
-from app.api.schemas.health import HealthAnswer, ReadyAnswer
-from app.api.schemas.machines import MachineAnswer
-from app.api.schemas.measurements.axes import PositioningAnswer
-from app.api.schemas.measurements.base import MeasurementAnswer
-from app.api.schemas.measurements.diagonals import BodyDiagonalAnswer, StepDiagonalAnswer
-from app.api.schemas.measurements.parts import (
-    DrilledPlateAnswer,
-    MachinedPartAnswer,
-    RotaryAxisAnswer,
-)
-from app.api.schemas.measurements.simulation import SimulatedStepDiagonal
-from app.api.schemas.model_change import PreviewAnswer
-from app.api.schemas.models import (
-    AssignmentSchema,
+from thermap import calls, loop_calls
+from thermap.answers import (
+    AccuracyAnswer,
+    AnalysisAnswer,
+    AnalysisHead,
+    BodyDiagonalAnswer,
     ChangedModelAnswer,
+    CompensationAnswer,
     CorrelationAnswer,
+    DrilledPlateAnswer,
+    ErrorMapAnswer,
+    GridAnswer,
+    HealthAnswer,
+    LevelsAnswer,
+    LinesAnswer,
+    MachineAnswer,
+    MachinedPartAnswer,
+    MeasurementAnswer,
     ModelAnswer,
+    ModelComparisonAnswer,
     ModelCoverageAnswer,
-    WaitingAssignmentAnswer,
-)
-from app.api.schemas.needed import NeededAnswer, PresetAnswer
-from app.api.schemas.predictions import PredictionAnswer
-from app.api.schemas.readings import (
+    NeededAnswer,
+    PlanAnswer,
+    PositioningAnswer,
+    PredictionAnswer,
+    PresetAnswer,
+    PreviewAnswer,
     ReadingSchema,
+    ReadyAnswer,
+    ResidualsAnswer,
+    RotaryAxisAnswer,
+    RotaryErrorAnswer,
+    SimulatedStepDiagonal,
+    StepDiagonalAnswer,
     StoredReadings,
+    StoredVerificationAnswer,
+    VerificationAnswer,
+    WaitingAssignmentAnswer,
+    WatchAnswer,
+    WholeVerificationAnswer,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
-from app.api.schemas.residuals import ModelComparisonAnswer, ResidualsAnswer
-from app.api.schemas.rotary import RotaryErrorAnswer
-from app.api.schemas.verifications import VerificationAnswer, WholeVerificationAnswer
-from app.api.schemas.watch import WatchAnswer
-from app.client import calls, loop_calls
-from app.client.blocking import ThermapClient
-from app.client.call import Answer, Call, Content
-from app.client.calls import TaggedTable, VolumetricErrors
-from app.client.connection import explaining, httpx_options, service_url, without_password
-from app.identification.plan import Plan
+from thermap.call import Answer, Call, Content
+from thermap.calls import TaggedTable, VolumetricErrors
+from thermap.connection import explaining, httpx_options, service_url, without_password
 
 
 class AsyncThermapClient:
-    """A thermap service, one method a route, to be awaited.
+    """A thermap service, one method a route.
 
-    Parameters, exceptions and bodies are those of `ThermapClient`; a `transport`
-    may be an `httpx.ASGITransport` around the application itself.
+    Parameters
+    ----------
+    base_url
+        Where the service is; THERMAP_URL in the environment or http://127.0.0.1:8000
+        where nothing is stated.
+    timeout_s
+        Longest wait for an answer [s]; a plan is waited for ten minutes.
+    transport
+        How requests travel; for tests.
+
+    Raises
+    ------
+    ThermapClientError
+        By every method, of the kind that `thermap.errors` draws.
+
+    Notes
+    -----
+    Bodies are mappings, or the shapes of `thermap.requests` with the same fields; numpy
+    arrays may stand wherever a list of numbers may. Safe to share by threads.
     """
 
     def __init__(
@@ -76,98 +97,137 @@ class AsyncThermapClient:
 
     @property
     def base_url(self) -> str:
+        """Where the service is, without a password."""
         return without_password(self._url)
 
     async def health(self) -> HealthAnswer:
+        """Ask whether the process lives, and its version."""
         return await self.send(calls.health())
 
     async def ready(self) -> ReadyAnswer:
+        """Ask whether the database is there and every model in memory; not being so is no error."""
         return await self.send(calls.ready())
 
     async def metrics(self) -> str:
+        """Read the metrics in Prometheus' text format."""
         return await self.send(calls.metrics())
 
     async def create_machine(self, settings: Content) -> MachineAnswer:
+        """Create a machine from a `MachineSettings`; ConflictError if its id is taken."""
         return await self.send(calls.create_machine(settings))
 
     async def machines(self) -> list[MachineAnswer]:
+        """List all machines by id."""
         return await self.send(calls.machines())
 
     async def machine(self, machine: str) -> MachineAnswer:
+        """Show one machine."""
         return await self.send(calls.machine(machine))
 
     async def needed_components(
         self, machine: str, preset: str | None = None, tool_length_mm: float = 0.0
     ) -> NeededAnswer:
+        """List the errors that have to be measured, of a rigid machine or of a preset."""
         return await self.send(calls.needed_components(machine, preset, tool_length_mm))
 
     async def nonrigid_presets(self) -> list[PresetAnswer]:
+        """List the kinds of machines that are not rigid, and their slopes."""
         return await self.send(calls.nonrigid_presets())
 
     async def change_machine(self, machine: str, changes: Content) -> MachineAnswer:
+        """Change the settings that a `MachinePatch` states."""
         return await self.send(calls.change_machine(machine, changes))
 
     async def delete_machine(self, machine: str) -> None:
+        """Delete a machine with all its maps, models and readings."""
         return await self.send(calls.delete_machine(machine))
 
     async def store_error_map(
         self, machine: str, error_map: Content, *, accept_losses: bool = False
     ) -> ErrorMapAnswer:
+        """Store an `ErrorMapSchema`; the same content again gives the map that is there.
+
+        A model version whose tables would lose something waits, unless `accept_losses`: the
+        answer's `activated` is False then, and `loses` and `next_step` say the rest.
+        """
         return await self.send(calls.store_error_map(machine, error_map, accept_losses))
 
     async def preview_error_map(self, machine: str, error_map: Content) -> PreviewAnswer:
+        """Say what storing a map would do to the tables; nothing is stored."""
         return await self.send(calls.preview_error_map(machine, error_map))
 
     async def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
+        """List a machine's error maps in the order in which they were stored."""
         return await self.send(calls.error_maps(machine))
 
     async def error_map(self, machine: str, map_id: int) -> ErrorMapAnswer:
+        """Show one error map by its number."""
         return await self.send(calls.error_map(machine, map_id))
 
     async def delete_error_map(self, machine: str, map_id: int) -> None:
+        """Take an error map out of use; older model versions keep it."""
         return await self.send(calls.delete_error_map(machine, map_id))
 
     async def preview_map_deletion(self, machine: str, map_id: int) -> PreviewAnswer:
+        """Say what taking an error map out of use would do to the tables; nothing changes."""
         return await self.send(calls.preview_map_deletion(machine, map_id))
 
     async def sensor_assignment(self, machine: str) -> dict[str, str]:
+        """Show which sensor each component follows, component code to sensor."""
         return await self.send(calls.sensor_assignment(machine))
 
     async def assign_sensors(
         self,
         machine: str,
-        assignment: AssignmentSchema | Mapping[str, str],
+        assignment: Mapping[str, str],
         *,
         accept_losses: bool = False,
     ) -> dict[str, str] | WaitingAssignmentAnswer:
+        """Assign sensors to components, the others keep theirs; gives the whole assignment.
+
+        Where tables would lose something the version waits, unless `accept_losses`: then the
+        answer is a `WaitingAssignmentAnswer`, which says what.
+        """
         return await self.send(calls.assign_sensors(machine, assignment, accept_losses))
 
     async def preview_assignment(
-        self, machine: str, assignment: AssignmentSchema | Mapping[str, str]
+        self, machine: str, assignment: Mapping[str, str]
     ) -> PreviewAnswer:
+        """Say what an assignment would do to the tables; nothing changes."""
         return await self.send(calls.preview_assignment(machine, assignment))
 
     async def correlate_sensors(self, machine: str) -> CorrelationAnswer:
+        """Propose sensors by their correlation with the maps; nothing changes."""
         return await self.send(calls.correlate_sensors(machine))
 
     async def models(self, machine: str) -> list[ModelAnswer]:
+        """List all model versions, oldest first."""
         return await self.send(calls.models(machine))
 
     async def model(self, machine: str, version: int) -> ModelAnswer:
+        """Show one model version."""
         return await self.send(calls.model(machine, version))
 
     async def model_coverage(self, machine: str, version: int) -> ModelCoverageAnswer:
+        """Show which components the tables of a version have, and why they lack others."""
         return await self.send(calls.model_coverage(machine, version))
 
     async def activate_model(self, machine: str, version: int) -> ChangedModelAnswer:
+        """Compute tables with this version from now on; the answer says what they lose."""
         return await self.send(calls.activate_model(machine, version))
 
     async def preview_activation(self, machine: str, version: int) -> PreviewAnswer:
+        """Say what activating a version would do to the tables; nothing changes."""
         return await self.send(calls.preview_activation(machine, version))
 
     async def store_readings(
         self, machine: str, readings: Content | Iterable[Content]
     ) -> StoredReadings:
+        """Store one `ReadingSchema` or any number of them.
+
+        They travel in parts of 10,000, each stored whole or not at all. After an
+        error the same list may be sent again: what is there counts as duplicates.
+        """
         parts = calls.store_readings(machine, readings)
         return calls.add_up([await self.send(part) for part in parts])
 
@@ -179,6 +239,7 @@ class AsyncThermapClient:
         every_s: float | None = None,
         limit: int | None = None,
     ) -> list[ReadingSchema]:
+        """List readings in order of time, at most one in `every_s` seconds [s]."""
         return await self.send(calls.readings(machine, since, until, every_s, limit))
 
     async def withdrawn_readings(
@@ -188,14 +249,17 @@ class AsyncThermapClient:
         until: datetime | str | None = None,
         limit: int | None = None,
     ) -> list[WithdrawnReadingAnswer]:
+        """List the readings that were withdrawn, in order of their times."""
         return await self.send(calls.withdrawn_readings(machine, since, until, limit))
 
     async def withdraw_reading(self, machine: str, time: datetime | str) -> WithdrawnReadings:
+        """Take the reading of exactly this time out of use; UnknownThingError if there is none."""
         return await self.send(calls.withdraw_reading(machine, time))
 
     async def withdraw_readings(
         self, machine: str, since: datetime | str, until: datetime | str
     ) -> WithdrawnReadings:
+        """Take all readings between two times, both included, out of use."""
         return await self.send(calls.withdraw_readings(machine, since, until))
 
     async def compensation(
@@ -204,9 +268,17 @@ class AsyncThermapClient:
         temperatures_c: Mapping[str, float],
         state: Mapping[str, float] | None = None,
     ) -> CompensationAnswer:
+        """Compute the table at these temperatures, sensor to temperature [°C]."""
         return await self.send(calls.compensation(machine, temperatures_c, state))
 
     async def current_table(self, machine: str, etag: str | None = None) -> TaggedTable | None:
+        """Compute the table at the latest reading; None while it is the one of this ETag.
+
+        Raises
+        ------
+        ConflictError
+            If there is no reading yet, or no sensor that can be believed.
+        """
         return await self.send(calls.current_table(machine, etag))
 
     async def predict(
@@ -216,32 +288,41 @@ class AsyncThermapClient:
         model_version: int | None = None,
         missing_components: str = "refuse",
     ) -> PredictionAnswer:
+        """Predict the error of each `ObservationSchema` with the stored readings."""
         return await self.send(
             calls.predict(machine, observations, model_version, missing_components)
         )
 
     async def volumetric_error(self, machine: str, question: Content) -> VolumetricErrors:
+        """Sum all errors at the points of a `VolumetricErrorRequest`, as numpy arrays."""
         return await self.send(calls.volumetric_error(machine, question))
 
     async def grid(self, machine: str, question: Content) -> GridAnswer:
+        """Give the corner values of a `GridRequest`'s grid, or of one that keeps a tolerance."""
         return await self.send(calls.grid(machine, question))
 
     async def volumetric_accuracy(self, machine: str, question: Content) -> AccuracyAnswer:
+        """Measure the work volume by every definition, as an `AccuracyRequest` asks."""
         return await self.send(calls.volumetric_accuracy(machine, question))
 
     async def accuracy_from_lines(self, lines: Content) -> LinesAnswer:
+        """Compute ELv and ELSv of a `LinesRequest`."""
         return await self.send(calls.accuracy_from_lines(lines))
 
     async def compensation_levels(self, machine: str, question: Content) -> LevelsAnswer:
+        """Say what controllers of different ability would leave of the volumetric error."""
         return await self.send(calls.compensation_levels(machine, question))
 
     async def rotary_axis_error(self, machine: str, question: Content) -> RotaryErrorAnswer:
+        """Say what location errors of rotary axes do to a `RotaryErrorRequest`'s points."""
         return await self.send(calls.rotary_axis_error(machine, question))
 
     async def current_picture(self, machine: str, missing_components: str = "refuse") -> str:
+        """Draw the work volume at the latest reading: a page that needs the service's files."""
         return await self.send(calls.current_picture(machine, missing_components))
 
     async def picture(self, machine: str, question: Content) -> dict[str, Any]:
+        """Draw the work volume as a `PictureRequest` asks: a plotly figure."""
         return await self.send(calls.picture(machine, question))
 
     async def measure_step_diagonal(
@@ -253,6 +334,7 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> StepDiagonalAnswer:
+        """Derive translations and squareness from a `StepDiagonalRequest`'s readings."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_step_diagonal(machine, measurement, storing))
 
@@ -265,6 +347,7 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> BodyDiagonalAnswer:
+        """Evaluate Ed, ESd and squareness of a `BodyDiagonalRequest`'s readings."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_body_diagonal(machine, measurement, storing))
 
@@ -277,6 +360,7 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> PositioningAnswer:
+        """Evaluate a `PositioningRequest`'s runs by ISO 230-2."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_positioning(machine, measurement, storing))
 
@@ -289,6 +373,7 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> MeasurementAnswer:
+        """Take up to six errors of one axis from a `SixDofRequest`."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_six_dof(machine, measurement, storing))
 
@@ -301,6 +386,7 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> MachinedPartAnswer:
+        """Take a `MachinedPartRequest`'s straightness, and compare it with the model."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_machined_part(machine, measurement, storing))
 
@@ -313,6 +399,7 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> DrilledPlateAnswer:
+        """Take scale, squareness and axis errors from a `DrilledPlateRequest`'s holes."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_drilled_plate(machine, measurement, storing))
 
@@ -325,30 +412,40 @@ class AsyncThermapClient:
         accept_losses: bool = False,
         preview: bool = False,
     ) -> RotaryAxisAnswer:
+        """Find a rotary axis from a `RotaryAxisRequest`'s places of a ball."""
         storing = calls.Storing(store, accept_losses, preview)
         return await self.send(calls.measure_rotary_axis(machine, measurement, storing))
 
     async def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
+        """Say what a laser would read on the stored machine in a `StepDiagonalSimulation`."""
         return await self.send(calls.simulate_step_diagonal(machine, plan))
 
-    async def store_verification(self, machine: str, verification: Content) -> VerificationAnswer:
+    async def store_verification(
+        self, machine: str, verification: Content
+    ) -> StoredVerificationAnswer:
+        """Store a `VerificationRequest`: observations to hold the model against."""
         return await self.send(loop_calls.store_verification(machine, verification))
 
     async def verifications(self, machine: str) -> list[VerificationAnswer]:
+        """List verifications without their observations, oldest first."""
         return await self.send(loop_calls.verifications(machine))
 
     async def verification(self, machine: str, verification_id: int) -> WholeVerificationAnswer:
+        """Show one verification with its observations."""
         return await self.send(loop_calls.verification(machine, verification_id))
 
     async def delete_verification(self, machine: str, verification_id: int) -> None:
+        """Delete a verification; analyses of it keep their results."""
         return await self.send(loop_calls.delete_verification(machine, verification_id))
 
     async def watch(self, machine: str) -> WatchAnswer:
+        """Say whether the machine still is as its model says, by a sequential test."""
         return await self.send(loop_calls.watch(machine))
 
     async def verification_residuals(
         self, machine: str, verification_id: int, model_version: int | None = None, rows: int = 0
     ) -> ResidualsAnswer:
+        """Subtract what a model version says from one verification, with so many single rows."""
         return await self.send(
             loop_calls.verification_residuals(machine, verification_id, model_version, rows)
         )
@@ -360,37 +457,47 @@ class AsyncThermapClient:
         model_version: int | None = None,
         rows: int = 0,
     ) -> ResidualsAnswer:
+        """Do the same with several verifications together."""
         return await self.send(loop_calls.residuals(machine, verifications, model_version, rows))
 
     async def residuals_page(
         self, machine: str, verifications: Sequence[int], model_version: int | None = None
     ) -> str:
+        """Read residuals as a page for a person: HTML that needs no other file."""
         return await self.send(loop_calls.residuals_page(machine, verifications, model_version))
 
     async def compare_models(
         self, machine: str, verifications: Sequence[int], versions: Sequence[int]
     ) -> ModelComparisonAnswer:
+        """Show versions side by side, on the observations that all can be held against."""
         return await self.send(loop_calls.compare_models(machine, verifications, versions))
 
     async def analyse(self, machine: str, question: Content) -> AnalysisHead:
+        """Ask for an analysis with an `AnalysisRequest`; look at it until it is done."""
         return await self.send(loop_calls.analyse(machine, question))
 
-    async def plan_analysis(self, machine: str, plan: Content) -> Plan:
+    async def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
+        """Say what the observations of a `PlanRequest` could see, before anyone measures."""
         return await self.send(loop_calls.plan_analysis(machine, plan))
 
     async def analyses(self, machine: str) -> list[AnalysisHead]:
+        """List analyses without their results, oldest first."""
         return await self.send(loop_calls.analyses(machine))
 
     async def analysis(self, machine: str, analysis_id: int) -> AnalysisAnswer:
+        """Show how far an analysis is and, once it is done, what it found."""
         return await self.send(loop_calls.analysis(machine, analysis_id))
 
     async def analysis_report(self, machine: str, analysis_id: int) -> str:
+        """Read an analysis as a page for a person: HTML that needs no other file."""
         return await self.send(loop_calls.analysis_report(machine, analysis_id))
 
     async def cancel_analysis(self, machine: str, analysis_id: int) -> AnalysisHead:
+        """Cancel an analysis that waits or runs."""
         return await self.send(loop_calls.cancel_analysis(machine, analysis_id))
 
     async def delete_analysis(self, machine: str, analysis_id: int) -> None:
+        """Delete an analysis; a model version that was made of it stays."""
         return await self.send(loop_calls.delete_analysis(machine, analysis_id))
 
     async def adopt_analysis(
@@ -402,6 +509,7 @@ class AsyncThermapClient:
         onto_active: bool = False,
         accept_losses: bool = False,
     ) -> ChangedModelAnswer:
+        """Make the next, active model version with effects that an analysis found."""
         return await self.send(
             loop_calls.adopt_analysis(machine, analysis_id, effects, onto_active, accept_losses)
         )
@@ -414,14 +522,17 @@ class AsyncThermapClient:
         *,
         onto_active: bool = False,
     ) -> PreviewAnswer:
+        """Say what adopting effects would do to the tables; nothing changes."""
         return await self.send(
             loop_calls.preview_adoption(machine, analysis_id, effects, onto_active)
         )
 
     async def send(self, call: Call[Answer]) -> Answer:
+        """Send a call that `thermap.calls` describes, and read its answer."""
         return call.answer(await self._exchange(call))
 
     async def content(self, call: Call[Any]) -> bytes:
+        """Send a call and return its answer's bytes as they came."""
         return call.checked(await self._exchange(call)).content
 
     async def aclose(self) -> None:
@@ -429,7 +540,7 @@ class AsyncThermapClient:
         await self._http.aclose()
 
     async def __aenter__(self) -> Self:
-        """Use the client in an `async with` block, which closes it."""
+        """Use the client in a `with` block, which closes it."""
         return self
 
     async def __aexit__(
@@ -438,14 +549,9 @@ class AsyncThermapClient:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close at the end of an `async with` block."""
+        """Close at the end of a `with` block."""
         await self.aclose()
 
     async def _exchange(self, call: Call[Any]) -> httpx.Response:
         with explaining(self._url, call.waits_s(self._timeout_s)):
             return await self._http.request(**call.request(self._timeout_s))
-
-
-for _name, _method in vars(AsyncThermapClient).items():
-    if callable(_method) and not _name.startswith("_") and _method.__doc__ is None:
-        _method.__doc__ = getdoc(getattr(ThermapClient, _name))

@@ -10,9 +10,8 @@ from typing import Any
 
 import httpx
 
-import app as package
-from app.client import DEFAULT_URL, URL_VARIABLE
-from app.client.errors import NotListeningError, ServiceUnavailableError
+from thermap import DEFAULT_URL, URL_VARIABLE, __version__
+from thermap.errors import NotListeningError, ServiceUnavailableError
 
 
 def service_url(base_url: str | None) -> httpx.URL:
@@ -48,7 +47,7 @@ def httpx_options(url: httpx.URL, timeout_s: float) -> dict[str, Any]:
     return {
         "base_url": url,
         "timeout": timeout_s,
-        "headers": {"User-Agent": f"thermap/{package.__version__}"},
+        "headers": {"User-Agent": f"thermap/{__version__}"},
         # A proxy for the world outside has never been the way to this computer itself.
         "trust_env": not _is_this_computer(url.host),
     }

@@ -10,15 +10,14 @@ from functools import cache
 from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 import httpx
-import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from app.client.errors import error_of, unreadable
+from thermap.errors import error_of, unreadable
 
 Answer = TypeVar("Answer")
 
 Content: TypeAlias = BaseModel | Mapping[str, Any]
-"""What a body may be: one of the schemas, or a mapping with the same fields."""
+"""What a body may be: one of `thermap.requests`, or a mapping with the same fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +100,9 @@ def _plain(value: Any) -> Any:
     service to refuse; null would be accepted where a field may be empty.
     """
     if isinstance(value, BaseModel):
-        return value.model_dump(mode="json", exclude_unset=True)
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        return value.model_dump(mode="json", exclude_unset=True, by_alias=True)
+    if callable(tolist := getattr(value, "tolist", None)):
+        return tolist()  # an array or number of numpy, which need not be there
     if isinstance(value, datetime):
         return value.isoformat()
     if isinstance(value, Mapping):

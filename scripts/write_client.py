@@ -1,0 +1,282 @@
+"""Write the generated half of `thermap`: the shapes that travel, and the blocking client.
+
+The shapes come from the service's OpenAPI document (`thermap/answers.py`, and
+`thermap/requests.py` for those that are only sent), the blocking client from the awaiting
+one. Tests hold that the files are what this script writes.
+
+    python scripts/write_client.py
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sysconfig
+import tempfile
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import unasync
+from datamodel_code_generator import InputFileType, generate
+from datamodel_code_generator.enums import DataModelType
+from datamodel_code_generator.format import Formatter, PythonVersion
+from datamodel_code_generator.parser import LiteralType
+
+from scripts.write_http_reference import openapi_document
+
+PACKAGE: Final = Path(__file__).parent.parent / "thermap"
+
+_WRITTEN: Final = "Written by `scripts/write_client.py` from the service's OpenAPI document."
+_HEADS: Final = {
+    "answers": f"What the service answers with.\n\n{_WRITTEN}\n",
+    "requests": f"What the service is asked with, as far as no answer has it too.\n\n{_WRITTEN}\n",
+}
+
+_BASES: Final = {"ComponentCompensationAnswer": "thermap.shape.TableEntry"}
+"""Shapes that say more than their fields."""
+
+_KEPT: Final = frozenset(("type", "format", "enum", "const", "required", "default", "description"))
+"""What a schema says that is read from it; limits are the service's to check, and may widen."""
+
+_LIKENESS: Final = 3
+"""So many fields at least make one answer a kind of another that has them all."""
+
+_LINE: Final = 100
+_INDENT: Final = " " * 4
+_LONG: Final = re.compile(rf'^{_INDENT}"""(?=.{{{_LINE - 9},}}$)(.+)"""$', re.MULTILINE)
+"""A field's description that is longer than a line may be."""
+
+_Schema = dict[str, Any]
+_REFERENCE: Final = "#/components/schemas/"
+
+
+def write_shapes(document: Mapping[str, Any]) -> dict[str, str]:
+    """Write the modules of shapes.
+
+    Parameters
+    ----------
+    document
+        The OpenAPI document that the service publishes.
+
+    Returns
+    -------
+    dict
+        Name of a file in `thermap` to its content.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        generate(
+            json.dumps(_for_generator(document)),
+            input_file_type=InputFileType.OpenAPI,
+            output=Path(folder) / "shapes",
+            output_model_type=DataModelType.PydanticV2BaseModel,
+            target_python_version=PythonVersion.PY_311,
+            base_class="thermap.shape.Shape",
+            base_class_map={f"answers.{name}": base for name, base in _BASES.items()},
+            enum_field_as_literal=LiteralType.All,
+            strict_nullable=True,
+            use_standard_collections=True,
+            use_union_operator=True,
+            use_exact_imports=True,
+            use_schema_description=True,
+            use_field_description=True,
+            use_inline_field_description=True,
+            use_single_line_docstring=True,
+            use_double_quotes=True,
+            disable_future_imports=True,
+            disable_timestamp=True,
+            custom_file_header='""',
+            formatters=[Formatter.BUILTIN],
+        )
+        found = {
+            f"{name}.py": _finished(
+                head, (Path(folder) / "shapes" / f"{name}.py").read_text("utf-8")
+            )
+            for name, head in _HEADS.items()
+        }
+    return {name: formatted(text, name) for name, text in found.items()}
+
+
+def write_blocking() -> dict[str, str]:
+    """Write the blocking client's modules; name of a file in `thermap` to its content."""
+    names = {
+        "AsyncThermapClient": "ThermapClient",
+        "AsyncClient": "Client",
+        "AsyncBaseTransport": "BaseTransport",
+        "aclose": "close",
+    }
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "_async" / "client.py"
+        copy.parent.mkdir()
+        shutil.copy(PACKAGE / "_async" / "client.py", copy)
+        rule = unasync.Rule("/_async/", "/_sync/", additional_replacements=names)
+        unasync.unasync_files([str(copy)], [rule])
+        found["_sync/client.py"] = (Path(folder) / "_sync" / "client.py").read_text("utf-8")
+    said = (
+        '"""The client: one method a route.\n\n'
+        "`scripts/write_client.py` makes the blocking client of this one.\n",
+        '"""The client that waits for each answer.\n\n'
+        "Written by `scripts/write_client.py` from the awaiting one.\n",
+    )
+    return {name: formatted(text.replace(*said), name) for name, text in found.items()}
+
+
+def formatted(text: str, name: str) -> str:
+    """Lay a file out and sort its imports as the house does; `name` is its name in `thermap`."""
+    ruff = shutil.which("ruff") or str(Path(sysconfig.get_path("scripts")) / "ruff")
+    stated = ("--stdin-filename", str(PACKAGE / name), "-")
+    for words in (("check", "--quiet", "--fix-only", "--select", "I"), ("format", "--quiet")):
+        text = subprocess.run(
+            [ruff, *words, *stated], input=text, capture_output=True, text=True, check=True,
+            encoding="utf-8", cwd=PACKAGE.parent,
+        ).stdout  # fmt: skip
+    return text
+
+
+def _finished(head: str, text: str) -> str:
+    """Give a generated module its head, imports as the house has them, and lines of our length."""
+    text = text.replace('""', f'"""{head}"""', 1).replace("from .", "from thermap.")
+    return _LONG.sub(lambda found: _wrapped(found[1]), text)
+
+
+def _wrapped(description: str) -> str:
+    width = _LINE - len(_INDENT)
+    lines = textwrap.wrap(f'"""{description}', width, break_long_words=False)
+    return textwrap.indent("\n".join([*lines, '"""']), _INDENT)
+
+
+def _for_generator(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a document of the shapes alone, each under the name of its module."""
+    published: Mapping[str, _Schema] = document["components"]["schemas"]
+    shapes = {name: schema for name, schema in published.items() if "properties" in schema}
+    answers = _answers(document)
+    homes = {name: f"{'answers' if name in answers else 'requests'}.{name}" for name in shapes}
+    written: dict[str, _Schema] = {}
+    for name, schema in shapes.items():
+        parent = _parent(name, {n: s for n, s in shapes.items() if n in answers})
+        written[homes[name]] = _Written(published, homes).shape(
+            schema, parent, shapes[parent] if parent else {}
+        )
+    return {
+        "openapi": document["openapi"],
+        "info": document["info"],
+        "paths": {},
+        "components": {"schemas": written},
+    }
+
+
+def _answers(document: Mapping[str, Any]) -> set[str]:
+    """Name every shape that is in an answer."""
+    published = document["components"]["schemas"]
+    waiting = [
+        name
+        for operations in document["paths"].values()
+        for operation in operations.values()
+        for name in _named_in(operation["responses"])
+    ]
+    found: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += _named_in(published[name])
+    return found
+
+
+def _named_in(part: Any) -> Iterator[str]:
+    if isinstance(part, dict):
+        for key, value in part.items():
+            yield from [value.removeprefix(_REFERENCE)] if key == "$ref" else _named_in(value)
+    elif isinstance(part, list):
+        for value in part:
+            yield from _named_in(value)
+
+
+def _parent(name: str, answers: Mapping[str, _Schema]) -> str | None:
+    """Find the answer of which another one is a kind: it has all its fields, and more.
+
+    So a function for a CompensationAnswer takes a CurrentCompensationAnswer too.
+    """
+    if name not in answers:
+        return None
+    own = answers[name]["properties"].items()
+    of_fewer = {
+        other: len(schema["properties"])
+        for other, schema in answers.items()
+        if len(own) > len(schema["properties"]) >= _LIKENESS
+        and all(field in own for field in schema["properties"].items())
+    }
+    return max(sorted(of_fewer), key=of_fewer.__getitem__, default=None)
+
+
+class _Written:
+    """Writes schemas for the generator: without limits, titles and examples."""
+
+    def __init__(self, published: Mapping[str, _Schema], homes: Mapping[str, str]) -> None:
+        self._published = published
+        self._homes = homes
+
+    def shape(self, schema: _Schema, parent: str | None, of_parent: _Schema) -> _Schema:
+        """Write a shape, on top of its parent's fields where it has one."""
+        inherited = of_parent.get("properties", {})
+        required = set(schema.get("required", ()))
+        own = {
+            field: self._field(described, field in required)
+            for field, described in schema["properties"].items()
+            if field not in inherited
+        }
+        written = {
+            "type": "object",
+            "description": schema.get("description", ""),
+            "properties": own,
+            "required": [field for field in own if field in required],
+        }
+        if parent is None:
+            return written
+        description = written.pop("description")
+        return {
+            "description": description,
+            "allOf": [{"$ref": _REFERENCE + self._homes[parent]}, written],
+        }
+
+    def _field(self, schema: _Schema, required: bool) -> _Schema:
+        written = self._kind(schema)
+        empty: Any = {"object": {}, "array": []}.get(written.get("type", ""))
+        if not required and empty is not None:
+            written.setdefault("default", empty)  # a default_factory's, which is not published
+        return written
+
+    def _kind(self, schema: _Schema) -> _Schema:
+        written = {key: value for key, value in schema.items() if key in _KEPT}
+        for key in ("anyOf", "oneOf"):
+            if key in schema:
+                written[key] = [self._kind(one) for one in schema[key]]
+        for key in ("items", "additionalProperties"):
+            if isinstance(schema.get(key), dict):
+                written[key] = self._kind(schema[key])
+        names = schema.get("propertyNames", {})
+        if "enum" in names:
+            written["propertyNames"] = {"type": "string", "enum": names["enum"]}
+        if "$ref" in schema:
+            name = schema["$ref"].removeprefix(_REFERENCE)
+            if name in self._homes:
+                written["$ref"] = _REFERENCE + self._homes[name]
+            else:  # a word or a mapping, which needs no class of its own
+                written = self._kind(self._published[name]) | written
+        return written
+
+
+def write(files: Iterable[tuple[str, str]]) -> None:
+    """Write files into the package."""
+    for name, text in files:
+        (PACKAGE / name).write_text(text, encoding="utf-8")
+        print(f"wrote {PACKAGE / name}")
+
+
+if __name__ == "__main__":
+    write(write_blocking().items())
+    write(write_shapes(openapi_document()).items())

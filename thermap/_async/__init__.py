@@ -1,0 +1,1 @@
+"""The client to be awaited, of which the blocking one is made."""

@@ -1,0 +1,2569 @@
+"""What the service answers with.
+
+Written by `scripts/write_client.py` from the service's OpenAPI document.
+"""
+
+from typing import Any, Literal
+
+from pydantic import AwareDatetime, Field
+
+from thermap.shape import Shape, TableEntry
+
+
+class AlternativeAnswer(Shape):
+    """Another explanation of the same residuals."""
+
+    kind: str
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: list[str]
+    """On which components"""
+
+    sensors: list[str]
+    """Driven by which sensors"""
+
+    states: list[str]
+    """Driven by which states"""
+
+    evidence: float
+    """Its 2 ln of the Bayes factor against no effect"""
+
+    behind: float
+    """By how much less than the effect's"""
+
+    alias_share: float
+    """Share of the effect that it can imitate"""
+
+    tied: bool
+    """Whether these observations cannot tell the two apart"""
+
+    separating_measurement: str | None
+    """What would tell them apart"""
+
+
+class AnalysisHead(Shape):
+    """An analysis as a job, without its result."""
+
+    id: int
+    """The analysis' number"""
+
+    status: Literal["queued", "running", "done", "failed", "cancelled"]
+    """`queued`, `running`, `done`, `failed` or `cancelled`"""
+
+    progress: float
+    """Share of the work that is done, 0 to 1"""
+
+    message: str
+    """What is being done, or why it failed"""
+
+    model_version: int
+    """Version that is held against the verifications"""
+
+    verifications: list[int]
+    """Numbers of the verifications"""
+
+    holdout_fraction: float
+    """Share of the visits held out"""
+
+    effects: list[str] | None
+    """Kinds that are looked for; null: all"""
+
+    seed: int
+    """Of all that is drawn"""
+
+    created_at: AwareDatetime
+    """When it was asked for, UTC"""
+
+    started_at: AwareDatetime | None
+    """When it began, UTC"""
+
+    finished_at: AwareDatetime | None
+    """When it ended, UTC"""
+
+    adopted_version: int | None
+    """Model version that was made of it; null as long as there is none"""
+
+
+class AngularSpreadAnswer(Shape):
+    """The same of angles."""
+
+    ranges_urad: list[float]
+    """Largest less smallest value about x, y, z (8.122–8.127) [µrad]"""
+
+    definition_1_urad: float
+    """Largest root of the sum of squares (8.119, 8.121) [µrad]"""
+
+    definition_2_urad: float
+    """Root of the sum of squares of the ranges (8.129) [µrad]"""
+
+    worst_point_mm: list[float]
+    """Where definition 1 has its largest [mm]"""
+
+
+class BinAnswer(Shape):
+    """Residuals that have something in common."""
+
+    label: str
+    """What they have in common"""
+
+    low: float | None
+    """Its lower end; null for a name [mm; °C, s …]"""
+
+    high: float | None
+    """Its upper end; null for a name [mm; °C, s …]"""
+
+    count: int
+    """How many values"""
+
+    mean: float
+    """Mean [µm; angular components µrad, squareness µm/m]"""
+
+    rms: float
+    """Root mean square [µm; angular components µrad, squareness µm/m]"""
+
+    p95: float
+    """95th percentile of the size [µm; angular components µrad, squareness µm/m]"""
+
+    share_above_repeatability: float | None
+    """Share that exceeds the repeatability in size"""
+
+
+class ComparisonAnswer(Shape):
+    """What the part says against what the model says."""
+
+    predicted_um: list[float]
+    """The model's error at each position [µm]"""
+
+    model_version: int
+    """Version of the model"""
+
+    bias_um: float
+    """Mean of measured minus predicted [µm]"""
+
+    slope_difference_um_per_m: float
+    """Slope of measured minus predicted [µm/m]"""
+
+    rms_difference_um: float
+    """Root mean square of measured minus predicted, as both came [µm]"""
+
+    rms_without_line_um: float
+    """The same without the reference line of both [µm]"""
+
+    r: float | None
+    """Correlation of both without their lines"""
+
+    confidence_95: list[float] | None
+    """Its 95 % confidence interval"""
+
+
+class ComponentAnswer(Shape):
+    """One component of a stored map."""
+
+    component: str
+    """ISO 230-1 code (EXX, SXY, EYY^x) or the chapter's notation (D_x(x), S_xy)"""
+
+    positions_mm: list[float] | None = None
+    """Positions on the component's axis [mm], strictly increasing"""
+
+    errors_um: list[float] | None = None
+    """Linear errors, actual minus nominal [µm]"""
+
+    errors_urad: list[float] | None = None
+    """Angular errors [µrad]"""
+
+    slopes_um_per_m: list[float] | None = None
+    """Slopes of a linear error [µm/m]"""
+
+    slopes_urad_per_m: list[float] | None = None
+    """Slopes of an angular error [µrad/m]"""
+
+    backward_errors_um: list[float] | None = None
+    """The errors when approached in the negative direction [µm]"""
+
+    backward_errors_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    backward_slopes_um_per_m: list[float] | None = None
+    """The same [µm/m]"""
+
+    backward_slopes_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    value_um_per_m: float | None = None
+    """Squareness [µm/m], E_x = SXY·y"""
+
+    value_um: float | None = None
+    """Rotary-axis position error [µm]"""
+
+    value_urad: float | None = None
+    """Rotary-axis direction error [µrad]"""
+
+    standard_errors_um: list[float] | None = None
+    """Standard error of each error, one standard deviation [µm]"""
+
+    standard_errors_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    standard_errors_um_per_m: list[float] | None = None
+    """Standard errors of slopes [µm/m]"""
+
+    standard_errors_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    backward_standard_errors_um: list[float] | None = None
+    """Standard errors of the backward errors [µm]"""
+
+    backward_standard_errors_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    backward_standard_errors_um_per_m: list[float] | None = None
+    """The same [µm/m]"""
+
+    backward_standard_errors_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    standard_error_um_per_m: float | None = None
+    """Standard error of a squareness [µm/m]"""
+
+    standard_error_um: float | None = None
+    """Standard error of a rotary axis' position [µm]"""
+
+    standard_error_urad: float | None = None
+    """Standard error of a rotary axis' direction [µrad]"""
+
+    covariance: list[list[float]] | None = None
+    """Covariance of the errors [square of the errors' unit]: instead of standard errors or beside
+    them, where the errors are not independent of each other
+    """
+
+    backward_covariance: list[list[float]] | None = None
+    """Covariance of the backward errors [square of the errors' unit]"""
+
+    chapter: str | None = None
+    """The chapter's notation"""
+
+    iso: str | None = None
+    """ISO 230-1 name of a squareness"""
+
+    iso_value_urad: float | None = None
+    """Its value in ISO's sign [µrad]"""
+
+
+class ComponentChangeAnswer(Shape):
+    """The largest change of one component's error."""
+
+    component: str
+    """Component code"""
+
+    chapter: str
+    """The chapter's notation"""
+
+    change: float
+    """Error afterwards minus error before, in `unit`"""
+
+    unit: str
+    """Unit of the change"""
+
+    position_mm: float | None = None
+    """Where [mm]; null without positions"""
+
+    direction: Literal["+", "-"]
+    """Direction of approach in which it is so"""
+
+    status_before: str
+    """How it comes about now"""
+
+    status_after: str
+    """How it would come about"""
+
+
+class ComponentFiguresAnswer(Shape):
+    """One component, or one direction at points, before and after, in its own unit."""
+
+    component: str
+    """Component code, or `points x`"""
+
+    unit: str
+    """Its unit"""
+
+    count: int
+    """Values that took part"""
+
+    before_rms: float
+    """Root mean square before [µm; angular components µrad, squareness µm/m]"""
+
+    after_rms: float
+    """Root mean square after [µm; angular components µrad, squareness µm/m]"""
+
+    before_p95: float
+    """95th percentile of the size before [µm; angular components µrad, squareness µm/m]"""
+
+    after_p95: float
+    """95th percentile of the size after [µm; angular components µrad, squareness µm/m]"""
+
+    holdout_before_rms: float | None
+    """Root mean square before, on held-out visits [µm; angular components µrad, squareness µm/m]
+    """
+
+    holdout_after_rms: float | None
+    """Root mean square after, on held-out visits [µm; angular components µrad, squareness µm/m]
+    """
+
+    noise: float
+    """Standard deviation of one observation [µm; angular components µrad, squareness µm/m]"""
+
+    noise_origin: str
+    """`declared`, `replicates` or `residuals`"""
+
+    floor: float | None
+    """What repeatability and set-up scatter alone would leave [µm; angular components µrad,
+    squareness µm/m]
+    """
+
+
+class CoverageAnswer(Shape):
+    """One thing that one version's table has and another's lacks."""
+
+    component: str | None = None
+    """Component code; null where it concerns no single one"""
+
+    what: str
+    """`component`, `positions`, `temperatures` (between maps), `direction` (the two directions of
+    approach) or `completeness`
+    """
+
+    from_mm: float | None = None
+    """Lowest position [mm]; null for an open end, and without positions"""
+
+    to_mm: float | None = None
+    """Highest position [mm]"""
+
+    sensor: str | None = None
+    """Sensor whose temperatures bound it; null where it holds at all of them"""
+
+    from_c: float | None = None
+    """Lowest temperature of that sensor [°C]; null for an open end"""
+
+    to_c: float | None = None
+    """Highest temperature [°C]"""
+
+    text: str
+    """The same in words"""
+
+
+class EffectCurve(Shape):
+    """An effect's residuals over what drives it: arrays of one length, of some rows."""
+
+    over: str
+    """What drives it; `time` in seconds since 1970-01-01 UTC"""
+
+    over_unit: str
+    """Its unit"""
+
+    unit: str
+    """Unit of the residuals"""
+
+    components: list[str]
+    """Whose residual each is"""
+
+    driver: list[float]
+    """What drives it [mm; K, s …], in `over_unit`"""
+
+    before: list[float]
+    """Residuals without this effect, all others taken off [µm; …], in `unit`"""
+
+    after: list[float]
+    """Residuals with all effects [µm; …], in `unit`"""
+
+    explained: list[float]
+    """What this effect says [µm; …], in `unit`"""
+
+    direction: list[float]
+    """Approach of its own axis: 1, -1, or 0 where it is not known"""
+
+
+class EvidenceAnswer(Shape):
+    """How sure an effect is; numbers without a unit, null where the readings alone show it."""
+
+    likelihood_ratio: float | None
+    """Twice the rise of the log likelihood"""
+
+    degrees_of_freedom: int | None
+    """Numbers that were fitted for it"""
+
+    two_ln_bayes_factor: float | None
+    """Evidence against its absence, the prior spread evenly inside its family; above 10 it is very
+    strong
+    """
+
+    p_global: float | None
+    """Probability that noise surprises as much anywhere in the library"""
+
+    calibration_slope: float | None
+    """Measured against predicted contribution on held-out visits: 1 is right, 0 is nothing; null
+    where these visits do not excite it
+    """
+
+    calibration_slope_error: float | None
+    """Standard error of that slope"""
+
+    forward_slope: float | None
+    """The same on the last visits, for trends"""
+
+    found_again_share: float | None
+    """Share of the folds that find it again, or what it is tied with"""
+
+    seen_in_readings: str | None
+    """What the readings alone show of it, where they do"""
+
+
+class ExcludedAnswer(Shape):
+    """Values that took no part, with the reason."""
+
+    reason: str
+    """Why"""
+
+    count: int
+    """How many values"""
+
+
+class FiguresAnswer(Shape):
+    """Size of residuals over all lengths, or over all values where none is a length."""
+
+    rms_um: float
+    """Root mean square of all visits together [µm]"""
+
+    p95_um: float
+    """95th percentile of the size [µm]"""
+
+    holdout_rms_um: float | None
+    """Root mean square on visits that took no part in what predicts them [µm]; null where nothing
+    could be held out
+    """
+
+    holdout_rms_ci95_um: list[float] | None
+    """Its 95 % confidence interval, over visits [µm]"""
+
+
+class FollowedNumber(Shape):
+    """One number that is followed from visit to visit."""
+
+    component: str
+    """Component code, or `points x`"""
+
+    what: str
+    """`level`, or a slope along an axis"""
+
+    unit: str
+    """Unit of its deviation"""
+
+    deviation: float
+    """Latest measured minus predicted [µm; angular components µrad, squareness µm/m]"""
+
+    expected_sd: float
+    """Standard deviation that was to be expected of it [µm; angular components µrad, squareness
+    µm/m]
+    """
+
+    evidence: float
+    """Its e-value"""
+
+
+class FollowsAnswer(Shape):
+    """A sensor by whose temperature a component's maps are read."""
+
+    sensor: str
+    """Sensor"""
+
+    temperature_c: float
+    """Its temperature [°C], at the edge of where the effect was learnt if beyond"""
+
+    share: float
+    """Share of that in the numbers; all sum to 1. Beyond where the effect was learnt, what it makes
+    of the maps is held at the edge and the assigned sensor goes on: of a share of 0.9975 there are
+    then 0.9975 of the other sensor at the edge, 1 of the assigned one now, and -0.9975 of the
+    assigned one at the edge
+    """
+
+
+class HealthAnswer(Shape):
+    """The process lives."""
+
+    status: str
+    """`ok`"""
+
+    version: str
+    """Version of thermap"""
+
+
+class HelpedAnswer(Shape):
+    """What an added visit does for one effect."""
+
+    kind: str
+    """Kind of effect"""
+
+    components: list[str]
+    """On which components"""
+
+    sensors: list[str]
+    """Driven by which sensors"""
+
+    states: list[str]
+    """Driven by which states"""
+
+    unit: str
+    """Unit of its numbers"""
+
+    before_rms: float
+    """Smallest that is seen without it [µm; angular components µrad, squareness µm/m]"""
+
+    after_rms: float
+    """Smallest that is seen with it [µm; angular components µrad, squareness µm/m]"""
+
+
+class JudgedVerification(Shape):
+    """One verification of the sequence."""
+
+    verification: int
+    """Number of the verification"""
+
+    label: str
+    """Its name"""
+
+    last_at: AwareDatetime
+    """Time of its last observation, UTC"""
+
+    status: str
+    """`within`, `beyond` or `not-judged`"""
+
+    evidence: float | None
+    """E-value of all verifications up to it"""
+
+
+class JudgementAnswer(Shape):
+    """What a verification says of the model that was active when it came."""
+
+    model_version: int | None
+    """That version; null where there was none"""
+
+    status: Literal["within", "beyond", "not-judged"]
+    """`within` or `beyond` its limits by a sequential test, with all before it; `not-judged` with
+    the reason in `summary`
+    """
+
+    evidence: float | None
+    """E-value of all verifications so far"""
+
+    limit: float | None
+    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+
+    false_alarm: float | None
+    """Probability that an unchanged machine is ever called changed"""
+
+    summary: str
+    """One sentence"""
+
+    beyond: list[FollowedNumber]
+    """What has changed since the model was made, the clearest first"""
+
+    visits: int
+    """Visits of the verification that were looked at"""
+
+
+class LevelTable(Shape):
+    """One table of a controller."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    chapter: str
+    """The chapter's notation"""
+
+    axis: str
+    """Axis of the positions"""
+
+    positions_mm: list[float]
+    """Positions on the axis [mm]"""
+
+    errors_um: list[float] | None = None
+    """Errors, squareness folded in where the level says so [µm]"""
+
+    errors_urad: list[float] | None = None
+    """Angular errors [µrad]"""
+
+    slopes_um_per_m: list[float] | None = None
+    """Nonrigid slopes [µm/m]"""
+
+    slopes_urad_per_m: list[float] | None = None
+    """Nonrigid slopes [µrad/m]"""
+
+    compensation_um: list[float] | None = None
+    """Minus the error [µm]"""
+
+    compensation_urad: list[float] | None = None
+    """Minus the error [µrad]"""
+
+    compensation_um_per_m: list[float] | None = None
+    """Minus the slope [µm/m]"""
+
+    compensation_urad_per_m: list[float] | None = None
+    """Minus the slope [µrad/m]"""
+
+
+class LinesAnswer(Shape):
+    """Volumetric accuracy from lines (Table 8.2)."""
+
+    ELv_um: float
+    """From displacements alone [µm]"""
+
+    ELSv_um: float
+    """From displacements and straightness [µm]"""
+
+    ratio: float | None
+    """ELSv/ELv, the chapter's M1; null where ELv is 0"""
+
+
+class MeasuredObservation(Shape):
+    """
+    What an instrument read once: of one component, or at a point of the work volume.
+
+    `measured_um` takes the value in the component's own unit, as predictions give it; the
+    fields that name another unit say the same more exactly.
+    """
+
+    time: AwareDatetime
+    """When, with a zone"""
+
+    component: str | None = None
+    """Component"""
+
+    position_mm: float | None = None
+    """Position on its axis [mm]"""
+
+    direction: Literal["+", "-"] | dict[Literal["x", "y", "z"], Literal["+", "-"]] | None = None
+    """Direction of approach, or of each axis at a point; the mean of both where it is not stated
+    """
+
+    point_mm: list[float] | None = None
+    """Nominal point x, y, z [mm]"""
+
+    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
+    """Tool offset X, Y, Z [mm]"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+    measured_um: float | list[float] | None = None
+    """Measured error, actual minus nominal [µm; angular errors µrad, squareness µm/m]; three
+    numbers x, y, z at a point
+    """
+
+    measured_urad: float | None = None
+    """Measured angular error [µrad]"""
+
+    measured_um_per_m: float | None = None
+    """Measured squareness or slope [µm/m]"""
+
+    measured_urad_per_m: float | None = None
+    """Measured slope of an angular error [µrad/m]"""
+
+
+class MeasuringLineSchema(Shape):
+    """A measuring line on which a tool offset stood."""
+
+    point_mm: list[float]
+    """A point x, y, z of the line [mm]"""
+
+    tool_offset_mm: list[float]
+    """Tool offset with which it was measured [mm]"""
+
+
+class ModelCoverageAnswer(Shape):
+    """Which components the tables of a version have."""
+
+    model_version: int
+    """Number of the version"""
+
+    components: list[str]
+    """Components of its tables"""
+
+    omitted: dict[str, str]
+    """Component of its maps that no table has, to the reason"""
+
+
+class ModelMap(Shape):
+    """One of the maps that a version is made of."""
+
+    id: int
+    """The map's number"""
+
+    label: str
+    """The map's name"""
+
+    temperatures_c: dict[str, float]
+    """Its sensors' temperatures [°C]"""
+
+
+class NeededComponent(Shape):
+    """One error that the volumetric error of the machine consists of."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    chapter: str
+    """The chapter's notation"""
+
+    kind: str
+    """Its group"""
+
+    unit: str
+    """Unit of its values"""
+
+    in_model: bool
+    """Whether the active model's maps have it"""
+
+
+class NotTestedAnswer(Shape):
+    """What these observations cannot show."""
+
+    kind: str
+    """Kind of effect"""
+
+    on: str
+    """Of what"""
+
+    reason: str
+    """Why"""
+
+
+class PathErrorsAnswer(Shape):
+    """How far the ball was beside the spindle that follows it, point by point."""
+
+    before_um: list[list[float]]
+    """Following the nominal axis: x, y, z, measured minus followed place [µm]"""
+
+    after_position_um: list[list[float]]
+    """Following an axis of nominal direction through the actual axis' place at the ball: its two
+    position errors compensated [µm]
+    """
+
+    after_all_um: list[list[float]]
+    """Following the axis that was found: all its errors compensated [µm]. At the points that showed
+    them; at others it may be more
+    """
+
+
+class PlannedRivalAnswer(Shape):
+    """What imitates an effect best."""
+
+    kind: str
+    """Kind of effect"""
+
+    components: list[str]
+    """On which components"""
+
+    sensors: list[str]
+    """Driven by which sensors"""
+
+    states: list[str]
+    """Driven by which states"""
+
+    overlap: float
+    """Share of the effect that it reproduces"""
+
+    separating_measurement: str | None
+    """What would tell them apart"""
+
+
+class PredictionAnswer(Shape):
+    """What the model says."""
+
+    model_version: int
+    """Version that was asked"""
+
+    predicted_um: list[float | list[float] | None]
+    """For each observation its error [µm; angular errors µrad, squareness µm/m], three numbers x,
+    y, z for a point, null where its status says why there is none
+    """
+
+    status: list[str]
+    """For each observation `interpolated`, `at-map`, `clamped`, `extrapolated`, `stand-in`, or `no-
+    reading`, `outside-maps`; `effects-only` where no two maps have the component; `held` where an
+    adopted effect lies outside where it was learnt and is held at the edge of that; `effect-
+    missing` where one lacks what drives it and is not in the value (the warnings say which and why)
+    """
+
+    counted_as_zero: list[str]
+    """Components that points need, that no two maps have and that count as zero"""
+
+    warnings: list[str]
+    """What is not as it should be, in sentences"""
+
+
+class PresetAnswer(Shape):
+    """A kind of machine that is not rigid (C. Wang, 8.19–8.54)."""
+
+    name: str
+    """How it is asked for"""
+
+    configuration: str
+    """The chain that the source gives it"""
+
+    equations: str
+    """Where it is printed"""
+
+    reason: str
+    """What bends it"""
+
+    slopes: list[str]
+    """The nonrigid slopes that are not negligible on it"""
+
+
+class ReadingSchema(Shape):
+    """Live temperatures and the machine's state at one time."""
+
+    time: AwareDatetime
+    """When, with a zone; what lies in the future is not used before its time, and refused if it is
+    more than a day ahead
+    """
+
+    temperatures_c: dict[str, float]
+    """Temperatures by sensor [°C]; leave a failed sensor out"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+
+class ReadyAnswer(Shape):
+    """Whether the database is there and the models are in memory."""
+
+    status: str
+    """`ready` or `not-ready`"""
+
+    database: str
+    """`ok`, or what is the matter"""
+
+    machines: int
+    """Machines in the database"""
+
+    machines_in_memory: int
+    """Machines whose model is in memory"""
+
+
+class ResidualRow(Shape):
+    """One number that was measured, held against the model."""
+
+    verification: int
+    """Number of the verification"""
+
+    observation: int
+    """Place of the observation in it, from 0"""
+
+    time: AwareDatetime
+    """When, UTC"""
+
+    component: str
+    """Component code, or `points x`"""
+
+    unit: str
+    """Unit of its numbers"""
+
+    x_mm: float | None
+    """Where, as far as it is known [mm]"""
+
+    y_mm: float | None
+    """The same [mm]"""
+
+    z_mm: float | None
+    """The same [mm]"""
+
+    direction: str
+    """Approach: `+`, `-`, or `0` where not stated; at points of x, y and z"""
+
+    measured: float
+    """Measured [µm; angular components µrad, squareness µm/m]"""
+
+    predicted: float
+    """Predicted, adopted effects included [µm; angular components µrad, squareness µm/m]"""
+
+    residual: float
+    """Measured minus predicted, without the unknown zero of a datum that is not absolute [µm;
+    angular components µrad, squareness µm/m]
+    """
+
+
+class SensorCorrelationAnswer(Shape):
+    """How one component's change goes with one sensor's temperature over the maps."""
+
+    sensor: str
+    """Sensor"""
+
+    r: float | None
+    """Pearson's correlation; null where there is none"""
+
+    confidence_95: list[float] | None
+    """Its 95 % confidence interval; null for fewer than four maps"""
+
+    maps: int
+    """Number of maps that it rests on"""
+
+    ties_with_best: bool
+    """Whether these maps cannot tell it from the best sensor"""
+
+    reason: str
+    """Why there is no r, or why it cannot be proposed; else empty"""
+
+
+class SensorSchema(Shape):
+    """A temperature sensor and what is physically believable of it."""
+
+    name: str
+    """Name of the sensor"""
+
+    stand_in: str | None = None
+    """Sensor whose own temperatures serve when this one fails; x-middle has y-front where nothing
+    is stated
+    """
+
+    min_c: float = -50.0
+    """Lowest believable temperature [°C]"""
+
+    max_c: float = 150.0
+    """Highest believable temperature [°C]"""
+
+    max_age_s: float = 600.0
+    """Age above which a value is stale; longest gap bridged in time [s]"""
+
+    resolution_c: float = 0.1
+    """Temperatures closer than this are the same; ten times this is a movement that sensors must
+    show [°C]
+    """
+
+    stuck_after_s: float | None = 3600.0
+    """Without any change for this long after its neighbours moved clearly, it is stuck [s]; null
+    for a sensor that may stand still
+    """
+
+    max_rate_c_per_min: float = 5.0
+    """A change faster than this is no temperature [°C/min]"""
+
+
+class SensorStateAnswer(Shape):
+    """One sensor now."""
+
+    sensor: str
+    """Sensor"""
+
+    health: str
+    """`ok`, `missing`, `stale`, `out-of-range`, `stuck`, `jump`, or `faulty`: an adopted effect
+    says that it reads wrong, and another sensor stands in
+    """
+
+    temperature_c: float | None
+    """Its last value [°C]"""
+
+    age_s: float | None
+    """Age of that value [s]"""
+
+    detail: str
+    """What is the matter, empty when all is well"""
+
+
+class SizeAnswer(Shape):
+    """Size of the residuals of one component, or of all lengths together."""
+
+    component: str
+    """Component code, `points x`, or `all`"""
+
+    unit: str
+    """Unit of its numbers"""
+
+    count: int
+    """How many values"""
+
+    mean: float
+    """Mean [µm; angular components µrad, squareness µm/m]"""
+
+    rms: float
+    """Root mean square [µm; angular components µrad, squareness µm/m]"""
+
+    p95: float
+    """95th percentile of the size [µm; angular components µrad, squareness µm/m]"""
+
+    repeatability: float | None
+    """Standard deviation of one observation [µm; angular components µrad, squareness µm/m]"""
+
+    repeatability_origin: str
+    """`declared`, from `replicates`, or guessed from the `residuals` within visits"""
+
+    share_above_repeatability: float | None
+    """Share that exceeds it in size; noise alone: 0.32"""
+
+
+class SmallestSeenAnswer(Shape):
+    """The smallest effect of one kind on one component that would have been seen."""
+
+    kind: str
+    """Kind of effect"""
+
+    component: str
+    """On which component"""
+
+    unit: str
+    """Unit of its numbers"""
+
+    smallest_rms: float
+    """Root mean square over the rows that it acts on [µm; angular components µrad, squareness µm/m]
+    """
+
+
+class SpreadAnswer(Shape):
+    """How far three sums of errors spread over the volume."""
+
+    ranges_um: list[float]
+    """Largest less smallest value in x, y, z (8.122–8.127) [µm]"""
+
+    definition_1_um: float
+    """Largest root of the sum of squares of x, y, z (8.118–8.121) [µm]"""
+
+    definition_2_um: float
+    """Root of the sum of squares of the ranges (8.128) [µm]"""
+
+    worst_point_mm: list[float]
+    """Where definition 1 has its largest [mm]"""
+
+    within_um: float
+    """What the true ranges and definitions may be beyond these: they are extremes of the model over
+    the whole volume, not of samples [µm]
+    """
+
+
+class StoredReadings(Shape):
+    """What became of the readings."""
+
+    stored: int
+    """Readings that are new"""
+
+    duplicates: int
+    """Readings that were there already, with the same content"""
+
+    ahead: int = 0
+    """How many of them lie in the future and are not used before their time; left out where none
+    does
+    """
+
+    warnings: list[str] = []
+    """What is to be said of them, in sentences; left out where nothing is"""
+
+
+class StrongVisitAnswer(Shape):
+    """A visit that carries much of the evidence."""
+
+    label: str
+    """Label of the verification"""
+
+    time: AwareDatetime
+    """When it began, UTC"""
+
+
+class SuggestionAnswer(Shape):
+    """A visit to add."""
+
+    sentence: str
+    """Which, and what it helps"""
+
+    like_time: AwareDatetime
+    """When the machine was like that, UTC"""
+
+    temperatures_c: dict[str, float]
+    """Its sensors' temperatures then [°C]"""
+
+    states: dict[str, float]
+    """Its state then"""
+
+    helped: list[HelpedAnswer]
+    """The effects that gain most"""
+
+
+class SummaryAnswer(Shape):
+    """Residuals along one quantity."""
+
+    over: str
+    """Component, position, time, temperature, rate, state or direction"""
+
+    bins: list[BinAnswer]
+    """In the order of the quantity"""
+
+
+class TargetAnswer(Shape):
+    """ISO 230-2's values at one target position."""
+
+    target_mm: float
+    """Target position [mm]"""
+
+    mean_forward_um: float
+    """Mean deviation x̄↑ [µm]"""
+
+    mean_backward_um: float | None
+    """Mean deviation x̄↓ [µm]"""
+
+    mean_um: float
+    """Mean of both, x̄ [µm]"""
+
+    reversal_um: float | None
+    """Reversal value B, x̄↑ less x̄↓ [µm]"""
+
+    standard_deviation_forward_um: float | None
+    """s↑ [µm]"""
+
+    standard_deviation_backward_um: float | None
+    """s↓ [µm]"""
+
+    repeatability_forward_um: float | None
+    """R↑ = 4 s↑ [µm]"""
+
+    repeatability_backward_um: float | None
+    """R↓ = 4 s↓ [µm]"""
+
+    repeatability_um: float | None
+    """Bidirectional repeatability R [µm]"""
+
+
+class TravelSchema(Shape):
+    """The travel of an axis."""
+
+    min_mm: float
+    """Lower end of the travel [mm]"""
+
+    max_mm: float
+    """Upper end of the travel [mm]"""
+
+
+class UnexplainedAnswer(Shape):
+    """Structure that no effect explains."""
+
+    component: str
+    """Where"""
+
+    rms_um: float
+    """Root mean square of what is left [µm]; see `unit`"""
+
+    noise_um: float
+    """Standard deviation of one observation [µm]; see `unit`"""
+
+    unit: str
+    """The unit of its numbers"""
+
+    leads: list[str]
+    """What it moves with"""
+
+    tests: list[str]
+    """Which tests found it"""
+
+
+class ValidAnswer(Shape):
+    """Where an effect was learnt: beyond it, it is held at the edge."""
+
+    from_: AwareDatetime = Field(..., alias="from")
+    """Time of the first observation that it rests on, UTC"""
+
+    to: AwareDatetime
+    """Time of the last one, UTC"""
+
+    temperatures_c: dict[str, list[float]]
+    """Temperatures of the sensors that it is made of [°C]"""
+
+    state: dict[str, list[float]]
+    """Values of the states that drive it at once"""
+
+    positions_mm: dict[str, list[float]]
+    """Positions on the axis of each of its components [mm]"""
+
+    made_of: dict[str, list[float]]
+    """What it makes of several signals or of the past, such as how far a sensor was behind; the
+    unit ends each name
+    """
+
+    use_until: AwareDatetime | None
+    """Until when an effect that grows with time may be used, UTC: from then on what it may have
+    grown by since `to` is more than one observation scatters; null for others
+    """
+
+
+class VerificationAnswer(Shape):
+    """A stored verification without its observations."""
+
+    label: str
+    """The verification's name on its machine"""
+
+    datum: Literal["absolute", "first", "free"] = "absolute"
+    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
+    `free`: an unknown constant per component
+    """
+
+    repeatability_um: float | None = None
+    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
+    nothing
+    """
+
+    id: int
+    """The verification's number"""
+
+    stored_at: AwareDatetime
+    """When it was stored, UTC"""
+
+    first_at: AwareDatetime
+    """Time of its first observation, UTC"""
+
+    last_at: AwareDatetime
+    """Time of its last observation, UTC"""
+
+    count: int
+    """How many observations it has"""
+
+    components: list[str]
+    """What was observed: component codes, and `points`"""
+
+    judgement: JudgementAnswer | None
+    """What it said of the active model when it came"""
+
+
+class VisitMeans(Shape):
+    """Means by visit of one component: arrays of one length."""
+
+    component: str
+    """Component code, or `points x`"""
+
+    unit: str
+    """Unit of the means"""
+
+    at_points: bool
+    """Whether they are of points of the work volume"""
+
+    time_s: list[float]
+    """Mean time of each [s], since 1970-01-01 UTC"""
+
+    direction: list[float]
+    """Approach, 1 or -1, where an effect's error reverses with it: each visit then has two means;
+    else 0
+    """
+
+    count: list[int]
+    """How many values each is of"""
+
+    before: list[float]
+    """Means before [µm; …], in `unit`"""
+
+    after: list[float]
+    """Means with all effects [µm; …], in `unit`"""
+
+
+class WaitingMapAnswer(Shape):
+    """A map that the version that waits has, and the active one has not."""
+
+    id: int
+    """The map's number"""
+
+    label: str
+    """The map's name"""
+
+
+class WatchAnswer(Shape):
+    """Where the sequential test of the active version stands."""
+
+    model_version: int
+    """The active version"""
+
+    status: Literal["within", "beyond", "no-verification"]
+    """`no-verification` before the first one was judged"""
+
+    beyond_since: AwareDatetime | None
+    """Time of the visit that first exceeded the limit, UTC; null: none did"""
+
+    evidence: float
+    """E-value of all verifications so far; 1 without any"""
+
+    limit: float
+    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+
+    false_alarm: float
+    """Probability that an unchanged machine is ever called changed"""
+
+    updated_at: AwareDatetime | None
+    """When the last verification was judged, UTC"""
+
+    numbers: list[FollowedNumber]
+    """What is followed, strongest evidence first"""
+
+    verifications: list[JudgedVerification]
+    """What was judged, oldest first"""
+
+
+class WholeVerificationAnswer(VerificationAnswer):
+    """A stored verification with its observations, in the order in which they came."""
+
+    observations: list[MeasuredObservation]
+    """What was measured"""
+
+
+class WithdrawnReadingAnswer(ReadingSchema):
+    """A reading that was withdrawn: it counts nowhere."""
+
+    withdrawn_at: AwareDatetime
+    """When it was withdrawn, UTC"""
+
+
+class WithdrawnReadings(Shape):
+    """How many readings were taken out of use."""
+
+    withdrawn: int
+    """Readings that count nowhere from now on"""
+
+
+class ProblemField(Shape):
+    """One field that is to blame."""
+
+    field: str
+    """Path of the field"""
+
+    message: str
+    """What was expected, what came, and the unit"""
+
+
+class Problem(Shape):
+    """Problem details (RFC 9457), as application/problem+json."""
+
+    type: str
+    """Kind of problem"""
+
+    title: str
+    """The kind in words"""
+
+    status: int
+    """HTTP status"""
+
+    detail: str
+    """What is the matter, in a sentence"""
+
+    errors: list[ProblemField]
+    """The fields that are to blame"""
+
+
+class AnswerHead(Shape):
+    """What every answer about the machine in three dimensions says of itself."""
+
+    machine: str
+    """The machine's id"""
+
+    model_version: int
+    """Version of the model"""
+
+    computed_at: AwareDatetime
+    """When it was computed, UTC"""
+
+    complete: bool
+    """Whether no component and no adopted effect is missing, none rests on an old temperature or on
+    a reading that arrived before its time, or ends where other maps of it go on
+    """
+
+    warnings: list[str]
+    """All that is not as it should be, in sentences"""
+
+    counted_as_zero: list[str]
+    """Components that no two maps have and that count as zero"""
+
+
+class AccuracyAnswer(AnswerHead):
+    """Every definition of volumetric accuracy (C. Wang, 8.112–8.133, Table 8.2)."""
+
+    volume: dict[str, TravelSchema]
+    """The work volume [mm]"""
+
+    linear: SpreadAnswer
+    """Of the sums 8.112–8.114: translations with squareness, no lever arms [µm]"""
+
+    angular: AngularSpreadAnswer
+    """Of the sums 8.115–8.117 [µrad]"""
+
+    with_arms: SpreadAnswer
+    """Of the volumetric error at the tool, lever arms included [µm]"""
+
+    diagonals_um: dict[str, float]
+    """True range of the displacement along each body diagonal [µm]"""
+
+    Ed_um: float
+    """ISO 230-6 Ed: largest of the diagonals' ranges [µm]"""
+
+    ESd_um: float
+    """ESd: range over all diagonals together [µm]"""
+
+    ELv_um: float
+    """ELv from the volume's edges (Table 8.2) [µm]"""
+
+    ELSv_um: float
+    """ELSv, with straightness and squareness (Table 8.2) [µm]"""
+
+    ratios: dict[str, float | None]
+    """Multiple factors M1 = ELSv/ELv, M2 = ELSv/Ed, M3 = ELSv/ESd; null where a measure is 0"""
+
+
+class AdoptedEffectAnswer(Shape):
+    """An effect that the version has adopted."""
+
+    kind: str
+    """Kind of the effect"""
+
+    variant: str
+    """Which form of the kind, empty where it has one only"""
+
+    components: list[str]
+    """Components that it acts on"""
+
+    sensors: list[str]
+    """Sensors that drive it"""
+
+    states: list[str]
+    """States of the machine that drive it"""
+
+    parameters: dict[str, float]
+    """Parameters; their names say the unit"""
+
+    standard_errors: dict[str, float]
+    """One standard deviation of those that were estimated"""
+
+    explanation: str
+    """What it is, in a sentence"""
+
+    valid: ValidAnswer | None
+    """Where it was learnt; null where an older version of this software adopted it"""
+
+    measure_again: str
+    """Until when one that grows with time may be used, and what to measure then"""
+
+
+class ComparedVersionAnswer(Shape):
+    """One version, on what all of them can be held against."""
+
+    version: int
+    """Number of the version"""
+
+    reason: str
+    """What made it"""
+
+    active: bool
+    """Whether tables are computed with it now"""
+
+    overall: SizeAnswer | None
+    """All lengths; null where nothing is one"""
+
+    components: list[SizeAnswer]
+    """Each component in its own unit"""
+
+
+class ComponentCompensationAnswer(TableEntry):
+    """
+    One component's error and compensation at the live temperatures.
+
+    Tables have `positions_mm` and lists; squareness and rotary-axis locations have
+    single numbers. The compensation is minus the error: what is to be added to the
+    command.
+    """
+
+    component: str
+    """ISO 230-1 code"""
+
+    chapter: str
+    """The chapter's notation"""
+
+    axis: str | None
+    """Axis of the positions, null for a single value"""
+
+    positions_mm: list[float] | None = None
+    """Positions on the axis [mm]"""
+
+    errors_um: list[float] | None = None
+    """Errors [µm]"""
+
+    errors_urad: list[float] | None = None
+    """Angular errors [µrad]"""
+
+    slopes_um_per_m: list[float] | None = None
+    """Nonrigid slopes [µm/m]"""
+
+    slopes_urad_per_m: list[float] | None = None
+    """Nonrigid slopes [µrad/m]"""
+
+    error_um_per_m: float | None = None
+    """Squareness [µm/m]"""
+
+    error_um: float | None = None
+    """Rotary-axis position error [µm]"""
+
+    error_urad: float | None = None
+    """Rotary-axis direction error [µrad]"""
+
+    standard_errors_um: list[float] | None = None
+    """Standard error of each error and its compensation [µm], as far as the measurement of the maps
+    goes; absent where a map that enters states none
+    """
+
+    standard_errors_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    standard_errors_um_per_m: list[float] | None = None
+    """The same [µm/m]"""
+
+    standard_errors_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    standard_error_um_per_m: float | None = None
+    """Standard error of a squareness [µm/m]"""
+
+    standard_error_um: float | None = None
+    """Standard error of a rotary axis' position [µm]"""
+
+    standard_error_urad: float | None = None
+    """Standard error of a rotary axis' direction [µrad]"""
+
+    compensation_um: list[float] | float | None = None
+    """Minus the error [µm]"""
+
+    compensation_urad: list[float] | float | None = None
+    """Minus the error [µrad]"""
+
+    compensation_um_per_m: list[float] | float | None = None
+    """Minus the slope or squareness [µm/m]"""
+
+    compensation_urad_per_m: list[float] | None = None
+    """Minus the slope [µrad/m]"""
+
+    backward_errors_um: list[float] | None = None
+    """Errors when approached in the negative direction [µm]"""
+
+    backward_errors_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    backward_slopes_um_per_m: list[float] | None = None
+    """The same [µm/m]"""
+
+    backward_slopes_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    backward_standard_errors_um: list[float] | None = None
+    """Standard errors of the backward errors [µm]"""
+
+    backward_standard_errors_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    backward_standard_errors_um_per_m: list[float] | None = None
+    """The same [µm/m]"""
+
+    backward_standard_errors_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    backward_compensation_um: list[float] | None = None
+    """Minus the backward error [µm]"""
+
+    backward_compensation_urad: list[float] | None = None
+    """The same [µrad]"""
+
+    backward_compensation_um_per_m: list[float] | None = None
+    """The same [µm/m]"""
+
+    backward_compensation_urad_per_m: list[float] | None = None
+    """The same [µrad/m]"""
+
+    iso: str | None = None
+    """ISO 230-1 name of a squareness"""
+
+    iso_error_urad: float | None = None
+    """Its error in ISO's sign [µrad]"""
+
+    sensor: str | None
+    """Sensor that was used, by an adopted effect too; null, as are the next four, where no two maps
+    have the component and adopted effects alone give it an error
+    """
+
+    stand_in_for: str | None = None
+    """Assigned sensor, where another one stands in for it"""
+
+    follows: list[FollowsAnswer] | None = None
+    """Where an adopted effect says that the component follows another sensor than the assigned one:
+    every sensor by whose temperature its maps are read, the largest share first; `sensor` is the
+    first of them
+    """
+
+    temperature_c: float | None
+    """That sensor's temperature T_u [°C]"""
+
+    lower_map: str | None
+    """Label of the lower map (T_n); null, as are the next two, where several sensors are followed
+    and the numbers are not on one line between two maps
+    """
+
+    upper_map: str | None
+    """Label of the upper map (T_m)"""
+
+    weight: float | None
+    """The upper map's share, (T_u − T_n)/(T_m − T_n)"""
+
+    status: str
+    """`interpolated`, `at-map`, `clamped`, `extrapolated`, `stand-in`, `effects-only`, or `held`:
+    an adopted effect lies outside where it was learnt, and is held at the edge of that. `clamped`
+    and `extrapolated` go before `held`; the warnings say both
+    """
+
+    effects: list[str]
+    """Kinds of the adopted effects that are in these numbers; a component with effects has no
+    standard errors, because the maps do not say how sure an effect is
+    """
+
+
+class EffectInTableAnswer(Shape):
+    """An adopted effect of the model, and whether it is in the table."""
+
+    kind: str
+    """Kind of the effect"""
+
+    components: list[str]
+    """Components that it acts on"""
+
+    sensors: list[str]
+    """Sensors that drive it"""
+
+    explanation: str
+    """What it is, in a sentence"""
+
+    in_table: bool
+    """Whether it could be evaluated and is in the numbers"""
+
+    missing: str
+    """What it lacks, empty where nothing"""
+
+    held: list[str] = []
+    """Why it is held at the edge of where it was learnt: which quantity, its value, and the range;
+    empty where it is not
+    """
+
+    valid: ValidAnswer | None = None
+    """Where it was learnt; null where an older version of this software adopted it"""
+
+    measure_again: str = ""
+    """Until when one that grows with time may be used, and what to measure then"""
+
+
+class FoundEffectAnswer(Shape):
+    """One effect that the model lacks."""
+
+    effect: dict[str, Any]
+    """What adoption stores"""
+
+    before_rms_um: float
+    """Root mean square of its components before it, on held-out visits where there are any [µm];
+    see `unit`
+    """
+
+    after_rms_um: float
+    """The same with it [µm]; see `unit`"""
+
+    unit: str
+    """Unit of the two: lengths where any is one"""
+
+    status: str
+    """What held-out visits say: `confirmed`, `suspected` or `not-confirmable`"""
+
+    is_proxy: bool
+    """Whether unexplained structure remains beside it"""
+
+    evidence: EvidenceAnswer
+    """How sure it is"""
+
+    alternatives: list[AlternativeAnswer]
+    """What else it could be, ties first"""
+
+    explanation: str
+    """One plain sentence"""
+
+    strongest_visits: list[StrongVisitAnswer]
+    """The two visits that carry most of the evidence"""
+
+    leverage: float
+    """Their share of the evidence"""
+
+    leverage_warning: str | None
+    """Said where most of the evidence stands on two visits"""
+
+    measure_again: str | None
+    """Until when one that grows with time may be used, and what to measure"""
+
+    kind: str
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: list[str]
+    """Components that it acts on"""
+
+    sensors: list[str]
+    """Sensors that drive it"""
+
+    states: list[str]
+    """States that drive it"""
+
+    parameters: dict[str, float]
+    """Parameters; the unit ends each name [µm; …]"""
+
+    standard_errors: dict[str, float]
+    """One standard deviation of each parameter that was estimated [µm; …]"""
+
+    valid: ValidAnswer | None
+    """Where it was learnt: beyond it, it is held at the edge"""
+
+
+class GridAnswer(AnswerHead):
+    """
+    The corner values of a grid (8.101–8.104), and how far interpolation is from the model.
+
+    Corner values have the indices of x, y, z in this order, then the direction; cells
+    have the index of their lower corner. A cell's corners 1 to 8 of the chapter are
+    (0,0,0), (1,0,0), (1,1,0), (0,1,0), and the same at z = 1.
+    """
+
+    x_mm: list[float]
+    """Coordinates of the nodes along x [mm]"""
+
+    y_mm: list[float]
+    """Coordinates of the nodes along y [mm]"""
+
+    z_mm: list[float]
+    """Coordinates of the nodes along z [mm]"""
+
+    errors_um: list[list[list[list[float]]]]
+    """Error x, y, z at each node [µm]"""
+
+    compensation_um: list[list[list[list[float]]]]
+    """Minus the error [µm]"""
+
+    largest_difference_um: list[list[list[float]]]
+    """Length that the difference between trilinear interpolation and model exceeds nowhere in each
+    cell [µm]
+    """
+
+    attained_difference_um: list[list[list[float]]]
+    """The largest such difference that was found in each cell [µm]"""
+
+    largest_um: float
+    """Length that this difference exceeds nowhere in the grid [µm]"""
+
+
+class LevelAnswer(Shape):
+    """What a controller of one ability takes away, and what it leaves."""
+
+    level: str
+    """`nothing`, `displacement` (8.89–8.91), `straightness` with squareness folded in (8.92–8.94),
+    `angular` (8.95–8.97) or `nonrigid` (8.98–8.100)
+    """
+
+    mean_um: float
+    """Mean length of the volumetric error that is left at the lattice's points [µm]"""
+
+    rms_um: float
+    """Its root mean square at these points [µm]"""
+
+    max_um: float
+    """Its largest anywhere in the volume [µm]"""
+
+    within_um: float | None
+    """What the true largest may be beyond `max_um` [µm]; null where the tables have too many nodes
+    for that: `max_um` is then sampled, the largest at the lattice's points
+    """
+
+    tables: list[LevelTable]
+    """The tables that such a controller needs"""
+
+
+class LevelsAnswer(AnswerHead):
+    """What each kind of controller would leave over the volume."""
+
+    volume: dict[str, TravelSchema]
+    """The work volume [mm]"""
+
+    levels: list[LevelAnswer]
+    """From nothing to everything"""
+
+
+class MachineAnswer(Shape):
+    """A machine as it is stored."""
+
+    id: str
+    """Short name used in URLs"""
+
+    name: str
+    """Name for people"""
+
+    configuration: str
+    """Kinematic chain: axes before F move the workpiece, those after it the tool"""
+
+    axes: dict[str, TravelSchema] = Field({}, validate_default=True)
+    """Travel of each axis [mm]"""
+
+    sensors: list[SensorSchema] = Field([], validate_default=True)
+    """The machine's temperature sensors"""
+
+    out_of_range: Literal["clamp", "extrapolate", "reject"] = "clamp"
+    """What happens at temperatures outside the maps"""
+
+    extrapolation_margin_c: float = 5.0
+    """How far `extrapolate` may go beyond the maps [°C]"""
+
+    extrapolation_error_ratio: float = 3.0
+    """How many times as large as those of its two maps the standard error of an extrapolated value
+    may be; further out the value there is held
+    """
+
+    same_temperature: Literal["refuse", "mean"] = "refuse"
+    """What happens to maps closer in temperature than a sensor resolves"""
+
+    active_model: int | None
+    """Active model version, null before the first map"""
+
+    waiting_model: int | None = None
+    """Version that has all that was stored and waits for its activation, because tables would lose
+    something; null where none waits
+    """
+
+    created_at: AwareDatetime
+    """When it was created, UTC"""
+
+    watch: str | None = None
+    """What the last verifications say of the active model: `within` or `beyond` its limits (…/watch
+    says more); null where none was judged
+    """
+
+
+class ModelAnswer(Shape):
+    """
+    One immutable version of a machine's model: its maps, its assignment and its effects.
+
+    Tables are computed with it under the machine's settings (`out_of_range`, `same_temperature`,
+    the sensors' `resolution_c` …) as they are now: changing these changes tables at once.
+    """
+
+    version: int
+    """Number of the version"""
+
+    active: bool
+    """Whether tables are computed with it now"""
+
+    waiting: bool = False
+    """Whether it waits for its activation because its tables would lose something"""
+
+    created_at: AwareDatetime
+    """When it was made, UTC"""
+
+    reason: str
+    """What made it"""
+
+    maps: list[ModelMap]
+    """The error maps that it is made of"""
+
+    assignment: dict[str, str]
+    """Component to sensor"""
+
+    effects: list[AdoptedEffectAnswer]
+    """Adopted effects"""
+
+
+class ModelComparisonAnswer(Shape):
+    """Versions side by side, in the order in which they were named."""
+
+    verifications: list[int]
+    """Numbers of the verifications"""
+
+    values: int
+    """Values that all versions can be held against"""
+
+    versions: list[ComparedVersionAnswer]
+    """The versions"""
+
+
+class NeededAnswer(Shape):
+    """Which errors have to be measured, and which of them the active model lacks."""
+
+    machine: str
+    """Machine"""
+
+    configuration: str
+    """Its kinematic chain"""
+
+    preset: PresetAnswer | None
+    """The kind of machine that was asked for; null for a rigid one"""
+
+    components: list[NeededComponent]
+    """What has to be measured, in order"""
+
+    missing: list[str]
+    """Of these, what no map of the active model has"""
+
+    warnings: list[str]
+    """What to know beside it"""
+
+
+class PlannedEffectAnswer(Shape):
+    """The smallest effect of one kind that the plan would find nine times in ten."""
+
+    kind: str
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: list[str]
+    """On which components"""
+
+    sensors: list[str]
+    """Driven by which sensors"""
+
+    states: list[str]
+    """Driven by which states"""
+
+    unit: str
+    """Unit of its numbers"""
+
+    smallest_rms: float
+    """Its root mean square over the rows in which it shows [µm; angular components µrad, squareness
+    µm/m]
+    """
+
+    distinguishable_rms: float | None
+    """The same to be told from its closest rival; null where nothing in this plan tells them apart
+    [µm; angular components µrad, squareness µm/m]
+    """
+
+    rival: PlannedRivalAnswer | None
+    """Its closest rival of another kind"""
+
+
+class Plots(Shape):
+    """Arrays of the report's plots, at most some hundred points each."""
+
+    effects: list[EffectCurve]
+    """Of each effect that residuals show, in the order of the effects"""
+
+    visits: list[VisitMeans]
+    """Of each component"""
+
+
+class ProposalAnswer(Shape):
+    """What the maps say about the sensor of one component."""
+
+    component: str
+    """Component code"""
+
+    chapter: str
+    """The chapter's notation"""
+
+    current: str | None
+    """Sensor assigned now"""
+
+    proposed: str | None
+    """Sensor that the maps speak for"""
+
+    reason: str
+    """Why"""
+
+    maps: int
+    """Number of maps that have the component"""
+
+    correlations: list[SensorCorrelationAnswer]
+    """One for each sensor"""
+
+
+class ResidualsAnswer(Shape):
+    """What a model version leaves of verifications."""
+
+    model_version: int
+    """Version that was held against them"""
+
+    verifications: list[int]
+    """Numbers of the verifications"""
+
+    overall: SizeAnswer | None
+    """All lengths; null where nothing is one"""
+
+    components: list[SizeAnswer]
+    """Each component in its own unit"""
+
+    summaries: list[SummaryAnswer]
+    """Components, and lengths along everything that they may depend on"""
+
+    excluded: list[ExcludedAnswer]
+    """What cannot be held against the model"""
+
+    counted_as_zero: list[str]
+    """Components that residuals at points need, that no two maps have and that count as zero: these
+    residuals contain them whole
+    """
+
+    rows: list[ResidualRow]
+    """Single residuals, as many as were asked for"""
+
+
+class RotaryErrorAnswer(AnswerHead):
+    """The errors of the carried points, in their order."""
+
+    errors_um: list[list[float]]
+    """Actual minus nominal position x, y, z of each carried point [µm]; where the axes carry the
+    workpiece, the tool's error relative to it is minus this
+    """
+
+    rms_um: float
+    """Root mean square of their lengths [µm]"""
+
+    max_um: float
+    """The largest of their lengths [µm]"""
+
+    left_um: list[list[float]]
+    """What `compensated` leaves of each, x, y, z [µm]: the errors themselves where nothing is
+    compensated
+    """
+
+    left_rms_um: float
+    """Root mean square of the lengths that are left [µm]"""
+
+    left_max_um: float
+    """The largest of the lengths that are left [µm]"""
+
+    locations: dict[str, float]
+    """The location errors at these temperatures: positions (XOC, YOC, YOA, ZOA, XOB, ZOB) in µm,
+    directions (AOC, BOC, BOA, COA, AOB, COB) in µrad [µm]
+    """
+
+
+class SimulatedStepDiagonal(AnswerHead):
+    """What a laser would read: the body of `…/measurements/step-diagonal`, and what it is of."""
+
+    origin_mm: list[float]
+    """Lowest corner of the volume [mm]"""
+
+    step_mm: list[float]
+    """Length of a step of x, y, z [mm]"""
+
+    tool_offset_mm: list[float]
+    """Tool offset of the target's middle [mm]"""
+
+    target: str
+    """What reflects"""
+
+    temperatures_c: dict[str, float]
+    """Temperatures that were used [°C]"""
+
+    diagonals: dict[str, list[list[float]]]
+    """Diagonal to a row for each step: after x, after y, after z [µm]"""
+
+
+class StoredVerificationAnswer(VerificationAnswer):
+    """A verification that was stored just now, or was there already."""
+
+    warnings: list[str] = []
+    """What the active model cannot be held against, and why"""
+
+
+class VolumetricErrorAnswer(AnswerHead):
+    """The errors at the points, in their order."""
+
+    errors_um: list[list[float]] | list[list[list[float]]]
+    """Actual minus nominal position x, y, z of the tool at each point [µm]; one such list for each
+    thermal state where a list of temperatures was sent
+    """
+
+    orientation_urad: list[list[float]] | list[list[list[float]]]
+    """Error of the tool's direction, (ΣEB, −ΣEA, 0), at each point [µrad]"""
+
+    outside_travel: list[int]
+    """Indices of the points outside the axes' travel, from 0"""
+
+
+class WaitedBeforeAnswer(Shape):
+    """What waited already when this version was made: this version contains it."""
+
+    model_version: int
+    """The version that waited"""
+
+    maps: list[WaitingMapAnswer]
+    """Its maps that the active version has not: without them nothing waits, or something else"""
+
+    loses: list[CoverageAnswer]
+    """Which of the version's `loses` are its doing; the others are new"""
+
+
+class WaitingAssignmentAnswer(Shape):
+    """An assignment whose version waits, because its tables would lose something."""
+
+    model_version: int | None = None
+    """The version that was made"""
+
+    activated: bool | None = None
+    """Whether it is active; a version that loses something waits until somebody activates it, and
+    the next ones are made of it
+    """
+
+    loses: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables lack against those of the version active before"""
+
+    gains: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables have beyond those"""
+
+    next_step: str | None = None
+    """How to activate it all the same; null where it is active"""
+
+    waited_before: WaitedBeforeAnswer | None = None
+    """What waited already; null where nothing did"""
+
+    stays_active: int | None = None
+    """The version that stays active while this one waits; null where it is"""
+
+    assignment: dict[str, str]
+    """Component to sensor, in the waiting version"""
+
+
+class AnalysisResult(Shape):
+    """What an analysis found; `plots` are the arrays of its report."""
+
+    verdict: Literal["effects-found", "nothing-found", "unexplained"]
+    """`unexplained` where structure remains that no effect fits"""
+
+    summary: str
+    """Two plain sentences"""
+
+    kinds: list[str] | None
+    """Kinds of effects that were looked for; null: all of them"""
+
+    unit: str
+    """Of the figures over all values: µm, or that of the angles where no length was measured"""
+
+    noise_um: float | None
+    """Standard deviation of one observation [µm]; see `unit`"""
+
+    floor_um: float | None
+    """What repeatability and set-up scatter alone would leave [µm]; see `unit`"""
+
+    before: FiguresAnswer
+    """Residuals of the model as it was"""
+
+    after: FiguresAnswer
+    """Residuals with the effects as they would be adopted"""
+
+    after_with_maps_refitted: FiguresAnswer | None
+    """The same where maps are also corrected within their own uncertainty"""
+
+    p_global: float
+    """Probability that noise alone surprises as much as the strongest candidate"""
+
+    visits: int
+    """Visits that took part"""
+
+    values: int
+    """Values that took part"""
+
+    components: list[ComponentFiguresAnswer]
+    """By component, largest first"""
+
+    effects: list[FoundEffectAnswer]
+    """Effects that the model lacks"""
+
+    unexplained: list[UnexplainedAnswer]
+    """What no effect explains"""
+
+    excluded: list[ExcludedAnswer]
+    """What took no part"""
+
+    not_testable: list[NotTestedAnswer]
+    """What could not be tested"""
+
+    detectable: list[SmallestSeenAnswer]
+    """What would have been seen"""
+
+    what_next: list[str]
+    """What to measure or to do"""
+
+    plots: Plots
+    """Arrays of the report's plots"""
+
+
+class ChangedModelAnswer(ModelAnswer):
+    """A version that was made or activated, and what its tables lose and gain by it."""
+
+    model_version: int | None = None
+    """The version that was made"""
+
+    activated: bool | None = None
+    """Whether it is active; a version that loses something waits until somebody activates it, and
+    the next ones are made of it
+    """
+
+    loses: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables lack against those of the version active before"""
+
+    gains: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables have beyond those"""
+
+    next_step: str | None = None
+    """How to activate it all the same; null where it is active"""
+
+    waited_before: WaitedBeforeAnswer | None = None
+    """What waited already; null where nothing did"""
+
+    stays_active: int | None = None
+    """The version that stays active while this one waits; null where it is"""
+
+
+class CompensationAnswer(Shape):
+    """
+    The compensation table at stated temperatures.
+
+    Adopted effects act as far as the request carries what they need: temperatures, the
+    machine's `state`, and the present time. Those that need the past, such as a thermal lag,
+    are in the table at the latest reading only.
+    """
+
+    machine: str
+    """The machine's id"""
+
+    model_version: int
+    """Version of the model"""
+
+    computed_at: AwareDatetime
+    """When it was computed, UTC"""
+
+    complete: bool
+    """Whether every component of the maps and every adopted effect is in the table, none on an old
+    temperature or ending where other maps of it go on, no effect outside where it was learnt, and
+    no value in use from a reading that arrived before its time
+    """
+
+    warnings: list[str]
+    """All that is not as it should be, in sentences"""
+
+    effects: list[EffectInTableAnswer] = Field([], validate_default=True)
+    """The model's adopted effects, in the table or not"""
+
+    components: list[ComponentCompensationAnswer]
+    """One for each component"""
+
+
+class CorrelationAnswer(Shape):
+    """The proposal; nothing has changed."""
+
+    proposal: dict[str, str]
+    """The assignment that the maps speak for, ready to be PUT"""
+
+    components: list[ProposalAnswer]
+    """One for each component of the maps"""
+
+
+class CurrentCompensationAnswer(CompensationAnswer):
+    """The compensation table at the latest reading."""
+
+    reading_time: AwareDatetime
+    """Time of the latest reading, UTC"""
+
+    reading_age_s: float
+    """Its age [s]"""
+
+    stale: bool
+    """Whether any sensor's value is older than it may be"""
+
+    sensors: list[SensorStateAnswer]
+    """Every sensor's state"""
+
+
+class ErrorMapAnswer(Shape):
+    """A stored error map."""
+
+    model_version: int | None = None
+    """The version that was made"""
+
+    activated: bool | None = None
+    """Whether it is active; a version that loses something waits until somebody activates it, and
+    the next ones are made of it
+    """
+
+    loses: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables lack against those of the version active before"""
+
+    gains: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables have beyond those"""
+
+    next_step: str | None = None
+    """How to activate it all the same; null where it is active"""
+
+    waited_before: WaitedBeforeAnswer | None = None
+    """What waited already; null where nothing did"""
+
+    stays_active: int | None = None
+    """The version that stays active while this one waits; null where it is"""
+
+    label: str
+    """The map's name on its machine"""
+
+    measured_at: AwareDatetime
+    """When it was measured, with a zone"""
+
+    temperatures_c: dict[str, float]
+    """Every sensor's temperature at that time [°C]"""
+
+    components: list[ComponentAnswer]
+    """The measured components"""
+
+    measuring_lines_mm: dict[str, list[float] | MeasuringLineSchema] = Field(
+        {}, validate_default=True
+    )
+    """Axis to the line along which its translations were measured: a point (x, y, z) of it [mm], or
+    that point with the tool offset
+    """
+
+    repeatability_um: float | None = None
+    """Repeatability of the measurement, one standard deviation [µm]"""
+
+    instrument: str | None = None
+    """What measured"""
+
+    id: int
+    """The map's number"""
+
+    stored_at: AwareDatetime
+    """When it was stored, UTC"""
+
+    in_active_model: bool
+    """Whether the active model version contains it"""
+
+    warnings: list[str] = []
+    """What is unusual about it"""
+
+
+class PlanAnswer(Shape):
+    """What a plan of measurements could see and tell apart, and which visit to add."""
+
+    model_version: int
+    """Version that would be analysed"""
+
+    summary: str
+    """Two plain sentences"""
+
+    visits: int
+    """Planned visits"""
+
+    values: int
+    """Planned values"""
+
+    notes: list[str]
+    """What was assumed"""
+
+    effects: list[PlannedEffectAnswer]
+    """The hardest to tell apart first"""
+
+    not_testable: list[NotTestedAnswer]
+    """What could not be seen"""
+
+    excluded: list[ExcludedAnswer]
+    """What cannot be held against the model"""
+
+    suggestions: list[SuggestionAnswer]
+    """Visits to add, most useful first"""
+
+
+class PreviewAnswer(Shape):
+    """What a change would do to the tables; nothing is stored."""
+
+    preview: Literal[True] = True
+    """That nothing is stored"""
+
+    reason: str
+    """What would make the version, and which effects it would not keep"""
+
+    active_version: int | None = None
+    """The version that it is held against; null before the first"""
+
+    activated: bool
+    """Whether it would be activated without more ado"""
+
+    loses: list[CoverageAnswer]
+    """What its tables lack against those of the version active before"""
+
+    gains: list[CoverageAnswer]
+    """What its tables have beyond those"""
+
+    waited_before: WaitedBeforeAnswer | None = None
+    """What waited already; null where nothing did"""
+
+    reading_time: AwareDatetime | None = None
+    """Time of the latest reading, at which `changes` hold; null without, UTC"""
+
+    temperatures_c: dict[str, float]
+    """Its temperatures [°C]"""
+
+    changes: list[ComponentChangeAnswer]
+    """By how much each component that stays would change then, largest number first (1 µrad counts
+    as 1 µm)
+    """
+
+    not_compared: str
+    """Why nothing is known of changes, such as that there is no reading; else empty"""
+
+
+class AnalysisAnswer(AnalysisHead):
+    """An analysis with its result, once it is done."""
+
+    result: AnalysisResult | None = None
+    """What was found; null before that"""
+
+
+class MeasurementAnswer(Shape):
+    """What a measurement yields."""
+
+    model_version: int | None = None
+    """The version that was made"""
+
+    activated: bool | None = None
+    """Whether it is active; a version that loses something waits until somebody activates it, and
+    the next ones are made of it
+    """
+
+    loses: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables lack against those of the version active before"""
+
+    gains: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables have beyond those"""
+
+    next_step: str | None = None
+    """How to activate it all the same; null where it is active"""
+
+    waited_before: WaitedBeforeAnswer | None = None
+    """What waited already; null where nothing did"""
+
+    stays_active: int | None = None
+    """The version that stays active while this one waits; null where it is"""
+
+    machine: str
+    """The machine's id"""
+
+    method: str
+    """How it was measured"""
+
+    stored: bool
+    """Whether an error map was made of it"""
+
+    map_id: int | None
+    """That map's number"""
+
+    components: list[ComponentAnswer]
+    """The components with their standard errors"""
+
+    figures: dict[str, float]
+    """Figures of quality and of the method's standard, by names that end in the unit, such as
+    closure_rms_um [µm]
+    """
+
+    notes: list[str]
+    """What the method cannot see, what was left out, what looks wrong"""
+
+    measuring_lines_mm: dict[str, list[float] | MeasuringLineSchema]
+    """Axis to the line along which its translations count as measured [mm]"""
+
+    preview: PreviewAnswer | None = None
+    """What storing it would do to the tables, where a preview was asked for"""
+
+
+class PositioningAnswer(MeasurementAnswer):
+    """ISO 230-2's figures of the axis (A, E, M, B, R in `figures`) and its displacement error."""
+
+    targets: list[TargetAnswer]
+    """The values at each target position"""
+
+
+class RotaryAxisAnswer(MeasurementAnswer):
+    """The axis' location errors, with run-out in `figures`."""
+
+    residuals_um: list[list[float]]
+    """Measured minus fitted place of the ball: radial, tangential, axial [µm]"""
+
+    noise_um: float | None
+    """Standard deviation of one coordinate, from the residuals or as stated [µm]"""
+
+    degrees_of_freedom: int
+    """Of that noise"""
+
+    path: PathErrorsAnswer
+    """The path errors before and after compensation; rms and largest length are in `figures` [µm]
+    """
+
+
+class StepDiagonalAnswer(MeasurementAnswer):
+    """Nine translations and three squareness errors."""
+
+    closure_um: list[list[float]] | None
+    """For x, y, z and each interval: what the four diagonals contradict each other by, the
+    measurement's own noise [µm]; null with three diagonals
+    """
+
+
+class BodyDiagonalAnswer(MeasurementAnswer):
+    """Ed, ESd, and the squareness that the diagonals' ends show."""
+
+    Ed_um: float
+    """Largest range on a diagonal [µm]"""
+
+    ESd_um: float
+    """Range over all diagonals together [µm]"""
+
+    diagonals_um: dict[str, float]
+    """Range on each diagonal [µm]"""
+
+    reversal_um: dict[str, float]
+    """Largest reversal value on each diagonal, forward less backward [µm]"""
+
+
+class DrilledPlateAnswer(MeasurementAnswer):
+    """Scale, squareness and axis errors, up to a rigid motion."""
+
+    rotation_urad: float
+    """How the plate lay, about Z [µrad]"""
+
+    shift_mm: list[float]
+    """Where its nominal zero lay [mm]"""
+
+    scale_um_per_m: list[float]
+    """Scale of x and y [µm/m]"""
+
+    scale_standard_errors_um_per_m: list[float | None]
+    """Their standard errors [µm/m]"""
+
+    squareness_um_per_m: float
+    """SXY [µm/m]"""
+
+    residuals_um: list[list[float]]
+    """What rigid motion, scale and squareness leave of each hole's x, y [µm]"""
+
+    suspicious: list[int]
+    """Indices of holes far from the rest, from 0; they are kept"""
+
+
+class MachinedPartAnswer(MeasurementAnswer):
+    """The straightness of the edge, and how it compares with the model."""
+
+    straightness_um: float
+    """Range of the deviations from the line [µm]"""
+
+    slope_um_per_m: float
+    """Slope that was taken out [µm/m]"""
+
+    suspicious: list[int]
+    """Indices of measured points far from the rest, from 0; they are kept"""
+
+    comparison: ComparisonAnswer | None
+    """With the active model at `temperatures_c`; null where there is no model"""
