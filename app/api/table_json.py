@@ -27,7 +27,8 @@ from app.compensation.table import (
 )
 from app.geometry.components import ORDER
 from app.services.live_table import CurrentTable, is_stale
-from app.thermal.compiled_model import GroupState, Member
+from app.thermal.group import Member
+from app.thermal.group_state import GroupState
 
 OPTIONS = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_UTC_Z
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple
@@ -11,7 +11,9 @@ from app.arrays import FloatArray
 from app.errors import SensorUnavailable, list_names
 from app.geometry.components import ORDER, Component
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import CompiledModel, GroupState
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import sentences
+from app.thermal.group_state import GroupState
 from app.thermal.sensor_health import Health, SensorState
 
 
@@ -43,6 +45,19 @@ class Basis:
     stand_in_for: str | None = None
     follows: tuple[Follows, ...] = ()
 
+    @classmethod
+    def of(cls, state: GroupState) -> Basis:
+        """Make the basis of numbers that are the maps' alone."""
+        return cls(
+            state.sensor,
+            state.temperature_c,
+            state.lower_map,
+            state.upper_map,
+            state.weight,
+            state.status,
+            state.stand_in_for,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class ComponentCompensation:
@@ -54,8 +69,7 @@ class ComponentCompensation:
     measurement of the maps goes; None where a map that enters states none, and where an
     adopted effect is in the errors: how sure that is, the maps do not say.
 
-    `basis` is what the errors rest on: the group's state between its maps, or what effects made
-    of that; `effects` are the kinds of those that are in the errors.
+    `basis` is what the errors rest on; `effects` are the kinds of those that are in them.
     """
 
     component: Component
@@ -64,18 +78,13 @@ class ComponentCompensation:
     backward_errors: FloatArray | None
     standard_errors: FloatArray | None
     backward_standard_errors: FloatArray | None
-    basis: GroupState | Basis
+    basis: Basis
     effects: tuple[str, ...] = ()
 
     @property
     def compensation(self) -> FloatArray:
         """What is to be added to the command: minus the error, and 0 for 0."""
         return 0.0 - self.errors
-
-    @property
-    def backward_compensation(self) -> FloatArray | None:
-        """The same for positions approached in the negative direction."""
-        return None if self.backward_errors is None else 0.0 - self.backward_errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +111,9 @@ class CompensationTable(NamedTuple):
 
     `complete` is False when a component of the maps or an adopted effect is not in the table,
     one rests on an old temperature, or ends where other maps of it go on, or when an effect lies
-    outside where it was learnt or nobody knows where that was; `warnings` say in
+    outside where it was learnt or nobody knows where that was, or would read the maps where the
+    machine's policy allows no table; `complete_where_it_reaches` is the same without what is said
+    of positions; `warnings` say in
     sentences all that is not as it should be; `states` are the groups of components that lie
     between the same maps, and
     `corrected` the components with effects: they take the place of those in the groups.
@@ -116,6 +127,7 @@ class CompensationTable(NamedTuple):
     states: Sequence[GroupState]
     corrected: Sequence[ComponentCompensation] = ()
     effects: Sequence[EffectInTable] = ()
+    complete_where_it_reaches: bool = True
 
     @property
     def components(self) -> list[ComponentCompensation]:
@@ -172,12 +184,13 @@ def compensation_table(
         for state in states
         if state.sensor not in usable
     ]
-    shortened = [words for state in states for words in state.maps.shortened]
+    shortened = [words for state in states if state.maps.shortened for words in shortenings(state)]
     return CompensationTable(
         machine_id=model.machine.id,
         model_version=model_version,
         computed_at=computed_at,
         complete=not omitted and not old and not shortened,
+        complete_where_it_reaches=not omitted and not old,
         warnings=[
             *warnings,
             *failures.values(),
@@ -203,10 +216,23 @@ def group_compensation(state: GroupState) -> list[ComponentCompensation]:
             backward_standard_errors=(
                 None if member.backward is None else state.standard_errors(member.backward)
             ),
-            basis=state,
+            basis=Basis.of(state),
         )
         for member in state.members
     ]
+
+
+def shortenings(state: GroupState, without: Collection[str] = ()) -> list[str]:
+    """Say which components of a group end earlier than other maps of theirs.
+
+    Parameters
+    ----------
+    state
+        The group at one temperature.
+    without
+        Codes of components of which something else is said.
+    """
+    return sentences(item for item in state.maps.shortened.items() if item[0] not in without)
 
 
 _PLAIN = frozenset({Status.INTERPOLATED, Status.AT_MAP})

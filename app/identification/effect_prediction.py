@@ -12,16 +12,14 @@ from app.arrays import FloatArray
 from app.identification.conditions import Conditions
 from app.identification.effects.effect import Effect, acting_on
 from app.identification.faulty_sensors import set_faulty_aside
-from app.identification.followed_sensors import statuses_by_others
 from app.identification.held_effects import EFFECTS_ONLY, Remark, with_held
 from app.identification.live_effects import Missing, contributions
 from app.identification.observations import POINT_CHANNELS, ObservationRows
 from app.identification.projection import Projection, places_of
 from app.thermal.compiled_model import CompiledModel
+from app.thermal.map_weights import OUTSIDE_MAPS
 from app.thermal.prediction import (
     GRAVITY,
-    NO_READING,
-    OUTSIDE_MAPS,
     BeyondTables,
     Predicted,
     predict_component,
@@ -104,31 +102,24 @@ def predict_with_effects(
     added = contributions(Projection(model, rows, conditions.take(each)), effects)
     values = maps.values + added.errors.reshape(maps.values.shape)
     lacking = set(each[added.is_lacking & np.isfinite(values.ravel())].tolist())
-    by_others = _by_others(model, effects, places, conditions, maps.status)
-    values[[said == OUTSIDE_MAPS for said in by_others]] = np.nan
+    by_effects = added.status.reshape(-1, columns)
+    gravest = [max(row, key=GRAVITY.index) for row in by_effects]
+    read = _gravest(maps.status, gravest)
+    values[[said == OUTSIDE_MAPS for said in read]] = np.nan
     held = set(each[added.is_held].tolist())
-    status = [with_held(said) if i in held else said for i, said in enumerate(by_others)]
+    status = [with_held(said) if i in held else said for i, said in enumerate(read)]
     status = [EFFECT_MISSING if i in lacking else said for i, said in enumerate(status)]
-    return PredictedWithEffects(values, status, added.missing, maps.beyond, added.held)
+    beyond = [one for one in maps.beyond if one.code not in added.beyond]
+    beyond += [one for own in added.beyond.values() for one in own]
+    return PredictedWithEffects(values, status, added.missing, tuple(beyond), added.held)
 
 
-def _by_others(
-    model: CompiledModel,
-    effects: Sequence[Effect],
-    places: AskedPlaces,
-    conditions: Conditions,
-    status: Sequence[str],
-) -> list[str]:
-    """Say the gravest also of the sensors that components follow by an effect."""
-    found = list(status)
-    asked = [(e, c) for e in effects for c in e.components if places.component in (None, c)]
-    for effect, code in asked:
-        for own in statuses_by_others(model, effect, code, conditions):
-            for i, said in enumerate(own):
-                # Without its reading the effect is missing, which is said elsewhere.
-                if said != NO_READING and found[i] in GRAVITY:
-                    found[i] = max(found[i], said, key=GRAVITY.index)
-    return found
+def _gravest(maps: Sequence[str], effects: Sequence[str]) -> list[str]:
+    """Say the gravest also of the temperatures at which effects read the maps."""
+    return [
+        max(said, by_effects, key=GRAVITY.index) if said in GRAVITY else said
+        for said, by_effects in zip(maps, effects, strict=True)
+    ]
 
 
 def _of_maps(

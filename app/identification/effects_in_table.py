@@ -15,6 +15,7 @@ from app.compensation.table import (
     EffectInTable,
     group_compensation,
     remarks,
+    shortenings,
 )
 from app.errors import list_names
 from app.identification.conditions import Conditions
@@ -28,8 +29,11 @@ from app.identification.held_effects import (
     use_until,
     with_held,
 )
-from app.identification.live_effects import CorrectedTable, corrected_tables, corrections
-from app.thermal.compiled_model import CompiledModel, GroupState
+from app.identification.live_effects import CorrectedTable, corrected_tables
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import sentences
+from app.thermal.group_state import GroupState
+from app.thermal.prediction import GRAVITY
 from app.thermal.sensor_health import Health, SensorState
 
 NO_MAPS: Final = Basis(None, None, None, None, None, EFFECTS_ONLY)
@@ -102,7 +106,7 @@ def add_effects(
         allow.
     """
     aside = set_faulty_aside(model, effects, moment).effects
-    found = corrections(model, effects, moment)
+    found = corrected_tables(model, effects, moment, table.states)
     missing = {m.effect: m.reason for m in found.missing}
     dealt_with = {*aside, *missing}
     said = [
@@ -115,20 +119,22 @@ def add_effects(
         for sensor in effect.sensors
         if sensor in stale and i not in missing
     ]
-    own = [c for c in corrected_tables(table.states, found.corrections) if c.effects]
+    own = found.tables
     read = _read_maps(model, own, effects, moment)
     by_others = _by_others(table, read)
-    shortened = [words for state in by_others for words in state.maps.shortened]
+    shortened = _shortenings(table, own)
     corrected = [_corrected(c, effects, read.get(c.component.code)) for c in own]
-    outside = [r.sentence for r in (*found.held, *found.unknown)]
+    outside = [r.sentence for r in (*found.held, *found.unlearnt)]
+    is_complete = table.complete_where_it_reaches and not missing and not old
     return table._replace(
-        complete=table.complete and not missing and not old and not outside and not shortened,
+        complete=is_complete and not outside and not shortened and not found.refused,
         warnings=[
             *_warnings_of_maps(table, read, by_others),
             *shortened,
             *old,
             *_left_out(said),
             *outside,
+            *(remark.sentence for remark in found.moved),
             *_read_on(effects, moment, dealt_with),
         ],
         corrected=_with_stand_ins(table, effects, aside, corrected),
@@ -179,9 +185,10 @@ def _warnings_of_maps(
     read: Mapping[str, Sequence[ReadMaps]],
     by_others: Sequence[GroupState],
 ) -> list[str]:
-    """Say what is the matter with the maps by the sensors by which they really are read."""
-    if not read:
-        return list(table.warnings)
+    """Say what is the matter with the maps by the sensors by which they really are read.
+
+    How far the rows reach is said elsewhere (`_shortenings`).
+    """
     kept = {id(one.state) for own in read.values() for one in own}
     by_assigned = [
         state._replace(group=replace(state.group, members=members))
@@ -192,11 +199,26 @@ def _warnings_of_maps(
             )
         )
     ]
-    said = set(remarks(table.states))
+    said = {words for state in table.states for words in shortenings(state)}
+    said |= set(remarks(table.states)) if read else set()
+    if not read:
+        return [warning for warning in table.warnings if warning not in said]
     return [
         *(warning for warning in table.warnings if warning not in said),
         *remarks([*by_assigned, *by_others]),
     ]
+
+
+def _shortenings(table: CompensationTable, own: Sequence[CorrectedTable]) -> list[str]:
+    """Say which components end earlier than other maps of theirs, by the maps that enter."""
+    codes = {one.component.code for one in own}
+    plain = [words for state in table.states for words in shortenings(state, codes)]
+    corrected = [
+        (code, one.maps.shortened[code])
+        for one in own
+        if one.maps is not None and (code := one.component.code) in one.maps.shortened
+    ]
+    return [*plain, *sentences(corrected)]
 
 
 def _left_out(effects: Iterable[EffectInTable]) -> list[str]:
@@ -224,7 +246,14 @@ def _read_on(
 def _corrected(
     found: CorrectedTable, effects: Sequence[Effect], read: Sequence[ReadMaps] | None
 ) -> ComponentCompensation:
-    basis = basis_of_maps(read) if read else found.origin or NO_MAPS
+    if read:
+        basis = basis_of_maps(read)
+    else:
+        basis = NO_MAPS if found.origin is None else Basis.of(found.origin)
+    if found.status is not None:
+        basis = replace(basis, status=max(basis.status, found.status, key=GRAVITY.index))
+    if found.is_held:
+        basis = replace(basis, status=with_held(basis.status))
     return ComponentCompensation(
         component=found.component,
         positions_mm=found.positions_mm,
@@ -232,22 +261,8 @@ def _corrected(
         backward_errors=found.backward_errors,
         standard_errors=None,
         backward_standard_errors=None,
-        basis=_held(basis) if found.is_held else basis,
+        basis=basis,
         effects=tuple(dict.fromkeys(effects[i].kind for i in found.effects)),
-    )
-
-
-def _held(basis: GroupState | Basis) -> Basis:
-    """Say that an effect in a row is held."""
-    return Basis(
-        basis.sensor,
-        basis.temperature_c,
-        basis.lower_map,
-        basis.upper_map,
-        basis.weight,
-        with_held(basis.status),
-        basis.stand_in_for,
-        basis.follows if isinstance(basis, Basis) else (),
     )
 
 

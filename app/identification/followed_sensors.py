@@ -7,23 +7,18 @@ which sensor has the largest share, and between which two maps they lie.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from app.compensation.table import Basis, Follows
-from app.errors import OutsideMaps
 from app.identification.conditions import Conditions
 from app.identification.effects.effect import Effect
 from app.identification.effects.shape import Exchange
-from app.identification.map_tables import scale_of
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import CompiledModel, Group, GroupState, Scale
-from app.thermal.prediction import GRAVITY, NO_READING, OUTSIDE_MAPS
-
-ROUNDING: Final = 1e-12
-"""A share that is smaller is none."""
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group_state import GroupState
+from app.thermal.map_weights import ROUNDING
+from app.thermal.prediction import GRAVITY
 
 
 class ReadMaps(NamedTuple):
@@ -112,72 +107,16 @@ def basis_of_maps(read: Sequence[ReadMaps]) -> Basis:
     )
 
 
-def statuses_by_others(
-    model: CompiledModel, effect: Effect, code: str, conditions: Conditions
-) -> Iterator[list[str]]:
-    """Say how the maps lie by each sensor that an effect makes a component follow.
-
-    Parameters
-    ----------
-    model
-        The compiled model.
-    effect
-        The effect.
-    code
-        The component.
-    conditions
-        What held at n moments.
-
-    Yields
-    ------
-    list of str
-        A status for each moment; `no-reading` where the temperature is not known.
-    """
-    held = conditions if effect.valid is None else effect.valid.held(conditions)
-    for term in effect.terms:
-        if term.component == code and isinstance(term.shape, Exchange):
-            own = _group_by(model, code, term.shape)
-            temperatures_c = held.temperature(term.shape.sensor).tolist()
-            if own is not None:
-                yield [_status(model, own, t) for t in temperatures_c]
-
-
-def _status(model: CompiledModel, group: Group, temperature_c: float) -> str:
-    if math.isnan(temperature_c):
-        return NO_READING
-    try:
-        return model.bracket(group, group.scales[0], temperature_c).status
-    except OutsideMaps:
-        return OUTSIDE_MAPS
-
-
 def _exchanged(
     model: CompiledModel, code: str, shape: Exchange, held: Conditions, share: float
 ) -> Iterator[ReadMaps]:
-    other = _group_by(model, code, shape)
-    found = model.find(code)
+    other, found = shape.by_other(model, code), model.find(code)
     if other is None or found is None:
         return
-    assigned = replace(other, scales=found[0].scales[:1], _in_use={})
-    for part, own in ((share, other), (-share, assigned)):
-        (scale,) = own.scales
+    for part, group in ((share, other), (-share, found[0])):
+        scale = group.scales[0]
         temperature_c = float(held.temperature(scale.sensor)[0])
-        yield ReadMaps(part, model.group_at(own, scale, temperature_c))
-
-
-def _group_by(model: CompiledModel, code: str, shape: Exchange) -> Group | None:
-    """Put a component by itself on another sensor's scale; None where the maps do not state it.
-
-    On a scale of its own the sensor is followed, and stands in for none.
-    """
-    found = model.find(code)
-    scale = found and scale_of(found[0], dict(shape.map_temperatures_c))
-    if not found or not scale:
-        return None
-    group, member = found
-    other = Scale(shape.sensor, tuple(scale[0].tolist()), tuple(scale[1].tolist()))
-    # What the whole group remembers of its maps in use is laid out for all of its members.
-    return replace(group, scales=(other,), members=(member,), _in_use={})
+        yield ReadMaps(part, model.group_at(group, scale, temperature_c))
 
 
 def _summed(read: Iterable[ReadMaps]) -> list[ReadMaps]:

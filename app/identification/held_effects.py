@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.errors import list_names
 from app.identification.conditions import Conditions, Signal
-from app.identification.effects.effect import Effect
+from app.identification.effects.effect import Effect, by_driver
 from app.identification.effects.shape import Places
 from app.identification.effects.valid import DRIVER_MARGIN, Range, widened
 from app.thermal.bracket import Status
@@ -40,7 +40,9 @@ class Beyond(NamedTuple):
     """A quantity that lies outside where an effect was learnt.
 
     `values` and `is_beyond` have shape (n,), one for each moment or place; `component` is the one
-    whose position it is, or empty.
+    whose position it is, or empty; `components` those that it acts on, `is_held` says
+    whether it is moved to the edge: not where it is one of two signals of which the difference
+    is what was learnt.
     """
 
     quantity: str
@@ -50,6 +52,54 @@ class Beyond(NamedTuple):
     is_beyond: BoolArray
     component: str = ""
     is_time: bool = False
+    is_held: bool = True
+    components: tuple[str, ...] = ()
+
+
+class Moved(NamedTuple):
+    """A temperature outside the maps at which an effect reads them.
+
+    `ends_c` are the first and the last map's temperature [°C]; `is_refused` says that the machine's
+    policy allows no table there; `values` is how many they are, 0 for one table.
+    """
+
+    effect: int
+    component: str
+    sensor: str
+    temperature_c: float
+    ends_c: Range
+    status: str
+    is_refused: bool
+    values: int = 0
+
+
+def moved_sentences(effects: Sequence[Effect], moved: Sequence[Moved]) -> list[Remark]:
+    """Say which effects read the maps outside of them, and what was done.
+
+    Parameters
+    ----------
+    effects
+        The effects, by number.
+    moved
+        Where.
+    """
+    codes: dict[Moved, list[str]] = {}
+    for one in moved:
+        codes.setdefault(one._replace(component=""), []).append(one.component)
+    found = []
+    for one, own in codes.items():
+        done = "extrapolated" if one.status == Status.EXTRAPOLATED else "held"
+        refused = ", because the machine's policy allows no table there" if one.is_refused else ""
+        values = f" ({one.values} values)" if one.values else ""
+        found.append(
+            Remark(
+                one.effect,
+                f"{effects[one.effect].kind} of {list_names(own)} reads the maps at "
+                f"{one.temperature_c:g} °C of {one.sensor}, outside of their {one.ends_c[0]:g} to "
+                f"{one.ends_c[1]:g} °C: {done}{refused}{values}",
+            )
+        )
+    return found
 
 
 def with_held(status: str) -> str:
@@ -86,22 +136,28 @@ def conditions_beyond(
     for sensor, learnt in valid.temperatures_c.items():
         edges = widened(learnt, 0.0, _resolution_c(model, sensor))
         values = conditions.temperature(sensor)
-        yield from _outside(f"{sensor}", "°C", learnt, edges, values)
+        acts_on = _held_by(model, effect, Signal("temperature", sensor))
+        for found in _outside(f"{sensor}", "°C", learnt, edges, values):
+            yield found._replace(
+                is_held=bool(acts_on), components=acts_on or _made_of(effect, sensor)
+            )
     for name, learnt in valid.state.items():
         edges = widened(learnt, DRIVER_MARGIN)
         yield from _outside(name, unit_of_field(name) or "", learnt, edges, conditions.state(name))
-    drivers = {t.driver: t.learnt for t in effect.terms if t.learnt is not None}
-    for driver, learnt in drivers.items():
+    for (driver, of_driver), terms in by_driver(effect.terms).items():
         quantity = driver.quantity
-        if quantity is None:
+        if quantity is None or of_driver is None:
             continue
+        learnt = of_driver
         least = max((_least(model, signal) for signal, _ in driver.signals), default=0.0)
         edges = widened(learnt, DRIVER_MARGIN, least)
         values = driver.at(conditions)
         for found in _outside(quantity.name, quantity.unit, learnt, edges, values):
             low, high = learnt
             yield found._replace(
-                learnt=(low + quantity.zero, high + quantity.zero), values=values + quantity.zero
+                learnt=(low + quantity.zero, high + quantity.zero),
+                values=values + quantity.zero,
+                components=tuple(dict.fromkeys(term.component for term in terms)),
             )
     if any(term.driver.grows_with_time for term in effect.terms):
         until_s = valid.to_s if valid.use_until_s is None else valid.use_until_s
@@ -131,7 +187,7 @@ def positions_beyond(effect: Effect, code: str, places: Places) -> Iterator[Beyo
         return
     learnt = valid.positions_mm[code]
     for found in _outside(f"positions of {code}", "mm", learnt, edges, places.positions_mm):
-        yield found._replace(component=code)
+        yield found._replace(component=code, components=(code,))
 
 
 def held_sentence(effect: Effect, beyond: Beyond) -> str:
@@ -144,7 +200,7 @@ def held_sentence(effect: Effect, beyond: Beyond) -> str:
     beyond
         What lies outside somewhere.
     """
-    codes = list_names([beyond.component] if beyond.component else effect.components)
+    codes = list_names(beyond.components or effect.components)
     if beyond.is_time:
         return _of_time(effect, codes, beyond)
     low, high = beyond.learnt
@@ -152,6 +208,12 @@ def held_sentence(effect: Effect, beyond: Beyond) -> str:
     outside = beyond.values[beyond.is_beyond]
     farthest = outside[np.argmax(np.maximum(low - outside, outside - high))]
     is_there = "reach" if beyond.component else "is"
+    if not beyond.is_held:
+        return (
+            f"{effect.kind} of {codes} was not learnt here: {beyond.quantity} is "
+            f"{farthest:g}{unit}, learnt from {low:g} to {high:g}{unit}; what it is made of "
+            "several signals decides, and is not changed by that"
+        )
     return (
         f"{effect.kind} of {codes} is held at the edge of where it was learnt: {beyond.quantity} "
         f"{is_there} {farthest:g}{unit}, learnt from {low:g} to {high:g}{unit}"
@@ -218,6 +280,22 @@ def _outside(
     is_beyond = (values < edges[0]) | (values > edges[1])
     if is_beyond.any():
         yield Beyond(quantity, unit, learnt, values, is_beyond)
+
+
+def _held_by(model: CompiledModel, effect: Effect, signal: Signal) -> tuple[str, ...]:
+    """List the components of which a signal is moved to the edge."""
+    held = (t.component for t in effect.terms if signal in t.held_signals(model))
+    return tuple(dict.fromkeys(held))
+
+
+def _made_of(effect: Effect, sensor: str) -> tuple[str, ...]:
+    """List the components that a sensor drives."""
+    driven = (
+        term.component
+        for term in effect.terms
+        if any(signal.name == sensor for signal, _ in term.driver.signals)
+    )
+    return tuple(dict.fromkeys(driven))
 
 
 def _resolution_c(model: CompiledModel, sensor: str) -> float:

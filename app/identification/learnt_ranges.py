@@ -66,6 +66,7 @@ def with_ranges(effect: Effect, projection: Projection, use: BoolArray) -> Effec
         ),
         positions_mm=_ranges({code: [view.places.positions_mm] for code, view in views.items()}),
     )
+    # An effect gives equal drivers one range: that of all components that they drive.
     terms = tuple(_with_range(term, views.get(term.component)) for term in effect.terms)
     return replace(effect, valid=valid, terms=terms)
 

@@ -17,12 +17,15 @@ from scipy import sparse
 
 from app.arrays import FloatArray, IntArray, SparseArray
 from app.errors import InvalidContent
-from app.identification.map_tables import hat_weights, maps_of_label
+from app.identification.map_tables import maps_of_label
 from app.identification.observations import POINT_CHANNELS
 from app.identification.projection import Projection, View
 from app.identification.search.rows import Nuisance
-from app.thermal.compiled_model import CompiledModel, Group, Member
+from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
+from app.thermal.group import Member
+from app.thermal.map_weights import common_ranges, maps_at
+from app.thermal.resampling import hat_weights
 from app.units import Unit
 
 UNSTATED: Final = 0.5
@@ -150,13 +153,11 @@ def entry_columns(model: CompiledModel, code: str, view: View) -> SparseArray:
     found = model.find(code)
     assert found is not None
     group, member = found
-    weights = _map_weights(model, group, view)
+    conditions = view.conditions
+    weights = maps_at(model, group, conditions.temperatures_c, len(conditions)).weights
+    weights = np.nan_to_num(weights)
     # Beyond what the maps with a weight cover, the end values of that range hold.
-    lows, highs = (
-        np.where(weights != 0.0, ends, beyond)
-        for ends, beyond in zip(member.ranges_mm.T, (-np.inf, np.inf), strict=True)
-    )
-    inside = np.clip(view.places.positions_mm, lows.max(axis=1), highs.min(axis=1))
+    inside = np.clip(view.places.positions_mm, *common_ranges(member, weights))
     left, right, share = hat_weights(member.positions_mm, inside)
     count = max(member.positions_mm.size, 1)
     width = weights.shape[1] * count
@@ -309,30 +310,6 @@ def _sum(parts: Sequence[SparseArray]) -> SparseArray:
     for part in parts[1:]:
         total = total + part
     return total
-
-
-def _map_weights(model: CompiledModel, group: Group, view: View) -> FloatArray:
-    """Weight of each map in each row, shape (m, M): by rows of the group's matrix."""
-    scale = group.scales[0]
-    scale_c = np.array(scale.temperatures_c)
-    below_c, above_c = model.extrapolation_reach_c(group, scale.temperatures_c, scale.rows)
-    t = np.clip(
-        view.conditions.temperature(scale.sensor), scale_c[0] - below_c, scale_c[-1] + above_c
-    )
-    left, right, share = hat_weights(scale_c, np.nan_to_num(t))
-    # Beyond the maps the line through two of them: with a share below 0 or above 1.
-    share = np.where(
-        (t < scale_c[0]) | (t > scale_c[-1]),
-        (t - scale_c[left]) / (scale_c[right] - scale_c[left]),
-        share,
-    )
-    order = np.array(scale.rows, dtype=np.intp)
-    weights = np.zeros((len(t), len(order)))
-    known = ~np.isnan(t)
-    rows = np.flatnonzero(known)
-    weights[rows, order[left[known]]] += 1.0 - share[known]
-    weights[rows, order[right[known]]] += share[known]
-    return weights
 
 
 def _unstated(maps: Sequence[ErrorMap], label: str, member: Member) -> float:

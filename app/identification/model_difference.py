@@ -16,8 +16,9 @@ from typing import NamedTuple
 from app.errors import list_names
 from app.geometry.components import COMPONENTS, ORDER
 from app.identification.effects.effect import Effect
-from app.thermal.compiled_model import CompiledModel, Scale
+from app.thermal.compiled_model import CompiledModel
 from app.thermal.coverage import Coverage, coverage
+from app.thermal.group import Scale
 from app.thermal.machine import Machine
 
 

@@ -25,11 +25,11 @@ from app.identification.projection import Projection, missing_at_points, places_
 from app.identification.search.figures import rms
 from app.identification.search.rows import DeclaredNoise, Nuisance, Rows
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import CompiledModel, Group
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group
 from app.thermal.machine import Machine
+from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS
 from app.thermal.prediction import (
-    NO_READING,
-    OUTSIDE_MAPS,
     Predicted,
     predict_component,
     predict_points,

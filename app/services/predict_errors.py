@@ -22,7 +22,8 @@ from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion
-from app.thermal.compiled_model import CompiledModel, from_to_mm
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import from_to_mm
 from app.thermal.machine import Machine
 from app.thermal.prediction import BeyondTables
 from app.thermal.reading import Reading

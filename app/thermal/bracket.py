@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent, OutsideMaps
 from app.thermal.machine import OutOfRange
 
@@ -26,12 +30,40 @@ class Bracket(NamedTuple):
     """The two neighbouring maps of a temperature and the upper one's share.
 
     `weight` is (T_u − T_n)/(T_m − T_n) of 8.105: 0 at the lower map `lower`, 1 at
-    the upper map `lower + 1`, beyond that range only when extrapolated.
+    the upper map `lower + 1`, beyond that range only when extrapolated. `is_limited` says
+    that an extrapolation was stopped where it grows too uncertain.
     """
 
     lower: int
     weight: float
     status: Status
+    is_limited: bool = False
+
+
+class Brackets(NamedTuple):
+    """The same of n temperatures, shape (n,) each.
+
+    Where a temperature is not known (NaN) the weight is NaN and the status means nothing.
+    `is_refused` says where the policy allows no answer: the weight is then that of the edge of
+    what it allows, and the status `clamped`.
+    """
+
+    lower: IntArray
+    weight: FloatArray
+    status: StatusArray
+    is_refused: BoolArray
+
+
+StatusArray: TypeAlias = NDArray[np.object_]
+"""A status for each of n, as objects."""
+
+WeightLimits: TypeAlias = Callable[[int], tuple[float, float]]
+"""Gives for the lower of two maps between which weights they may be extrapolated."""
+
+
+def no_limits(lower: int) -> tuple[float, float]:
+    """Extrapolate as far as the margin goes."""
+    return -math.inf, math.inf
 
 
 def find_bracket(
@@ -39,6 +71,7 @@ def find_bracket(
     temperature_c: float,
     policy: OutOfRange = OutOfRange.CLAMP,
     margin_c: float = 0.0,
+    limits: WeightLimits = no_limits,
 ) -> Bracket:
     """Find the two maps around a temperature and the weight between them.
 
@@ -50,6 +83,9 @@ def find_bracket(
         The live temperature T_u of that sensor [°C].
     policy, margin_c
         What happens outside the maps; how far `extrapolate` may go [°C].
+    limits
+        Where an extrapolation within the margin is stopped: further out the value there is
+        held.
 
     Returns
     -------
@@ -69,7 +105,7 @@ def find_bracket(
     Examples
     --------
     >>> find_bracket([20.0, 24.0, 30.0], 25.5)
-    Bracket(lower=1, weight=0.25, status=<Status.INTERPOLATED: 'interpolated'>)
+    Bracket(lower=1, weight=0.25, status=<Status.INTERPOLATED: 'interpolated'>, is_limited=False)
     >>> find_bracket([20.0, 24.0, 30.0], 35.0).status
     <Status.CLAMPED: 'clamped'>
     """
@@ -91,9 +127,71 @@ def find_bracket(
     if policy is OutOfRange.CLAMP:
         return Bracket(lower, 0.0 if temperature_c < t_n else 1.0, Status.CLAMPED)
     if policy is OutOfRange.EXTRAPOLATE and beyond_c <= margin_c:
-        return Bracket(lower, (temperature_c - t_n) / (t_m - t_n), Status.EXTRAPOLATED)
+        weight = (temperature_c - t_n) / (t_m - t_n)
+        low, high = limits(lower)
+        if low <= weight <= high:
+            return Bracket(lower, weight, Status.EXTRAPOLATED)
+        return Bracket(lower, min(max(weight, low), high), Status.CLAMPED, is_limited=True)
     allowed = f"up to {margin_c:g} °C beyond" if policy is OutOfRange.EXTRAPOLATE else "within"
     raise OutsideMaps(
         f"expected a temperature {allowed} the maps' {map_temperatures_c[0]:g} to "
         f"{map_temperatures_c[last]:g} °C, came {temperature_c:g} °C"
     )
+
+
+def find_brackets(
+    map_temperatures_c: Sequence[float],
+    temperatures_c: FloatArray,
+    policy: OutOfRange = OutOfRange.CLAMP,
+    margin_c: float = 0.0,
+    limits: WeightLimits = no_limits,
+) -> Brackets:
+    """Find the two maps around each of n temperatures: `find_bracket` of all at once.
+
+    Parameters
+    ----------
+    map_temperatures_c, policy, margin_c, limits
+        As for `find_bracket`.
+    temperatures_c : ndarray, shape (n,) [°C]
+        NaN where not known.
+
+    Returns
+    -------
+    Brackets
+        What the policy refuses is held at the edge of what it allows, and marked.
+
+    Examples
+    --------
+    >>> found = find_brackets([20.0, 24.0, 30.0], np.array([25.5, 35.0]), OutOfRange.REJECT)
+    >>> found.lower.tolist(), found.weight.tolist(), found.is_refused.tolist()
+    ([1, 1], [0.25, 1.0], [False, True])
+    """
+    scale = np.asarray(map_temperatures_c, dtype=np.float64)
+    t = np.asarray(temperatures_c, dtype=np.float64)
+    last = scale.size - 2
+    lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, last)
+    t_n, t_m = scale[lower], scale[lower + 1]
+    weight = (t - t_n) / (t_m - t_n)
+    status = np.full(t.shape, Status.INTERPOLATED, dtype=object)
+    status[(t == t_n) | (t == t_m)] = Status.AT_MAP
+    is_refused = np.zeros(t.shape, dtype=np.bool_)
+    for own, pair, end in (
+        (np.flatnonzero(t < scale[0]), 0, 0),
+        (np.flatnonzero(t > scale[-1]), last, -1),
+    ):
+        if not own.size:
+            continue
+        wanted = weight[own]
+        low, high = 0.0, 1.0
+        if policy is OutOfRange.EXTRAPOLATE:
+            low, high = limits(pair)
+            is_refused[own] = np.abs(t[own] - scale[end]) > margin_c
+            margin = margin_c / (scale[pair + 1] - scale[pair])
+            weight[own] = np.where(is_refused[own], np.clip(wanted, -margin, 1.0 + margin), wanted)
+        elif policy is OutOfRange.REJECT:
+            is_refused[own] = True
+        weight[own] = np.clip(weight[own], low, high)
+        goes_on = weight[own] == wanted
+        status[own[goes_on]] = Status.EXTRAPOLATED
+        status[own[~goes_on]] = Status.CLAMPED
+    return Brackets(lower, weight, status, is_refused)

@@ -18,15 +18,9 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS, ORDER, Component
-from app.thermal.compiled_model import (
-    CompiledModel,
-    Group,
-    Member,
-    Scale,
-    common_range_of_rows,
-    from_to_mm,
-)
+from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ComponentTable, ErrorMap
+from app.thermal.group import Group, Member, Scale, common_range_of_rows, from_to_mm
 from app.thermal.machine import Machine, SameTemperature, Sensor
 from app.thermal.one_measuring_line import on_one_line
 from app.thermal.resampling import (
@@ -245,7 +239,7 @@ def _backward_sources(
     found = []
     for i, state in enumerate(states):
         sources = _means(i, state)
-        for j, share in _neighbours(i, known, scale_c):
+        for j, share in _states_around(i, known, scale_c):
             for source, coefficient in reversals[j].items():
                 sources[source] = sources.get(source, 0.0) + share * coefficient
         found.append({source: c for source, c in sources.items() if c != 0.0})
@@ -259,7 +253,9 @@ def _backward_sources(
     return found
 
 
-def _neighbours(i: int, known: Sequence[int], scale_c: Sequence[float]) -> list[tuple[int, float]]:
+def _states_around(
+    i: int, known: Sequence[int], scale_c: Sequence[float]
+) -> list[tuple[int, float]]:
     """Find the known states around a state on the scale, each with its share."""
     below = [j for j in known if j <= i]
     above = [j for j in known if j >= i]
@@ -288,7 +284,7 @@ def _check_common_ranges(
     """Refuse maps that can be in use together and have no range of positions in common."""
     for scale in scales:
         for lower, upper in pairwise(scale.rows):
-            low, high = common_range_of_rows(part.ranges_mm, lower, upper)
+            low, high = common_range_of_rows(part.ranges_mm, (lower, upper))
             if low >= high:
                 one, other = (
                     f"{states[row].label!r} ({from_to_mm(*part.ranges_mm[row])})"

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from app.thermal.compiled_model import CompiledModel, Group, Member, common_range_of_rows
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group, Member
 from app.thermal.machine import Machine, OutOfRange
 
 
@@ -77,9 +78,9 @@ def _intervals(machine: Machine, group: Group, member: Member) -> list[CoveredIn
     temperatures, rows = scale.temperatures_c, scale.rows
 
     def interval(from_c: float, to_c: float, lower: int, upper: int) -> CoveredInterval:
-        low, high = common_range_of_rows(member.ranges_mm, lower, upper)
+        low, high = member.common_range((lower, upper))
         labels = (group.labels[lower], group.labels[upper])
-        return CoveredInterval(from_c, to_c, float(low), float(high), *labels)
+        return CoveredInterval(from_c, to_c, low, high, *labels)
 
     between = [
         interval(*here, *maps)

@@ -8,14 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import FloatArray
-from app.errors import InvalidContent, NotEnoughMaps, OutsideMaps, list_names
+from app.errors import InvalidContent, NotEnoughMaps, list_names
 from app.geometry.components import LINEAR_LETTERS, ORDER
 from app.geometry.volumetric_error import volumetric_error
 from app.thermal.bracket import Status
-from app.thermal.compiled_model import CompiledModel, Group, Member, common_range_of_rows
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group, Member
+from app.thermal.map_weights import (
+    NO_READING,
+    OUTSIDE_MAPS,
+    MapWeights,
+    common_ranges,
+    maps_at,
+    read_maps,
+)
 
-NO_READING = "no-reading"
-OUTSIDE_MAPS = "outside-maps"
 GRAVITY = [
     Status.AT_MAP,
     Status.INTERPOLATED,
@@ -47,16 +54,6 @@ class Predicted:
     values: FloatArray
     status: list[str]
     beyond: tuple[BeyondTables, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _Brackets:
-    """A group's neighbouring rows and weight at each of n times."""
-
-    lower: np.ndarray[tuple[int], np.dtype[np.intp]]
-    upper: np.ndarray[tuple[int], np.dtype[np.intp]]
-    weight: FloatArray
-    status: list[str]
 
 
 def predict_component(
@@ -101,11 +98,11 @@ def predict_component(
             f"came {code}: {model.omitted.get(code, 'no map has it')}"
         )
     group, member = found
-    brackets = _brackets(model, group, temperatures_c, len(positions_mm))
+    weights, status = _maps_at(model, group, temperatures_c, len(positions_mm))
     return Predicted(
-        _values(group, member, brackets, positions_mm, directions),
-        brackets.status,
-        tuple(_beyond(member, brackets, positions_mm)),
+        read_maps(group, member, weights, positions_mm, directions),
+        status.tolist(),
+        beyond_tables(member, weights, positions_mm),
     )
 
 
@@ -144,15 +141,15 @@ def predict_points(
     statuses: list[Sequence[str]] = []
     beyond: list[BeyondTables] = []
     for group in model.groups:
-        brackets = _brackets(model, group, temperatures_c, len(points_mm))
-        statuses.append(brackets.status)
+        weights, status = _maps_at(model, group, temperatures_c, len(points_mm))
+        statuses.append(status.tolist())
         for member in group.members:
             axis = member.component.axis
             row = LINEAR_LETTERS.index(axis) if axis else 0
-            errors[member.component.code] = _values(
-                group, member, brackets, points_mm[:, row], directions[:, row]
+            errors[member.component.code] = read_maps(
+                group, member, weights, points_mm[:, row], directions[:, row]
             )
-            beyond += _beyond(member, brackets, points_mm[:, row])
+            beyond += beyond_tables(member, weights, points_mm[:, row])
     values, _ = volumetric_error(
         model.machine.chain, errors, points_mm, tool_offsets_mm, model.measuring_lines
     )
@@ -162,94 +159,38 @@ def predict_points(
     return Predicted(values, worst, tuple(beyond))
 
 
-def _brackets(
-    model: CompiledModel, group: Group, temperatures_c: Mapping[str, FloatArray], n: int
-) -> _Brackets:
-    lower = np.zeros(n, dtype=np.intp)
-    upper = np.zeros(n, dtype=np.intp)
-    weight = np.full(n, np.nan)
-    status: list[str] = [NO_READING] * n
-    for i in range(n):
-        here = {
-            s.sensor: float(temperatures_c[s.sensor][i])
-            for s in group.scales
-            if s.sensor in temperatures_c and not np.isnan(temperatures_c[s.sensor][i])
-        }
-        scale = group.usable_scale(here)
-        if scale is None:
-            continue
-        try:
-            bracket = model.bracket(group, scale, here[scale.sensor])
-        except OutsideMaps:
-            status[i] = OUTSIDE_MAPS
-            continue
-        lower[i] = scale.rows[bracket.lower]
-        upper[i] = scale.rows[bracket.lower + 1]
-        weight[i] = bracket.weight
-        status[i] = bracket.status
-    return _Brackets(lower, upper, weight, status)
+def beyond_tables(
+    member: Member, weights: FloatArray, positions_mm: FloatArray
+) -> tuple[BeyondTables, ...]:
+    """List the positions that the maps that enter do not cover.
 
-
-def _values(
-    group: Group,
-    member: Member,
-    brackets: _Brackets,
-    positions_mm: FloatArray,
-    directions: FloatArray,
-) -> FloatArray:
-    forward = _in_table(group, member, member.forward, brackets, positions_mm)
-    if member.backward is None:
-        return forward
-    backward = _in_table(group, member, member.backward, brackets, positions_mm)
-    return np.where(
-        directions > 0, forward, np.where(directions < 0, backward, (forward + backward) / 2)
-    )
-
-
-def _in_table(
-    group: Group,
-    member: Member,
-    columns: slice,
-    brackets: _Brackets,
-    positions_mm: FloatArray,
-) -> FloatArray:
-    """Interpolate over temperature and position together: shape (n,)."""
-    table = group.nodes[:, columns]
-    grid = member.positions_mm
-    # Beyond what the maps in use cover, the end values of that range hold.
-    positions_mm = np.clip(positions_mm, *_range(member, brackets))
-    if grid.size < 2:
-        left = right = np.zeros(len(brackets.weight), dtype=np.intp)
-        share = np.zeros(len(brackets.weight))
-    else:
-        inside = np.clip(positions_mm, grid[0], grid[-1])
-        left = np.clip(np.searchsorted(grid, inside, side="right") - 1, 0, grid.size - 2)
-        right = left + 1
-        share = (inside - grid[left]) / (grid[right] - grid[left])
-    w = brackets.weight
-    at_left = (1 - w) * table[brackets.lower, left] + w * table[brackets.upper, left]
-    at_right = (1 - w) * table[brackets.lower, right] + w * table[brackets.upper, right]
-    return (1 - share) * at_left + share * at_right
-
-
-def _range(member: Member, brackets: _Brackets) -> tuple[FloatArray, FloatArray]:
-    """Find what the maps in use cover of a component: shape (n,) [mm]."""
-    w = brackets.weight
-    lower = np.where(w == 1.0, brackets.upper, brackets.lower)
-    upper = np.where(w == 0.0, brackets.lower, brackets.upper)
-    return common_range_of_rows(member.ranges_mm, lower, upper)
-
-
-def _beyond(member: Member, brackets: _Brackets, positions_mm: FloatArray) -> list[BeyondTables]:
-    low, high = _range(member, brackets)
-    there = ((positions_mm < low) | (positions_mm > high)) & ~np.isnan(brackets.weight)
+    Parameters
+    ----------
+    member
+        The component.
+    weights : ndarray, shape (n, M)
+        How much of each map enters; NaN where that is not known.
+    positions_mm : ndarray, shape (n,) [mm]
+        Where.
+    """
+    low, high = common_ranges(member, weights)
+    there = ((positions_mm < low) | (positions_mm > high)) & ~np.isnan(weights).any(axis=1)
     if not there.any():
-        return []
+        return ()
     ranges = np.unique(np.column_stack([low[there], high[there]]), axis=0)
-    return [
+    return (
         BeyondTables(
             member.component.code,
             int(np.count_nonzero(there)),
             tuple((float(a), float(b)) for a, b in ranges),
-        )
-    ]
+        ),
+    )
+
+
+def _maps_at(
+    model: CompiledModel, group: Group, temperatures_c: Mapping[str, FloatArray], n: int
+) -> MapWeights:
+    """Read the maps where the policy allows it."""
+    found = maps_at(model, group, temperatures_c, n)
+    found.weights[found.status == OUTSIDE_MAPS] = np.nan
+    return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import reduce
-from typing import NamedTuple
 
 import numpy as np
 
@@ -155,7 +154,7 @@ def sample_variances(
         return variances
     if not table.depends_on_position:
         return np.full(positions_mm.size, variances[0])
-    left, right, share = _neighbours(table.positions_mm, positions_mm)
+    left, right, share = hat_weights(table.positions_mm, positions_mm)
     found: FloatArray = (1 - share) ** 2 * variances[left] + share**2 * variances[right]
     if covariance.ndim == 2:
         found += 2 * share * (1 - share) * covariance[left, right]
@@ -203,7 +202,7 @@ def interpolation_matrix(table: ComponentTable, positions_mm: FloatArray) -> Flo
     """
     if not table.depends_on_position:
         return np.ones((positions_mm.size, 1))
-    left, right, share = _neighbours(table.positions_mm, positions_mm)
+    left, right, share = hat_weights(table.positions_mm, positions_mm)
     matrix = np.zeros((positions_mm.size, table.positions_mm.size))
     rows = np.arange(positions_mm.size)
     matrix[rows, left] = 1 - share
@@ -211,16 +210,31 @@ def interpolation_matrix(table: ComponentTable, positions_mm: FloatArray) -> Flo
     return matrix
 
 
-class _Neighbours(NamedTuple):
-    """Of n positions the nodes to their left and right, and the right one's share."""
+def hat_weights(
+    nodes_mm: FloatArray, positions_mm: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Find the nodes beside positions, and the right one's share.
 
-    left: IntArray
-    right: IntArray
-    share: FloatArray
+    Parameters
+    ----------
+    nodes_mm : ndarray, shape (k,) [mm]
+        Increasing; with one or none there is nothing to interpolate.
+    positions_mm : ndarray, shape (n,) [mm]
+        Outside the nodes the end values hold.
 
+    Returns
+    -------
+    left, right, share : ndarray, shape (n,)
 
-def _neighbours(nodes_mm: FloatArray, positions_mm: FloatArray) -> _Neighbours:
+    Examples
+    --------
+    >>> [a.tolist() for a in hat_weights(np.array([0.0, 100.0, 200.0]), np.array([150.0]))]
+    [[1], [2], [0.5]]
+    """
+    if nodes_mm.size < 2:
+        none = np.zeros(positions_mm.shape, dtype=np.intp)
+        return none, none, np.zeros(positions_mm.shape)
     inside = np.clip(positions_mm, nodes_mm[0], nodes_mm[-1])
     left = np.clip(np.searchsorted(nodes_mm, inside, side="right") - 1, 0, nodes_mm.size - 2)
     share = (inside - nodes_mm[left]) / (nodes_mm[left + 1] - nodes_mm[left])
-    return _Neighbours(left, left + 1, share)
+    return left, left + 1, share

@@ -10,7 +10,9 @@ import numpy as np
 from app.arrays import FloatArray
 from app.geometry.components import LINEAR_LETTERS, Component
 from app.geometry.error_table import Table
-from app.thermal.compiled_model import CompiledModel, GroupState, Member
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Member
+from app.thermal.group_state import GroupState
 
 Directions = tuple[int, int, int]
 """+1, −1 or 0 (the mean of both) for the direction of approach of x, y, z."""

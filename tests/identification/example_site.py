@@ -11,9 +11,10 @@ from datetime import UTC, datetime
 import numpy as np
 
 from app.geometry.chain import Chain
-from app.geometry.components import COMPONENTS
+from app.geometry.components import COMPONENTS, ORDER
 from app.identification.conditions import recorded_conditions
 from app.identification.effects.site import Site
+from app.identification.live_effects import CorrectedTable
 from app.identification.observations import Observation, Verification, observation_rows
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
@@ -147,3 +148,21 @@ def site(with_points=True, with_rotations=False, verifications=None, **policies)
         model.machine.sensors, history, states, rows.times_s, rows.states
     )
     return Site(model, own, rows, conditions)
+
+
+def all_rows(states, found):
+    """The rows of all components: with effects where they have some."""
+    plain = [
+        CorrectedTable(
+            member.component,
+            member.positions_mm,
+            state.values[member.forward],
+            None if member.backward is None else state.values[member.backward],
+            (),
+            state,
+        )
+        for state in states
+        for member in state.members
+    ]
+    rows = {row.component.code: row for row in (*plain, *found.tables)}
+    return {code: rows[code] for code in sorted(rows, key=ORDER.__getitem__)}

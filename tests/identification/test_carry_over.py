@@ -11,7 +11,7 @@ from app.identification.carry_over import Change, carry_over
 from app.identification.conditions import Conditions
 from app.identification.effects.driver import Curvature
 from app.identification.effects.registry import explain
-from app.identification.live_effects import corrections
+from app.identification.live_effects import corrected_tables
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
 from tests.identification.example_site import ASSIGNMENT, POSITIONS, START_S, machine, maps
@@ -57,7 +57,7 @@ def test_what_is_kept_can_be_evaluated_and_told(each):
     moment = Conditions.of_moment(START_S + 86400.0 * 9, _temperatures(26.0), {"spindle_rpm": 1.0})
     for one in kept:
         assert explain(one) == explain(replace(effect, components=one.components))
-        reasons = [m.reason for m in corrections(changed.after, [one], moment).missing]
+        reasons = [m.reason for m in corrected_tables(changed.after, [one], moment).missing]
         assert not [r for r in reasons if "history" not in r]
 
 
@@ -140,8 +140,8 @@ def test_curvature_between_maps_is_zero_in_the_new_map_too():
     assert isinstance(kept.terms[0].driver, Curvature)
     assert there in kept.terms[0].driver.temperatures_c
     moment = Conditions.of_moment(START_S, {sensor: there})
-    (correction,) = corrections(changed.after, [kept], moment).corrections
-    assert not correction.forward.any()
+    (correction,) = corrected_tables(changed.after, [kept], moment).tables
+    assert not correction.errors.any()
 
 
 @pytest.mark.parametrize(
@@ -167,11 +167,11 @@ def test_second_sensors_learn_what_they_were_in_the_new_map(each):
     (kept,), notes = carry_over([effect], changed)
     assert notes == []
     moment = Conditions.of_moment(START_S, changed.new_maps[0].temperatures_c)
-    (correction,) = corrections(changed.after, [kept], moment).corrections
+    (correction,) = corrected_tables(changed.after, [kept], moment).tables
     # In the new map's own thermal state the table is right as it is.
-    np.testing.assert_allclose(correction.forward, 0.0, atol=1e-12)
-    (old,) = corrections(changed.after, [effect], moment).corrections
-    assert np.abs(old.forward).max() > 0.01
+    np.testing.assert_allclose(correction.errors, 0.0, atol=1e-12)
+    (old,) = corrected_tables(changed.after, [effect], moment).tables
+    assert np.abs(old.errors).max() > 0.01
 
 
 def test_another_sensor_reads_the_new_map_too():
@@ -179,8 +179,8 @@ def test_another_sensor_reads_the_new_map_too():
     changed = change(new_map(*effect.components))
     (kept,), _ = carry_over([effect], changed)
     moment = Conditions.of_moment(START_S, _temperatures(26.0))
-    assert corrections(changed.after, [effect], moment).missing
-    assert not corrections(changed.after, [kept], moment).missing
+    assert corrected_tables(changed.after, [effect], moment).missing
+    assert not corrected_tables(changed.after, [kept], moment).missing
 
 
 def test_another_sensor_that_cannot_tell_the_new_map_from_an_old_one_ends_the_exchange():

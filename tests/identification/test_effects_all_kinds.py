@@ -14,10 +14,10 @@ from app.identification.effects.effect import effect_from_json
 from app.identification.effects.hypothesis import Estimate
 from app.identification.effects.registry import KINDS, explain, repertoire, separating_measurement
 from app.identification.effects.shape import Rising
-from app.identification.live_effects import contributions, corrected_tables, corrections
+from app.identification.live_effects import LiveEffects, contributions, corrected_tables
 from app.identification.observations import POINT_CHANNELS
 from app.identification.projection import sum_of_terms
-from tests.identification.example_site import site
+from tests.identification.example_site import all_rows, site
 
 
 @cache
@@ -73,15 +73,15 @@ def live_value(effect, row):
     """What live tables make of an effect at one row, by the rule of the volumetric error."""
     own, rows = example(), example().rows
     moment = moment_of(row)
-    found = corrections(own.model, [effect], moment)
-    assert not found.missing
     temperatures = {name: float(t[0]) for name, t in moment.temperatures_c.items()}
     states = own.model.errors_at(temperatures)
+    found = corrected_tables(own.model, [effect], moment, states)
+    assert not found.missing
     channel = rows.channels[rows.channel[row]]
 
-    def value(corrections_then):
+    def value(effects_then):
         tables = {}
-        for table in corrected_tables(states, corrections_then):
+        for table in all_rows(states, effects_then).values():
             axis = table.component.axis
             side = rows.directions[row]["xyz".index(axis)] if axis else 0
             errors = table.errors
@@ -103,7 +103,7 @@ def live_value(effect, row):
         at = rows.points_mm[row]["xyz".index(axis)] if axis else 0.0
         return np.interp(at, positions, errors) if len(positions) > 1 else errors[0]
 
-    return value(found.corrections) - value([])
+    return value(found) - value(LiveEffects((), ()))
 
 
 @pytest.mark.parametrize("each", EACH)

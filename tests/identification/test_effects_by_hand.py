@@ -78,8 +78,8 @@ def test_a_lag_reads_the_tables_at_the_late_temperature():
         (15.0, 19.0, 0.0),  # both below: the table stands at the end of the maps
         (35.0, 31.0, 10.0),
         (35.0, 35.0, 10.0),  # nothing is late: adopting a lag extrapolates nothing
-        (29.0, 31.0, 11.0),  # the reading is inside: the table goes on, up to the margin
-        (29.0, 39.0, 15.0),
+        (29.0, 31.0, 10.0),  # the late temperature is beyond the maps: held there as any is
+        (29.0, 39.0, 10.0),
     ],
 )
 def test_a_lag_beyond_the_maps(t_c, lag_c, total):

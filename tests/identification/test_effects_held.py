@@ -28,7 +28,7 @@ from app.identification.effects.term import Term
 from app.identification.effects.valid import DRIVER_MARGIN, POSITION_MARGIN, Valid
 from app.identification.effects_in_table import add_effects
 from app.identification.learnt_ranges import use_until_s, with_ranges
-from app.identification.live_effects import contributions, corrections
+from app.identification.live_effects import contributions, corrected_tables
 from app.identification.live_lags import LiveLags
 from app.identification.low_pass import Hold, LagState
 from app.identification.projection import sum_of_terms
@@ -237,7 +237,7 @@ def test_a_lag_is_held_where_the_sensor_is_further_behind_than_it_was_learnt():
     ]
 
 
-def test_a_difference_that_was_seen_is_not_changed_though_both_sensors_are_warmer():
+def test_a_difference_that_was_seen_is_not_held_though_both_sensors_are_warmer():
     """It is said all the same: nobody has measured there."""
     driver = Difference("spindle", "x-middle", 10.0)
     bend = Effect(
@@ -251,7 +251,13 @@ def test_a_difference_that_was_seen_is_not_changed_though_both_sensors_are_warme
     table = table_of([bend], {"spindle": 40.0, "x-middle": 29.0})
     # The maps' EXX is 0 at home, 40 − 29 − 10 = 1 K.
     assert row_of(table, "EXX").errors[0] == pytest.approx(1.0)
-    assert row_of(table, "EXX").basis.status == "held"
+    assert row_of(table, "EXX").basis.status == "interpolated"
+    assert table.complete is False
+    assert table.effects[0].held == []
+    assert table.warnings[0] == (
+        "sensor-gradient of EXX was not learnt here: x-middle is 29 °C, learnt from 20 to 25 °C; "
+        "what it is made of several signals decides, and is not changed by that"
+    )
     far = table_of([bend], {"spindle": 35.0, "x-middle": 20.0})
     assert row_of(far, "EXX").errors[0] == pytest.approx(3.0)
     assert "spindle minus x-middle is 15 K, learnt from 8 to 13 K" in far.warnings[0]
@@ -302,19 +308,22 @@ def test_inside_what_was_learnt_nothing_changes_by_a_bit(each):
     own = example()
     use = np.ones(len(own.rows), dtype=bool)
     ranged = with_ranges(fitted(each), own.projection, use)
-    raw = sum_of_terms(own.projection, ranged.terms)
+    raw = contributions(own.projection, [replace(ranged, valid=None)])
     found = contributions(own.projection, [ranged])
-    assert found.errors.tobytes() == raw.tobytes()
+    assert found.errors.tobytes() == raw.errors.tobytes()
+    np.testing.assert_allclose(
+        found.errors, sum_of_terms(own.projection, ranged.terms), atol=1e-12
+    )
     assert not found.is_held.any()
     assert found.held == ()
     assert effect_from_json(json.loads(json.dumps(ranged.to_json(), allow_nan=False))) == ranged
     row = int(np.flatnonzero(raw)[0])
     live, plain = (
-        corrections(own.model, [effect], moment_of(row))
+        corrected_tables(own.model, [effect], moment_of(row))
         for effect in (ranged, replace(ranged, valid=None))
     )
     assert live.held == ()
-    for one, other in zip(live.corrections, plain.corrections, strict=True):
+    for one, other in zip(live.tables, plain.tables, strict=True):
         inside = np.isin(one.positions_mm, other.positions_mm)
         assert one.positions_mm.size == 0 or inside.any()
 
@@ -411,11 +420,11 @@ def test_no_correction_is_ever_larger_than_within_what_was_learnt(
     )
     states = {"spindle_rpm": rpm, "payload_kg": rpm}
     moment = Conditions.of_moment(time_s, temperatures_c, states, lags)
-    found = corrections(own.model, [effect], moment)
-    for one in found.corrections:
+    found = corrected_tables(own.model, [effect], moment)
+    for one in found.tables:
         most = largest(effect, one.component.code) * (1.0 + 1e-9) + 1e-9
-        assert np.abs(one.forward).max() <= most
-        assert np.abs(one.backward).max() <= most
+        assert np.abs(one.errors).max() <= most
+        assert one.backward_errors is None or np.abs(one.backward_errors).max() <= most
 
 
 def test_growth_is_left_out_until_it_may_reach_the_scatter():

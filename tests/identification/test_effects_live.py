@@ -21,10 +21,10 @@ from app.identification.effects.shape import (
     Wave,
 )
 from app.identification.effects.term import Term
-from app.identification.live_effects import contributions, corrected_tables, corrections
+from app.identification.live_effects import contributions, corrected_tables
 from app.identification.live_lags import LiveLags
 from app.identification.low_pass import Hold, LagState
-from tests.identification.example_site import START_S, site
+from tests.identification.example_site import START_S, all_rows, site
 
 HALF = Rising(250.0, 250.0)
 NO_NUMBER = Profile((0.0, 500.0), (1.0, np.nan))
@@ -37,9 +37,10 @@ def effect(*terms, kind="outdated-map"):
 
 def tables(*effects, moment=None):
     model = site().model
-    found = corrections(model, effects, moment or Conditions.of_moment(START_S, TEMPERATURES))
     states = model.errors_at(TEMPERATURES)
-    return {t.component.code: t for t in corrected_tables(states, found.corrections)}, found.missing
+    moment = moment or Conditions.of_moment(START_S, TEMPERATURES)
+    found = corrected_tables(model, effects, moment, states)
+    return all_rows(states, found), found.missing
 
 
 def test_without_effects_tables_are_what_they_were():
@@ -174,7 +175,7 @@ def test_a_failed_sensor_is_named():
     model = site().model
     lag = effect(Term("EXX", Always(), Sensitivity(is_local=True)))
     moment = Conditions.of_moment(START_S, {"y-front": 21.0})
-    assert corrections(model, [lag], moment).missing[0].reason == (
+    assert corrected_tables(model, [lag], moment).missing[0].reason == (
         "no temperature x-middle (there are y-front)"
     )
 

@@ -662,10 +662,10 @@ def test_a_narrowed_range_of_positions_is_said():
         error_map("b", 30.0, table("EXX", [4.0, 6.0], [20, 80])),
     ]
     state, _ = state_of(compiled(maps), "EXX", 25.0)
-    assert state.maps.shortened == (
-        "EXX: given from 20 to 80 mm only at this temperature, because map 'b' covers 20 to 80 "
-        "mm; the maps together reach from 0 to 100 mm",
-    )
+    assert state.maps.shortened == {
+        "EXX": "given from 20 to 80 mm only at this temperature, because map 'b' covers 20 to 80 "
+        "mm; the maps together reach from 0 to 100 mm"
+    }
 
 
 def test_the_mean_of_maps_on_different_positions_and_of_their_stand_ins_temperature():

@@ -11,7 +11,8 @@ from app.geometry.volumetric_error import volumetric_error
 from app.thermal.bracket import Status
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange
-from app.thermal.prediction import NO_READING, OUTSIDE_MAPS, predict_component, predict_points
+from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS
+from app.thermal.prediction import predict_component, predict_points
 from tests.thermal.example_maps import error_map, errors_of, machine, maps_of, table
 
 NO_TOOL = np.zeros(3)

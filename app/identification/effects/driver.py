@@ -38,6 +38,15 @@ class Driver(ABC):
         return ()
 
     @property
+    def is_held_by_signal(self) -> bool:
+        """Whether it is held by holding what it is made of; otherwise its own range holds it.
+
+        A difference of two signals is learnt as a difference: one of them held alone would
+        change it although it may be one that was seen.
+        """
+        return len(self.signals) < 2
+
+    @property
     def quantity(self) -> Quantity | None:
         """What it is where that is more than one signal as it is now; else None."""
         return None

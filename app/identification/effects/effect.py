@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, WithJsonSchema
 
-from app.errors import InvalidContent
+from app.errors import InvalidContent, list_names
+from app.identification.effects.driver import Driver
 from app.identification.effects.term import Term, term_from_json
-from app.identification.effects.valid import LearntIn, Valid, valid_from_json
+from app.identification.effects.valid import LearntIn, Range, Valid, valid_from_json
 
 LEARNT: Final[TypeAdapter[LearntIn | None]] = TypeAdapter(LearntIn | None)
 
@@ -50,6 +52,10 @@ class Effect:
     terms: tuple[Term, ...] = ()
     valid: Valid | None = None
 
+    def __post_init__(self) -> None:
+        """Give equal drivers one range: what any of its components has shown, holds for all."""
+        object.__setattr__(self, "terms", _pooled(self.terms))
+
     @property
     def adds_nothing(self) -> bool:
         """Whether it only tells of a sensor, and corrects no error."""
@@ -60,12 +66,15 @@ class Effect:
         """The ranges in which it was learnt, as answers show them."""
         if self.valid is None:
             return None
-        quantities = {term.driver.quantity: term.learnt for term in self.terms}
-        made_of = {
-            f"{q.name} [{q.unit}]" if q.unit else q.name: (q.zero + learnt[0], q.zero + learnt[1])
-            for q, learnt in quantities.items()
-            if q is not None and learnt is not None
-        }
+        made_of: dict[str, Range] = {}
+        for (driver, learnt), terms in by_driver(self.terms).items():
+            q = driver.quantity
+            if q is None or learnt is None:
+                continue
+            name = f"{q.name} [{q.unit}]" if q.unit else q.name
+            if name in made_of:  # of maps at other temperatures: another range
+                name = f"{name} of {list_names(sorted({t.component for t in terms}))}"
+            made_of[name] = (q.zero + learnt[0], q.zero + learnt[1])
         return self.valid.shown(made_of)
 
     @cached_property
@@ -100,6 +109,29 @@ StoredEffect: TypeAlias = Annotated[
     WithJsonSchema({"type": "object", "additionalProperties": True}),
 ]
 """An effect that is written and read as a model version stores it."""
+
+
+def by_driver(terms: Iterable[Term]) -> dict[tuple[Driver, Range | None], list[Term]]:
+    """Put the terms of an effect together that have one driver, and so one range.
+
+    Parameters
+    ----------
+    terms
+        An effect's.
+    """
+    found: dict[tuple[Driver, Range | None], list[Term]] = defaultdict(list)
+    for term in terms:
+        found[term.driver, term.learnt].append(term)
+    return found
+
+
+def _pooled(terms: Sequence[Term]) -> tuple[Term, ...]:
+    ranges: dict[Driver, Range] = {}
+    for term in terms:
+        if term.learnt is not None:
+            low, high = ranges.get(term.driver, term.learnt)
+            ranges[term.driver] = (min(low, term.learnt[0]), max(high, term.learnt[1]))
+    return tuple(replace(term, learnt=ranges.get(term.driver)) for term in terms)
 
 
 def acting_on(effects: Iterable[Effect]) -> set[str]:

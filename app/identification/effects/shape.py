@@ -1,7 +1,7 @@
 """How an effect looks along an axis: what its driver is multiplied by at each position.
 
 Shapes of position alone have no unit. `Sensitivity` and `Exchange` are made of the model's
-own tables and carry the component's unit.
+own maps and carry the component's unit.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.identification.conditions import Conditions
-from app.identification.map_tables import hat_weights, temperature_table
+from app.identification.map_tables import MapReading, exchanged, moved, scale_by, slope
 from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group
+from app.thermal.map_weights import read_maps
+from app.thermal.resampling import hat_weights
 
 POINTS_A_PITCH: Final = 16
 """A polygon of so many corners a pitch is within 2 % of its sine."""
@@ -204,8 +207,44 @@ class Profile(Shape):
         return np.array(self.positions_mm)
 
 
+class OfMaps(Shape):
+    """Made of the component's own maps: it changes how much of each of them enters."""
+
+    @abstractmethod
+    def reading(
+        self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
+    ) -> MapReading | None:
+        """Say how much of each map is added for the driver's value.
+
+        Parameters
+        ----------
+        model, component, conditions, driver
+            As for `along`.
+
+        Returns
+        -------
+        MapReading, or None
+            None where the model does not have what it is made of (`why_missing`).
+        """
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Read the maps that enter: outside what all of them cover, the end values hold."""
+        found = model.find(component)
+        reading = self.reading(model, component, conditions, driver)
+        if found is None or reading is None:
+            return np.full(driver.shape, np.nan)
+        return read_maps(*found, reading.weights, *places)
+
+
 @dataclass(frozen=True)
-class Sensitivity(Shape):
+class Sensitivity(OfMaps):
     """The model's own change of a component with its sensor's temperature.
 
     Parameters
@@ -219,23 +258,16 @@ class Sensitivity(Shape):
     name: ClassVar[str] = "sensitivity"
     is_local: bool
 
-    def along(
-        self,
-        model: CompiledModel,
-        component: str,
-        places: Places,
-        conditions: Conditions,
-        driver: FloatArray,
-    ) -> FloatArray:
+    def reading(
+        self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
+    ) -> MapReading | None:
         """Give dE/dT times the driver, or E(T + driver) − E(T)."""
         found = model.find(component)
-        table = temperature_table(model, component)
-        if found is None or table is None:
-            return np.full(driver.shape, np.nan)
-        now = conditions.temperature(found[0].sensor)
-        if self.is_local:
-            return driver * table.slope(now, *places)
-        return table.moved(now, driver, *places)
+        if found is None:
+            return None
+        group, _ = found
+        now = conditions.temperature(group.sensor)
+        return (slope if self.is_local else moved)(model, group, now, driver)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say that the model lacks the component."""
@@ -243,7 +275,7 @@ class Sensitivity(Shape):
 
 
 @dataclass(frozen=True)
-class Exchange(Shape):
+class Exchange(OfMaps):
     """The same maps read by another sensor, minus what they say by the assigned one.
 
     Parameters
@@ -263,42 +295,55 @@ class Exchange(Shape):
         """Make one from a mapping of labels."""
         return cls(sensor, tuple(map_temperatures_c.items()))
 
-    def along(
-        self,
-        model: CompiledModel,
-        component: str,
-        places: Places,
-        conditions: Conditions,
-        driver: FloatArray,
-    ) -> FloatArray:
-        """Give the driver times E by the other sensor minus E by the assigned one."""
+    def by_other(self, model: CompiledModel, component: str) -> Group | None:
+        """Put a component by itself on the other sensor's scale; None where that cannot be.
+
+        On a scale of its own the sensor is followed, and stands in for none.
+        """
         found = model.find(component)
-        own = temperature_table(model, component)
-        other = temperature_table(model, component, dict(self.map_temperatures_c))
-        missing = self.why_missing(model, component)
-        if missing or found is None or own is None or other is None:
-            return np.full(driver.shape, np.nan)
-        by_other = other.at(conditions.temperature(self.sensor), *places)
-        return driver * (by_other - own.at(conditions.temperature(found[0].sensor), *places))
+        if found is None or self.why_missing(model, component):
+            return None
+        group, member = found
+        scale = scale_by(group, self.sensor, dict(self.map_temperatures_c))
+        return None if scale is None else group.on_scale(scale, member)
+
+    def reading(
+        self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
+    ) -> MapReading | None:
+        """Give the driver times E by the other sensor minus E by the assigned one."""
+        found, by_other = model.find(component), self.by_other(model, component)
+        if found is None or by_other is None:
+            return None
+        group, _ = found
+        own_c, others_c = (conditions.temperature(s) for s in (group.sensor, self.sensor))
+        return exchanged(model, group, by_other, own_c, others_c).times(driver)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
-        """Say which map does not state the other sensor, or which two it cannot tell apart."""
+        """Say which map does not state the other sensor, or which two cannot be neighbours."""
         found = model.find(component)
         if found is None:
             return f"the model has no {component}"
+        group, member = found
         stated = dict(self.map_temperatures_c)
-        lacking = [label for label in found[0].labels if label not in stated]
+        lacking = [label for label in group.labels if label not in stated]
         if lacking:
             return (
                 f"map {lacking[0]!r} came after the analysis: what {self.sensor} read is not known"
             )
-        in_order = sorted(found[0].labels, key=stated.__getitem__)
-        for lower, upper in pairwise(in_order):
+        in_order = sorted(range(len(group.labels)), key=lambda row: stated[group.labels[row]])
+        for rows in pairwise(in_order):
+            lower, upper = (group.labels[row] for row in rows)
             gap_c = stated[upper] - stated[lower]
             if not model.machine.sensor(self.sensor).resolves(gap_c):
                 return (
                     f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
                     f"{self.sensor}, which cannot tell them apart"
+                )
+            low, high = member.common_range(rows)
+            if low >= high:
+                return (
+                    f"maps {lower!r} and {upper!r}, which follow each other in the temperature of "
+                    f"{self.sensor}, share no range of positions of {component}"
                 )
         return ""
 

@@ -17,11 +17,12 @@ from app.identification.effects.shape import (
     SHAPES,
     Everywhere,
     Exchange,
+    OfMaps,
     Places,
-    Sensitivity,
     Shape,
 )
 from app.identification.effects.valid import Range, Valid
+from app.identification.map_tables import MapReading
 from app.thermal.compiled_model import CompiledModel
 
 EVERYWHERE: Final = Everywhere()
@@ -87,20 +88,51 @@ class Term:
             NaN where a condition is missing; 0 for a reversing term where the direction is
             not known, as the tables then give the mean of both.
         """
-        if valid is None:
-            driver = self.driver.at(conditions)
-        else:
-            held = valid.held(conditions)
-            driver = self.driver.at(valid.for_driver(self.driver, conditions, held))
-            driver = driver if self.learnt is None else np.clip(driver, *self.learnt)
-            places = (
-                valid.held_places(self.component, places) if self.shape.changes_along else places
-            )
-            conditions = held
-        found = self.coefficient * self.shape.along(
-            model, self.component, places, conditions, driver
-        )
+        driver, held = self._held(conditions, valid)
+        if valid is not None and self.shape.changes_along:
+            places = valid.held_places(self.component, places)
+        found = self.coefficient * self.shape.along(model, self.component, places, held, driver)
         return found * np.sign(places.directions) if self.is_reversing else found
+
+    def reading(
+        self, model: CompiledModel, conditions: Conditions, valid: Valid | None = None
+    ) -> MapReading | None:
+        """Say how much of each map it adds at n moments.
+
+        Parameters
+        ----------
+        model, conditions, valid
+            As for `at`.
+
+        Returns
+        -------
+        MapReading, or None
+            None where it is not made of the maps, or the model does not have what it needs.
+        """
+        if self.is_reversing or not isinstance(self.shape, OfMaps):
+            return None
+        driver, held = self._held(conditions, valid)
+        found = self.shape.reading(model, self.component, held, driver)
+        return None if found is None else found.times(self.coefficient)
+
+    def held_signals(self, model: CompiledModel) -> set[Signal]:
+        """List the signals that are moved to the edge where they lie outside their ranges.
+
+        Parameters
+        ----------
+        model
+            The compiled model.
+        """
+        own = {signal for signal, _ in self.driver.signals if self.driver.is_held_by_signal}
+        return own | {Signal("temperature", sensor) for sensor in self.sensors_of_tables(model)}
+
+    def _held(self, conditions: Conditions, valid: Valid | None) -> tuple[FloatArray, Conditions]:
+        """Give the driver and the conditions of the shape, at the edge where they lie outside."""
+        if valid is None:
+            return self.driver.at(conditions), conditions
+        held = valid.held(conditions)
+        driver = self.driver.at(valid.for_driver(self.driver, conditions, held))
+        return driver if self.learnt is None else np.clip(driver, *self.learnt), held
 
     def everywhere_at(
         self, model: CompiledModel, places: Places, moment: Conditions, valid: Valid | None = None
@@ -155,7 +187,7 @@ class Term:
     def sensors_of_tables(self, model: CompiledModel) -> list[str]:
         """Name the sensors by which it reads the model's own tables."""
         found = model.find(self.component)
-        if found is None or not isinstance(self.shape, Sensitivity | Exchange):
+        if found is None or not isinstance(self.shape, OfMaps):
             return []
         other = [self.shape.sensor] if isinstance(self.shape, Exchange) else []
         return [found[0].sensor, *other]

@@ -80,9 +80,7 @@ class Valid:
         """
         if driver.grows_with_time:
             return replace(conditions, times_s=np.clip(conditions.times_s, self.from_s, self.to_s))
-        # A difference of two signals is learnt as a difference: one of them held alone would
-        # change it although it may be one that was seen. Its own range holds it.
-        return conditions if len(driver.signals) > 1 else held
+        return held if driver.is_held_by_signal else conditions
 
     def held_places(self, code: str, places: Places) -> Places:
         """Move positions that lie outside to the edge, the margin included."""

@@ -1,0 +1,192 @@
+"""Maps read at many temperatures: how much of each map enters, and what that gives at positions.
+
+Whatever is made of the maps of one component, at one temperature or as a difference of two, is a
+sum of its maps with weights. The weights say which maps enter, those say at which positions it is
+known, and there it is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.thermal.bracket import Brackets, StatusArray
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group, Member, Scale
+from app.thermal.resampling import hat_weights
+
+NO_READING = "no-reading"
+OUTSIDE_MAPS = "outside-maps"
+
+ROUNDING = 1e-12
+"""What is left of a weight where maps cancel each other but for rounding."""
+
+
+class MapWeights(NamedTuple):
+    """How much of each map enters at n moments, and how that came about.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (n, M)
+        By rows of the group's matrix; NaN where the temperature is not known.
+    status : ndarray of object, shape (n,)
+        `no-reading` where the temperature is not known, `outside-maps` where the machine's policy
+        does not allow it: the weights are then those of the edge.
+    """
+
+    weights: FloatArray
+    status: StatusArray
+
+
+def maps_at(
+    model: CompiledModel, group: Group, temperatures_c: Mapping[str, FloatArray], n: int
+) -> MapWeights:
+    """Say how much of each map enters a group's errors, as the table has them.
+
+    Parameters
+    ----------
+    model, group
+        The compiled model and one of its groups.
+    temperatures_c : mapping of sensor to ndarray, shape (n,) [°C]
+        NaN where a sensor has no usable temperature, left out where it has none at
+        all; its stand-in then serves.
+    n
+        How many moments.
+
+    Returns
+    -------
+    MapWeights
+    """
+    weights = np.full((n, len(group.labels)), np.nan)
+    status = np.full(n, NO_READING, dtype=object)
+    open_ = np.ones(n, dtype=np.bool_)
+    for scale in group.scales:
+        t = temperatures_c.get(scale.sensor)
+        own = np.flatnonzero(open_ & ~np.isnan(t)) if t is not None else np.empty(0, dtype=np.intp)
+        if t is None or not own.size:
+            continue
+        found = model.brackets(group, scale, t[own])
+        weights[own] = weights_of(scale, found)
+        status[own] = found.status
+        status[own[found.is_refused]] = OUTSIDE_MAPS
+        open_[own] = False
+    return MapWeights(weights, status)
+
+
+def weights_of(scale: Scale, brackets: Brackets) -> FloatArray:
+    """Lay brackets on a scale out as weights of the group's maps.
+
+    Parameters
+    ----------
+    scale
+        The scale.
+    brackets
+        Where n temperatures lie on it.
+
+    Returns
+    -------
+    ndarray, shape (n, M)
+        Rows sum to 1; NaN where the temperature is not known.
+    """
+    rows = np.array(scale.rows, dtype=np.intp)
+    weights = np.zeros((len(brackets.lower), rows.size))
+    each = np.arange(len(brackets.lower))
+    weights[each, rows[brackets.lower]] = 1.0 - brackets.weight
+    weights[each, rows[brackets.lower + 1]] = brackets.weight
+    weights[np.isnan(brackets.weight)] = np.nan
+    return weights
+
+
+def added(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Add weights up; a map that cancels does not enter.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (n, M)
+
+    Returns
+    -------
+    ndarray, shape (n, M)
+    """
+    total = one + other
+    total[np.abs(total) <= ROUNDING] = 0.0
+    return total
+
+
+def common_ranges(member: Member, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the positions that all maps that enter have in common.
+
+    Parameters
+    ----------
+    member
+        The component.
+    weights : ndarray, shape (n, M)
+        A map of weight 0 does not enter.
+
+    Returns
+    -------
+    low, high : ndarray, shape (n,) [mm]
+        −∞ and ∞ where none depends on position; low ≥ high where they have none.
+    """
+    lows, highs = member.ranges_mm.T
+    if (lows == lows[0]).all() and (highs == highs[0]).all():
+        n = len(weights)
+        return np.full(n, lows[0]), np.full(n, highs[0])
+    enters = weights != 0.0
+    return (
+        np.where(enters, lows, -np.inf).max(axis=1),
+        np.where(enters, highs, np.inf).min(axis=1),
+    )
+
+
+def read_maps(
+    group: Group,
+    member: Member,
+    weights: FloatArray,
+    positions_mm: FloatArray,
+    directions: FloatArray,
+) -> FloatArray:
+    """Add up the maps of one component at positions.
+
+    Parameters
+    ----------
+    group, member
+        The component and its group.
+    weights : ndarray, shape (n, M), or (1, M) for all positions
+        How much of each map.
+    positions_mm : ndarray, shape (n,) [mm]
+        Ignored where the component has no argument. Outside what all maps that enter cover, the
+        end values of that range hold.
+    directions : ndarray, shape (n,)
+        +1 or −1 for the direction of approach, 0 where unknown (the mean of both).
+
+    Returns
+    -------
+    ndarray, shape (n,) [the component's unit]
+        NaN where a weight is, and where the maps that enter have no range in common.
+    """
+    low, high = common_ranges(member, weights)
+    weights = np.broadcast_to(weights, (len(positions_mm), weights.shape[1]))
+    left, right, share = hat_weights(member.positions_mm, np.clip(positions_mm, low, high))
+    forward = group.nodes[:, member.forward]
+    backward = None if member.backward is None else group.nodes[:, member.backward]
+    found = np.zeros(len(positions_mm))
+    for row in range(weights.shape[1]):
+        own = np.flatnonzero(weights[:, row])
+        if not own.size:
+            continue
+        at = (left[own], right[own], share[own])
+        values = _between(forward[row], *at)
+        if backward is not None:
+            back, side = _between(backward[row], *at), directions[own]
+            values = np.where(side > 0, values, np.where(side < 0, back, (values + back) / 2))
+        found[own] += weights[own, row] * values
+    return np.where(low < high, found, np.nan)
+
+
+def _between(nodes: FloatArray, left: IntArray, right: IntArray, share: FloatArray) -> FloatArray:
+    found: FloatArray = (1.0 - share) * nodes[left] + share * nodes[right]
+    return found
