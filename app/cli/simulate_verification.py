@@ -13,7 +13,7 @@ from datetime import datetime, timedelta
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
@@ -47,6 +47,9 @@ _COLUMNS: Final = (
 
 Observation = dict[str, Any]
 """One observation as the service takes it, without its value."""
+
+_Range: TypeAlias = tuple[float, float] | None
+"""First and last position [mm]; None of a component without argument."""
 
 
 class NothingToSimulate(ThermapError):
@@ -254,14 +257,16 @@ def _default_plan(
     """Visit the components in turn at times that the stored readings cover evenly."""
     from app.identification.observations import VISIT_GAP_S
 
-    places = _places(thermap, machine, components, positions)
-    times = [one.time for one in thermap.readings(machine, *span, every_s=VISIT_GAP_S)]
+    ranges = _ranges_of_maps(thermap, machine, components)
+    count = positions * len(ranges)
+    readings = thermap.readings(machine, *span, every_s=VISIT_GAP_S)
+    times = [one.time for one in readings]
     every = OBSERVATION_EVERY
-    starts = _spread(times, visits, every * len(places))
+    starts = _spread(times, visits, every * count)
     if times and not starts:
         # A service that has just begun: one visit, as quick as its readings are young.
         last = thermap.readings(machine, times[0], span[1])[-1].time
-        every = min(every, (last - times[0]) / len(places))
+        every = min(every, (last - times[0]) / count)
         starts = times[:1] if every else []
     if not starts:
         raise NothingToSimulate(
@@ -280,51 +285,82 @@ def _default_plan(
             "no more",
             err=True,
         )
-    found = [list(_visit(start, places, i, every)) for i, start in enumerate(starts)]
+    temperatures_c = {one.time: one.temperatures_c for one in readings}
+    found = []
+    for i, start in enumerate(starts):
+        here = ranges | _ranges_of_table(thermap, machine, temperatures_c[start], ranges)
+        found.append(list(_visit(start, _places(here, positions), i, every)))
     return _Plan(found, "absolute")
 
 
-def _places(
-    thermap: ThermapClient, machine: str, components: Sequence[str] | None, positions: int
-) -> list[tuple[str, float | None]]:
-    """List component and position: evenly over the travel that all maps in use have."""
+def _ranges_of_maps(
+    thermap: ThermapClient, machine: str, components: Sequence[str] | None
+) -> dict[str, _Range]:
+    """List the components, and from where to where any map of the active model has them."""
     from app.geometry.components import COMPONENTS, parse_component
 
     wanted = {_parsed(name, "--component", parse_component)[0].code for name in components or ()}
-    ranges: dict[str, tuple[float, float] | None] = {}
+    ranges: dict[str, _Range] = {}
     for error_map in thermap.error_maps(machine):
-        if not error_map.in_active_model:
-            continue
-        for table in error_map.components:
-            if table.positions_mm is None:
+        for table in error_map.components if error_map.in_active_model else ():
+            at_mm = table.positions_mm
+            if at_mm is None:
                 ranges[table.component] = None
                 continue
-            low, high = ranges.get(table.component) or (
-                table.positions_mm[0],
-                table.positions_mm[-1],
-            )
-            ranges[table.component] = (
-                max(low, table.positions_mm[0]),
-                min(high, table.positions_mm[-1]),
-            )
+            low, high = ranges.get(table.component) or (at_mm[0], at_mm[-1])
+            ranges[table.component] = (min(low, at_mm[0]), max(high, at_mm[-1]))
     absent = sorted(wanted - ranges.keys())
     if absent or not ranges:
         raise NothingToSimulate(
             f"the model of machine {machine!r} lacks {list_names(absent)}; "
             f"it has {list_names(ranges)}"
         )
+    return {c: ranges[c] for c in COMPONENTS if c in (wanted or ranges) and c in ranges}
+
+
+def _ranges_of_table(
+    thermap: ThermapClient,
+    machine: str,
+    temperatures_c: Mapping[str, float],
+    ranges: Mapping[str, _Range],
+) -> dict[str, _Range]:
+    """Find from where to where the maps in use reach at a visit, within the axes' travel.
+
+    None of it where the service gives no table at these temperatures: nothing is predicted there
+    either, and that is said.
+    """
+    from app.client import ThermapClientError
+    from app.geometry.components import COMPONENTS
+
+    try:
+        table = thermap.compensation(machine, temperatures_c)
+    except ThermapClientError:
+        return {}
     travel = thermap.machine(machine).axes
+    found: dict[str, _Range] = {}
+    for entry in table.components:
+        ends = ranges.get(entry.component)
+        if ends is None:
+            continue
+        at_mm = entry.positions_mm or ()
+        # Errors that are the same everywhere are measured as far as any map goes.
+        low, high = (at_mm[0], at_mm[-1]) if len(at_mm) > 1 else ends
+        axis = travel.get(str(COMPONENTS[entry.component].axis))
+        if axis is not None:
+            low, high = max(low, axis.min_mm), min(high, axis.max_mm)
+        found[entry.component] = (low, high)
+    return found
+
+
+def _places(ranges: Mapping[str, _Range], positions: int) -> list[tuple[str, float | None]]:
+    """List component and position, evenly over each range."""
     found: list[tuple[str, float | None]] = []
-    for code in [code for code in COMPONENTS if code in (wanted or ranges) and code in ranges]:
-        span = ranges[code]
-        if span is None:
+    for code, ends in ranges.items():
+        if ends is None:
             # One value in a visit would not show its scatter.
             found += [(code, None)] * positions
         else:
-            low, high = span
-            axis = travel.get(str(COMPONENTS[code].axis))
-            if axis is not None:
-                low, high = max(low, axis.min_mm), min(high, axis.max_mm)
+            low, high = ends
             steps = range(positions)
             found += [(code, low + (high - low) * (i + 0.5) / positions) for i in steps]
     return found

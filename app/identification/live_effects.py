@@ -40,7 +40,6 @@ from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Group, MapsInUse, Member
 from app.thermal.group_state import GroupState
 from app.thermal.map_weights import (
-    NO_READING,
     added,
     common_ranges,
     maps_at,
@@ -364,7 +363,7 @@ def _of_maps(
 
 def _gravest(readings: Iterable[MapReading]) -> str | None:
     """Choose the gravest status of those temperatures at which maps are really read."""
-    said = [reading.status[0] for reading in readings if reading.weights.any()]
+    said = [reading.status[0] for reading in readings if reading.is_read[0]]
     return max(said, key=GRAVITY.index) if said else None
 
 
@@ -375,7 +374,7 @@ def _moved(
 ) -> Iterable[Moved]:
     """List where the assigned sensor's moved temperature lies outside the maps."""
     for number, term, reading in read:
-        if isinstance(term.shape, Exchange) or not reading.weights.any() or found is None:
+        if isinstance(term.shape, Exchange) or not reading.is_read[0] or found is None:
             continue
         status, t_c = reading.status[0], float(reading.temperatures_c[0])
         if status in (Status.CLAMPED, Status.EXTRAPOLATED):
@@ -608,8 +607,7 @@ def _statuses(
         reading, rows = part.reading, part.view.rows
         if reading is None:
             continue
-        use = takes_part[part.number][rows] & reading.weights.any(axis=1)
-        use &= reading.status != NO_READING
+        use = takes_part[part.number][rows] & reading.is_read
         for said in GRAVITY[1:]:
             own = rows[use & (reading.status == said)]
             graver = [GRAVITY.index(s) < GRAVITY.index(said) for s in status[own]]

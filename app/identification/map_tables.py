@@ -40,6 +40,8 @@ class MapReading(NamedTuple):
         is followed and the machine's policy does not allow it.
     is_refused : ndarray, shape (n,)
         Where the machine's policy would not allow a table at that temperature.
+    is_read : ndarray, shape (n,)
+        Where the maps are read there at all.
     """
 
     weights: FloatArray
@@ -47,10 +49,14 @@ class MapReading(NamedTuple):
     temperatures_c: FloatArray
     status: StatusArray
     is_refused: BoolArray
+    is_read: BoolArray
 
     def times(self, factor: float | FloatArray) -> MapReading:
         """Scale what is added: by one factor, or by one for each moment."""
-        return self._replace(weights=self.weights * np.reshape(factor, (-1, 1)))
+        return self._replace(
+            weights=self.weights * np.reshape(factor, (-1, 1)),
+            is_read=self.is_read & (np.asarray(factor) != 0.0),
+        )
 
 
 def moved(
@@ -83,6 +89,7 @@ def moved(
         temperatures_c + by_k,
         np.where(np.isnan(after.weight), NO_READING, after.status),
         after.is_refused,
+        (by_k != 0.0) & ~np.isnan(after.weight),
     )
 
 
@@ -107,6 +114,7 @@ def slope(
         temperatures_c,
         np.where(np.isnan(found.weight), NO_READING, found.status),
         np.zeros(len(temperatures_c), dtype=np.bool_),
+        (by_k != 0.0) & ~np.isnan(found.weight),
     )
 
 
@@ -139,6 +147,7 @@ def exchanged(
         others_c,
         np.where(unknown, NO_READING, status),
         after.is_refused,
+        ~unknown,
     )
 
 

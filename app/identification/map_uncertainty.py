@@ -8,7 +8,7 @@ on it: they are kept sparse, and memory follows the observations, not the maps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -33,6 +33,15 @@ UNSTATED: Final = 0.5
 
 NEGLIGIBLE: Final = 0.5
 """Squares, summed over all rows, that combined entries may leave out: of one row's variance."""
+
+NEGLIGIBLE_IN_A_ROW: Final = 0.1
+"""Share of its own variance that they may leave out in any row."""
+
+ROUNDED: Final = 1e-12
+"""What rounding leaves in a row that no entry enters, as a share of the largest variance."""
+
+AT_ONCE: Final = 64
+"""Columns that are looked at together: memory follows the observations, not the entries."""
 
 MOST_NUMBERS: Final = 100_000_000
 """Numbers that the columns of a search may have: of all that an analysis holds it is these that
@@ -226,7 +235,14 @@ def combined(scaled: SparseArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (m, q)
-        q ≤ p; all that is left out, summed over the rows, is half the variance of one.
+        q ≤ p; all that is left out, summed over the rows, is at most half the variance of one
+        (`NEGLIGIBLE`), and in no row more than a tenth of its own (`NEGLIGIBLE_IN_A_ROW`).
+
+    Examples
+    --------
+    >>> combined(sparse.csr_array(np.diag([1.0, 0.6])))
+    array([[1. , 0. ],
+           [0. , 0.6]])
     """
     if scaled.shape[1] < 2:
         return scaled.toarray()
@@ -236,14 +252,33 @@ def combined(scaled: SparseArray) -> FloatArray:
     product = scaled @ scaled.T if is_wide else scaled.T @ scaled
     squares, turned = np.linalg.eigh(product.toarray())
     squares = np.maximum(squares, 0.0)
+
+    def columns(chosen: IntArray) -> FloatArray:
+        if is_wide:
+            return np.asarray(turned[:, chosen] * np.sqrt(squares[chosen]))
+        return np.asarray(scaled @ turned[:, chosen])
+
+    variances: FloatArray = np.asarray(scaled.power(2).sum(axis=1))
+    return columns(_not_negligible(squares, columns, variances)[::-1])
+
+
+def _not_negligible(
+    squares: FloatArray, columns: Callable[[IntArray], FloatArray], variances: FloatArray
+) -> IntArray:
+    """Choose the columns that are kept, of columns whose sums of squares increase."""
     # However small in each row, what many rows share is seen: so their sum counts.
-    largest = float(np.asarray(scaled.power(2).sum(axis=1)).max())
-    dropped = int(np.searchsorted(np.cumsum(squares), NEGLIGIBLE * largest, side="right"))
-    kept = turned[:, dropped:][:, ::-1]
-    if is_wide:
-        found: FloatArray = kept * np.sqrt(squares[dropped:][::-1])
-        return found
-    return np.asarray(scaled @ kept)
+    most = NEGLIGIBLE * float(variances.max())
+    small = int(np.searchsorted(np.cumsum(squares), most, side="right"))
+    room = NEGLIGIBLE_IN_A_ROW * variances + ROUNDED * float(variances.max())
+    kept = [*range(small, len(squares))]
+    for start in range(0, small, AT_ONCE):
+        block = np.arange(start, min(start + AT_ONCE, small))
+        for number, column in zip(block.tolist(), columns(block).T ** 2, strict=True):
+            if (column <= room).all():
+                room = room - column
+            else:
+                kept.append(number)
+    return np.array(sorted(kept), dtype=np.intp)
 
 
 def _nuisance(projection: Projection, own: ChannelEntries, touched: IntArray) -> Nuisance:

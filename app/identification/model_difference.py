@@ -148,9 +148,11 @@ def _beyond(
                 both = (_on_axis(code, c[code], one.model.machine) for c in (covered, others))
                 for span in spans_beyond(*both):
                     yield _positions_part(code, covered[code].sensor, span)
-    if one.codes and not list(_incomplete(one, known_states)):
+    if one.codes:
+        # Another reason than what is incomplete already counts for itself.
+        already = {_about(part) for part in _incomplete(one, known_states)}
         for part in _incomplete(other, known_states):
-            if part.component not in gone:
+            if part.component not in gone and _about(part) not in already:
                 yield part
 
 
@@ -167,6 +169,11 @@ def _incomplete(one: ModelWithEffects, known_states: Collection[str] | None) -> 
                 f"completeness: {effect.kind} of {list_names(effect.components)} needs "
                 f"{list_names(sorted(unknown))}, which the latest reading does not state",
             )
+
+
+def _about(part: Part) -> str:
+    """Say what is incomplete, whatever the reason: a component, or by its words an effect."""
+    return part.component or part.text
 
 
 class Span(NamedTuple):

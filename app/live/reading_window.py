@@ -91,8 +91,9 @@ class ReadingWindow:
             if not new and held.is_as_of(until):
                 return [reading for reading in came if reading.time <= until]
             self.held = _split([*new, *held.used, *held.ahead], machine, until, held)
-            released = [reading for reading in held.ahead if reading.time <= until]
-            return [*(reading for reading in came if reading.time <= until), *released]
+            # One that was ahead can come again: it is taken once.
+            usable = {r.time: r for r in (*came, *held.ahead) if r.time <= until}
+            return [*usable.values()]
 
     def replace(self, machine: Machine, readings: Iterable[Reading], until: datetime) -> None:
         """Hold these readings and no others."""

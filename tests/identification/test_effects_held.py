@@ -311,13 +311,11 @@ def test_inside_what_was_learnt_nothing_changes_by_a_bit(each):
     raw = contributions(own.projection, [replace(ranged, valid=None)])
     found = contributions(own.projection, [ranged])
     assert found.errors.tobytes() == raw.errors.tobytes()
-    np.testing.assert_allclose(
-        found.errors, sum_of_terms(own.projection, ranged.terms), atol=1e-12
-    )
+    np.testing.assert_allclose(found.errors, sum_of_terms(own.projection, ranged.terms), atol=1e-12)
     assert not found.is_held.any()
     assert found.held == ()
     assert effect_from_json(json.loads(json.dumps(ranged.to_json(), allow_nan=False))) == ranged
-    row = int(np.flatnonzero(raw)[0])
+    row = int(np.flatnonzero(raw.errors)[0])
     live, plain = (
         corrected_tables(own.model, [effect], moment_of(row))
         for effect in (ranged, replace(ranged, valid=None))

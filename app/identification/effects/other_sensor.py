@@ -88,4 +88,5 @@ def _why_not(site: Site, codes: tuple[str, ...], other: str) -> str:
     gap_c = float(np.diff(np.sort([stated[label] for label in labels])).min())
     if not site.machine.sensor(other).resolves(gap_c):
         return f"two maps are only {gap_c:.2g} °C apart at {other}, which cannot tell them apart"
-    return ""
+    exchange = Exchange.of(other, stated)
+    return next(filter(None, (exchange.why_missing(site.model, code) for code in codes)), "")
