@@ -71,7 +71,6 @@ def find_bracket(
     temperature_c: float,
     policy: OutOfRange = OutOfRange.CLAMP,
     margin_c: float = 0.0,
-    limits: WeightLimits = no_limits,
 ) -> Bracket:
     """Find the two maps around a temperature and the weight between them.
 
@@ -83,9 +82,6 @@ def find_bracket(
         The live temperature T_u of that sensor [°C].
     policy, margin_c
         What happens outside the maps; how far `extrapolate` may go [°C].
-    limits
-        Where an extrapolation within the margin is stopped: further out the value there is
-        held.
 
     Returns
     -------
@@ -127,16 +123,29 @@ def find_bracket(
     if policy is OutOfRange.CLAMP:
         return Bracket(lower, 0.0 if temperature_c < t_n else 1.0, Status.CLAMPED)
     if policy is OutOfRange.EXTRAPOLATE and beyond_c <= margin_c:
-        weight = (temperature_c - t_n) / (t_m - t_n)
-        low, high = limits(lower)
-        if low <= weight <= high:
-            return Bracket(lower, weight, Status.EXTRAPOLATED)
-        return Bracket(lower, min(max(weight, low), high), Status.CLAMPED, is_limited=True)
+        return Bracket(lower, (temperature_c - t_n) / (t_m - t_n), Status.EXTRAPOLATED)
     allowed = f"up to {margin_c:g} °C beyond" if policy is OutOfRange.EXTRAPOLATE else "within"
     raise OutsideMaps(
         f"expected a temperature {allowed} the maps' {map_temperatures_c[0]:g} to "
         f"{map_temperatures_c[last]:g} °C, came {temperature_c:g} °C"
     )
+
+
+def limited(found: Bracket, limits: tuple[float, float]) -> Bracket:
+    """Stop an extrapolation where it grows too uncertain: further out the value there is held.
+
+    Parameters
+    ----------
+    found
+        An extrapolation.
+    limits
+        Between which weights its two maps may be extrapolated.
+    """
+    low, high = limits
+    if low <= found.weight <= high:
+        return found
+    weight = min(max(found.weight, low), high)
+    return Bracket(found.lower, weight, Status.CLAMPED, is_limited=True)
 
 
 def find_brackets(
@@ -146,12 +155,14 @@ def find_brackets(
     margin_c: float = 0.0,
     limits: WeightLimits = no_limits,
 ) -> Brackets:
-    """Find the two maps around each of n temperatures: `find_bracket` of all at once.
+    """Find the two maps around each of n temperatures: `find_bracket`, `limited`, all at once.
 
     Parameters
     ----------
-    map_temperatures_c, policy, margin_c, limits
+    map_temperatures_c, policy, margin_c
         As for `find_bracket`.
+    limits
+        Where an extrapolation within the margin is stopped.
     temperatures_c : ndarray, shape (n,) [°C]
         NaN where not known.
 

@@ -19,7 +19,7 @@ from app.errors import (
     list_names,
 )
 from app.geometry.measuring_line import MeasuringLines
-from app.thermal.bracket import Bracket, Brackets, Status, find_bracket, find_brackets
+from app.thermal.bracket import Bracket, Brackets, Status, find_bracket, find_brackets, limited
 from app.thermal.extrapolation import variances_at, weight_limits
 from app.thermal.group import Group, MapsInUse, Member, Scale
 from app.thermal.group_state import GroupState
@@ -138,12 +138,13 @@ class CompiledModel:
                 temperature_c,
                 machine.out_of_range,
                 machine.extrapolation_margin_c,
-                partial(weight_limits, machine, group, scale),
             )
         except OutsideMaps as error:
             message = f"{scale.sensor} ({list_names(group.codes)}): {error.detail}"
             blamed = FieldError(f"temperatures_c.{scale.sensor}", message)
             raise OutsideMaps(message, [blamed]) from None
+        if found.status is Status.EXTRAPOLATED:
+            return limited(found, weight_limits(machine, group, scale, found.lower))
         # A stand-in is said unless something graver is to be said.
         if scale is not group.scales[0] and found.status in (Status.INTERPOLATED, Status.AT_MAP):
             return found._replace(status=Status.STAND_IN)
