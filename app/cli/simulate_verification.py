@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 OBSERVATION_EVERY: Final = timedelta(seconds=20)
 """So long an instrument takes from one place to the next."""
 
+READINGS_APART: Final = timedelta(minutes=10)
+"""So far apart readings serve for what happens between them."""
+
 _DECIMALS: Final = 4
 """Of what is read in µm: a tenth of a nanometre, as the service writes."""
 
@@ -285,10 +288,15 @@ def _default_plan(
             "no more",
             err=True,
         )
-    temperatures_c = {one.time: one.temperatures_c for one in readings}
     found = []
     for i, start in enumerate(starts):
-        here = ranges | _ranges_of_table(thermap, machine, temperatures_c[start], ranges)
+        # The maps in use can change while a visit lasts, so they are asked for at both its ends.
+        end = start + every * count
+        around = thermap.readings(machine, start, end + READINGS_APART)
+        after = next((one for one in around if one.time >= end), around[-1])
+        here = ranges
+        for reading in (around[0], after):
+            here = here | _ranges_of_table(thermap, machine, reading.temperatures_c, here)
         found.append(list(_visit(start, _places(here, positions), i, every)))
     return _Plan(found, "absolute")
 
@@ -344,7 +352,9 @@ def _ranges_of_table(
             continue
         at_mm = entry.positions_mm or ()
         # Errors that are the same everywhere are measured as far as any map goes.
-        low, high = (at_mm[0], at_mm[-1]) if len(at_mm) > 1 else ends
+        low, high = ends
+        if len(at_mm) > 1 and max(low, at_mm[0]) < min(high, at_mm[-1]):
+            low, high = max(low, at_mm[0]), min(high, at_mm[-1])
         axis = travel.get(str(COMPONENTS[entry.component].axis))
         if axis is not None:
             low, high = max(low, axis.min_mm), min(high, axis.max_mm)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.cli.csv_verification import read_csv_verification
-from tests.service_examples import START, iso, reading
+from tests.service_examples import START, error_map, iso, reading, table
 
 
 @pytest.fixture
@@ -140,3 +140,21 @@ def test_what_cannot_be_simulated(thermap, warmed, tmp_path, words, code, said):
     )
     assert (found.exit_code, found.stdout) == (code, "")
     assert said in found.stderr
+
+
+def test_places_lie_where_the_maps_in_use_reach_at_each_visit(thermap, client, warmed, tmp_path):
+    """'Run #2' at 22 °C ends at 200 mm; from 24 °C on nobody needs it, and none is left out."""
+    short = error_map("Run #2", 22.0)
+    short["components"] = [table("EXX", [0, 100, 200], [0.0, 2.0, 4.0])]
+    client.store_error_map("mcfv5050", short, accept_losses=True)
+    file = tmp_path / "v.csv"
+    words = ("--noise", 0, "--visits", 6, "--component", "EXX", "-o", file)
+    found = thermap("simulate", "verification", "mcfv5050", *words)
+    assert (found.exit_code, found.stderr) == (0, "")
+    made = observations(file)
+    assert len(made) == 30
+    for o in made:
+        assert o["measured_um"] == pytest.approx(truth(o), abs=2e-4)
+    farthest = [max(o["position_mm"] for o in made[i : i + 5]) for i in range(0, 30, 5)]
+    assert farthest[0] == pytest.approx(180.0)
+    assert farthest[-1] == pytest.approx(450.0)

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from app.errors import InvalidContent
@@ -82,6 +84,17 @@ def test_combined_columns_give_the_rows_the_same_covariance():
     largest = np.sum(smooth**2, axis=1).max()
     difference = np.diag(few @ few.T - smooth @ smooth.T)
     assert np.abs(difference).sum() <= 0.5 * largest * 1.001
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 40))
+def test_no_row_loses_more_than_a_tenth_of_its_own_variance(seed, rows, entries):
+    """A point by itself, on entries that no other row has, kept nothing at all of a smaller one."""
+    rng = np.random.default_rng(seed)
+    dense = np.where(rng.random((rows, entries)) < 0.2, rng.uniform(0.0, 1.0, (rows, entries)), 0.0)
+    few = combined(csr_array(dense))
+    own, kept = np.sum(dense**2, axis=1), np.sum(few**2, axis=1)
+    assert (kept >= 0.9 * own - 1e-9).all()
+    assert (own - kept).sum() <= 0.5 * own.max() + 1e-9
 
 
 def test_points_carry_all_components():

@@ -7,6 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.identification.effects.effect import Effect
 from app.identification.model_difference import (
     ModelWithEffects,
     What,
@@ -86,3 +87,13 @@ def test_a_state_that_no_reading_states_makes_tables_incomplete():
     assert (lost.what, "spindle_rpm" in lost.text) == (What.COMPLETENESS, True)
     assert model_difference(before, after, known_states={"spindle_rpm"}).loses == ()
     assert model_difference(before, after, known_states=None).loses == ()
+
+
+def test_what_is_incomplete_already_does_not_hide_what_else_would_be():
+    model = compile_model(machine(), [], {})
+    needs_feed = Effect("state-variable", ("EXX",), states=("feed",), terms=SPEED.terms)
+    before = ModelWithEffects(model, [ROLL, needs_feed])
+    after = ModelWithEffects(model, [ROLL, needs_feed, SPEED])
+    (lost,) = model_difference(before, after, known_states=()).loses
+    assert "spindle_rpm" in lost.text
+    assert model_difference(before, before, known_states=()).loses == ()

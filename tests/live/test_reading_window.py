@@ -233,3 +233,11 @@ def test_what_is_dropped_is_gone():
     window.add(TWO, [at(0), at(10), at(20), at(30)], until(15))
     window.drop(until(10), until(20))
     assert (window.held.used, window.held.ahead) == ((at(0),), (at(30),))
+
+
+def test_a_reading_that_was_ahead_and_comes_again_is_taken_once():
+    window = ReadingWindow()
+    early, later = at(0), at(60)
+    assert window.add(TWO, [early, later], until(30)) == [early]
+    assert window.add(TWO, [later, at(50)], until(90)) == [later, at(50)]
+    assert window.latest == later

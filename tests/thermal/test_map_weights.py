@@ -12,6 +12,7 @@ from app.thermal.map_weights import added, common_ranges, weights_of
 from tests.thermal.example_maps import error_map, machine, table
 
 SCALE = [20.0, 24.0, 24.9, 31.0]
+ENDS = [[0, 9], [1, 9], [0, 5], [2, 9]]
 
 
 def model_of(policy, margin_c=6.0):
