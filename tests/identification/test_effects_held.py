@@ -254,10 +254,10 @@ def test_a_difference_that_was_seen_is_not_held_though_both_sensors_are_warmer()
     assert row_of(table, "EXX").basis.status == "interpolated"
     assert table.complete is False
     assert table.effects[0].held == []
-    assert table.warnings[0] == (
+    assert (
         "sensor-gradient of EXX was not learnt here: x-middle is 29 °C, learnt from 20 to 25 °C; "
         "what it is made of several signals decides, and is not changed by that"
-    )
+    ) in table.warnings
     far = table_of([bend], {"spindle": 35.0, "x-middle": 20.0})
     assert row_of(far, "EXX").errors[0] == pytest.approx(3.0)
     assert "spindle minus x-middle is 15 K, learnt from 8 to 13 K" in far.warnings[0]
