@@ -56,13 +56,6 @@ class GridDifference:
     attained_length_um: FloatArray
 
     @property
-    def is_exact(self) -> bool:
-        """Whether every bound is attained; always so where the model is of degree 1."""
-        return np.array_equal(self.bound_um, self.attained_um) and np.array_equal(
-            self.bound_length_um, self.attained_length_um
-        )
-
-    @property
     def largest_um(self) -> float:
         """Length of vector that the difference exceeds nowhere in the grid [µm]."""
         return float(self.bound_length_um.max())

@@ -84,7 +84,7 @@ def slowly(entry):
         (
             "backward_",
             entry.backward_errors,
-            entry.backward_compensation,
+            None if entry.backward_errors is None else 0.0 - entry.backward_errors,
             entry.backward_standard_errors,
         ),
     ):

@@ -31,7 +31,8 @@ def test_a_kink_is_missed_by_its_height():
     _, found = one_cell("FXYZ", {"EXX": ([0.0, 25.0, 100.0], [0.0, 4.0, 0.0])})
     assert found.bound_um.ravel().tolist() == [4.0, 0.0, 0.0]
     assert found.bound_length_um.ravel().tolist() == [4.0]
-    assert found.is_exact
+    assert found.attained_um.tolist() == found.bound_um.tolist()
+    assert found.attained_length_um.tolist() == found.bound_length_um.tolist()
     assert found.largest_um == 4.0
 
 
@@ -39,7 +40,8 @@ def test_a_kinked_rotation_is_missed_most_at_the_longest_arm():
     """EBX, 40 µrad at 50 mm between zeros, with the arm z up to 100 mm: 4 µm in x."""
     _, found = one_cell("FXYZ", {"EBX": ([0.0, 50.0, 100.0], [0.0, 40.0, 0.0])})
     np.testing.assert_allclose(found.bound_um.ravel(), [4.0, 0.0, 0.0], atol=1e-14)
-    assert found.is_exact
+    assert found.attained_um.tolist() == found.bound_um.tolist()
+    assert found.attained_length_um.tolist() == found.bound_length_um.tolist()
 
 
 def test_a_workpiece_axis_that_turns_itself_leaves_a_parabola():

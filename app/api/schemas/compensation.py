@@ -53,7 +53,9 @@ class ComponentCompensationAnswer(Schema):
     standard_errors_um: list[Number] | None = Field(
         None,
         description="Standard error of each error and its compensation [µm], as far as the "
-        "measurement of the maps goes; absent where a map that enters states none",
+        "measurement of the maps goes: temperatures count as exact at the maps and between them, "
+        "beyond the maps what their resolution adds over the edge is in it; absent where a map "
+        "that enters states none",
     )
     standard_errors_urad: list[Number] | None = Field(None, description="The same [µrad]")
     standard_errors_um_per_m: list[Number] | None = Field(None, description="The same [µm/m]")

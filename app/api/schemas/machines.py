@@ -129,7 +129,7 @@ class MachineSettings(Schema):
     )
     extrapolation_error_ratio: ErrorRatio = Field(
         3.0,
-        description="How many times as large as those of its two maps the standard error of an "
+        description="How many times as large as at the edge of the maps the standard error of an "
         "extrapolated value may be; further out the value there is held",
     )
     same_temperature: SameTemperature = Field(
