@@ -329,12 +329,12 @@ def _basis_text(
     return text.replace(orjson.dumps(number), b"%b")
 
 
-def _basis_fields(basis: GroupState | Basis, effects: Sequence[str] = ()) -> dict[str, Any]:
+def _basis_fields(basis: Basis, effects: Sequence[str] = ()) -> dict[str, Any]:
     """Say how numbers came about; the last fields of each component."""
     stand_in = {"stand_in_for": basis.stand_in_for} if basis.stand_in_for else {}
-    follows = basis.follows if isinstance(basis, Basis) else ()
+    follows = basis.follows
     temperature_c = basis.temperature_c
-    if isinstance(basis, Basis) and temperature_c is not None:
+    if follows and temperature_c is not None:
         temperature_c = to_digits(temperature_c)  # it may be one that an effect made
     return {
         "sensor": basis.sensor,

@@ -73,7 +73,7 @@ async def test_a_lag_is_carried_along_and_is_what_predictions_say(client, app):
             "in_table": True,
             "missing": "",
             "held": [],
-            "valid": LAG.learnt_in,
+            "valid": LAG.learnt_fields,
             "measure_again": "",
         }
     ]

@@ -147,7 +147,7 @@ def test_a_small_verification_takes_little_memory_however_fine_the_maps_are():
     campaign = Campaign(model, maps, [small], history, states)
     tracemalloc.start()
     try:
-        watch(campaign, WatchState())
+        watch(campaign, WatchState(), 1)
         map_uncertainty(residuals_of(campaign).projection, maps)
         peak = tracemalloc.get_traced_memory()[1]
     finally:

@@ -242,7 +242,7 @@ async def test_a_version_shows_its_effects(client, app):
         "parameters": {"time_constant_min": 10.0, "share": 1.0},
         "standard_errors": {},
         "explanation": "EZZ follows z-column 10 min late",
-        "valid": LAG.learnt_in,
+        "valid": LAG.learnt_fields,
         "measure_again": "",
     }
     assert document["reason"] == "adopted in a test"
