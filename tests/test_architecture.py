@@ -48,7 +48,9 @@ PURE = {
 
 # pydantic reads the fields of an answer and their descriptions where it is defined; it validates
 # nothing there.
-PURE_LIBRARIES = {"numpy", "scipy", "threadpoolctl", "plotly", "pydantic", "app"} | (
+PURE_LIBRARIES = {
+    *("numpy", "scipy", "threadpoolctl", "plotly", "pydantic", "jinja2", "markupsafe", "app")
+} | (
     set(sys.stdlib_module_names)
     - {"time", "os", "pathlib", "random", "sqlite3", "socket", "threading", "asyncio", "http"}
 )

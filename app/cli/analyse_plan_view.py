@@ -13,8 +13,8 @@ from rich.text import Text
 
 from app.errors import counted
 from app.identification.plan import Plan, PlannedEffect
-from app.pages.analysis_report.detectable import size_range, units_of
-from app.pages.analysis_report.names import kind_name, untested_together
+from app.pages.report_parts.effect_names import kind_name, untested_together
+from app.pages.report_parts.smallest_seen import size_range, units_of
 
 DECIMALS: Final = 2
 

@@ -12,7 +12,8 @@ from rich.text import Text
 
 from app.errors import counted
 from app.identification.analysis import Analysis, ComponentFigures, FoundEffect
-from app.pages.analysis_report.names import (
+from app.pages.report_parts.component_names import component_name
+from app.pages.report_parts.effect_names import (
     VERDICTS,
     learnt_words,
     parameter_name,
@@ -20,7 +21,6 @@ from app.pages.analysis_report.names import (
     rival_name,
     status_words,
 )
-from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.words import decimals_for, figure_text
 
 COMPONENTS_SHOWN: Final = 12

@@ -23,7 +23,8 @@ from app.cli.options import (
     in_options,
     write_file,
 )
-from app.pictures.page import INLINE, page
+from app.pages.picture_page import picture_page
+from app.pages.plotly_script import INLINE
 from thermap import DEFAULT_URL
 
 
@@ -87,4 +88,4 @@ def _written(figure: dict[str, object], suffix: str) -> str:
     # Importing plotly takes as long as all else that a command needs to start.
     from plotly.graph_objects import Figure  # type: ignore[import-untyped]
 
-    return page(Figure(figure), plotly_js=INLINE)
+    return picture_page(Figure(figure), plotly_js=INLINE)

@@ -27,6 +27,9 @@ Parameters: TypeAlias = Annotated[
 
 Verdict: TypeAlias = Literal["effects-found", "nothing-found", "unexplained"]
 
+ROUNDING: Final = 1e-9
+"""Share of a size: less is rounding."""
+
 MOST_SUBJECTS: Final = 12
 """So many subjects are named behind one reason."""
 
@@ -105,6 +108,11 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
         if self.holdout_before_rms is None or self.holdout_after_rms is None:
             return self.before_rms, self.after_rms
         return self.holdout_before_rms, self.holdout_after_rms
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether effects change it by more than rounding does."""
+        return abs(self.after_rms - self.before_rms) > ROUNDING * self.before_rms
 
     @property
     def noise_floor(self) -> float:

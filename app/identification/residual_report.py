@@ -44,6 +44,11 @@ class Size(Answer, published_as="SizeAnswer"):
     share_above_repeatability: float | None
     """Share that exceeds it in size; noise alone: 0.32"""
 
+    @property
+    def ratio(self) -> float:
+        """The root mean square in repeatabilities; 0 where nothing is known of them."""
+        return self.rms / self.repeatability if self.repeatability else 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResidualFigures:

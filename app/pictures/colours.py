@@ -16,6 +16,9 @@ FAINT: Final = "#e4e7eb"
 WARNING: Final = "#8d4a0b"
 """What is to be said against the errors that are drawn."""
 
+LABEL: Final = "rgba(255, 255, 255, 0.85)"
+"""Behind a label that stands before the drawing."""
+
 FONT: Final = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
 
 LENGTH_SCALE: Final = (

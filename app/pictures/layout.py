@@ -11,7 +11,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.errors import counted
 from app.geometry.components import LINEAR_LETTERS
-from app.pictures.colours import FONT, INK, QUIET, WARNING, length_axis
+from app.pictures.colours import FONT, INK, LABEL, QUIET, WARNING, length_axis
 from app.pictures.distorted_volume import DistortedVolume
 from app.pictures.scene import Json, scene
 from app.pictures.traces import Rounding, Trace
@@ -168,7 +168,7 @@ def _labels(distorted: DistortedVolume, rounding: Rounding) -> list[Json]:
         **{"x": x, "y": y, "z": z, "ax": 45, "ay": -40},
         "text": f"<b>{largest_words(distorted, rounding)}</b>",
         "font": {"size": 15, "color": INK},
-        "bgcolor": "rgba(255, 255, 255, 0.85)",
+        "bgcolor": LABEL,
         "arrowcolor": INK,
         "arrowwidth": 1.2,
         "arrowhead": 0,

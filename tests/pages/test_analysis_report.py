@@ -17,7 +17,7 @@ from app.errors import InvalidContent
 from app.identification.analyse import VERDICTS as GIVEN
 from app.identification.search.findings import Status
 from app.pages.analysis_report import analysis_report
-from app.pages.analysis_report.names import MARKS, STATUSES, TESTS, VERDICTS
+from app.pages.report_parts.effect_names import MARKS, STATUSES, TESTS, VERDICTS
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import (
     ALL,

@@ -13,7 +13,9 @@ from app.api.media_types import HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.schemas.pictures import PictureRequest
-from app.pictures.page import INLINE, figure_json, page
+from app.pages.picture_page import picture_page
+from app.pages.plotly_script import INLINE
+from app.pictures.figure_json import figure_json
 from app.services.context import Context
 from app.services.picture_work_volume import picture_work_volume
 
@@ -85,6 +87,6 @@ def _picture(
     )
     headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
     if chosen_form(accept, [JSON, HTML]) == HTML:
-        written = page(drawn.figure, plotly_js=plotly_js)
+        written = picture_page(drawn.figure, plotly_js=plotly_js)
         return Page(written, scripts=2 if plotly_js == INLINE else 1, headers=headers)
     return Response(figure_json(drawn.figure), media_type=JSON, headers=headers)

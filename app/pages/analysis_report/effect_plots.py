@@ -9,6 +9,7 @@ from app.errors import list_names
 from app.identification.analysis import EffectCurve, FoundEffect
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
+    INK,
     TIME,
     Drawing,
     Json,
@@ -19,7 +20,6 @@ from app.pages.report_parts.drawing import (
     markers,
     pointing,
 )
-from app.pictures.colours import INK
 
 
 def effect_drawings(number: int, effect: FoundEffect, curve: EffectCurve) -> list[Drawing]:

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby, zip_longest
+from statistics import median
 
-from app.identification.analysis import Analysis
-from app.pages.analysis_report.component_table import component_section
-from app.pages.analysis_report.detectable import detectable_section
-from app.pages.analysis_report.effect_section import effect_section
-from app.pages.analysis_report.overview import header, next_steps, tiles
-from app.pages.analysis_report.remains import (
-    excluded_section,
-    not_testable_section,
-    unexplained_section,
-)
+from app.identification.analysis import Analysis, ComponentFigures, FoundEffect, SmallestSeen
+from app.pages.analysis_report.effect_plots import caption, effect_drawings
+from app.pages.analysis_report.facts import effect_facts, head_facts
 from app.pages.analysis_report.visit_plots import visit_drawings
-from app.pages.report_parts.drawing import Drawing, figures_script
-from app.pages.report_parts.style import SCRIPT, STYLE
-from app.pages.report_parts.words import escaped
-from app.pictures.page import INLINE, html_head
+from app.pages.environment import render
+from app.pages.plotly_script import INLINE
+from app.pages.report_parts.drawing import Drawing, largest
+from app.pages.report_parts.effect_names import (
+    MARKS,
+    SHARES,
+    VERDICTS,
+    explanation_name,
+    parameter_text,
+    rival_name,
+    status_words,
+    untested_together,
+)
+from app.pages.report_parts.smallest_seen import size_range, units_of
+from app.pages.report_parts.words import decimals_for
 from app.services.report_head import ReportHead
+from app.units import Unit
 
-WORDS: Final = """<footer class="quiet"><p>A residual is what an instrument measured minus what
-the model predicted. RMS is the root mean square. A visit is what was measured with one set-up.
-Held-out visits took no part in finding an effect or in estimating it. Evidence is twice the
-logarithm of a Bayes factor, the prior spread evenly inside each kind of effect.</p></footer>"""
+MOST_RIVALS = 6
 
 
 def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLINE) -> str:
@@ -36,57 +39,67 @@ def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLI
     head
         Which analysis.
     result
-        Its answer as it is stored, JSON's own types.
+        What it found.
     plotly_js
-        As for a picture: `inline`, or the address from which plotly is to be loaded.
+        As for `render`.
 
     Returns
     -------
     str
-        HTML. The same answer gives the same page. What users wrote is shown letter by letter.
-
-    Raises
-    ------
-    InvalidContent
-        If the address is none of a file over HTTP.
+        HTML.
     """
-    effects, drawings = effect_section(result)
+    effects = list(_with_drawings(result))
     visits = visit_drawings(result)
-    # Where nothing was found, what would have been found is the answer.
-    smallest = detectable_section(result)
-    title = escaped(f"{head.machine_name}: analysis of residuals")
-    return f"""{html_head(title, STYLE, plotly_js)}
-<body>
-{header(head, result)}
-<main>
-{tiles(result)}
-{next_steps(result)}
-{component_section(result)}
-{effects or smallest}
-{_over_time(visits, bool(effects))}
-{unexplained_section(result)}
-{excluded_section(result)}
-{not_testable_section(result)}
-{smallest if effects else ""}
-</main>
-{WORDS}
-{figures_script([*drawings, *visits])}
-<script>{SCRIPT}</script>
-</body>
-</html>
-"""
+    return render(
+        "analysis_report.html",
+        plotly_js=plotly_js,
+        head=head,
+        result=result,
+        head_facts=head_facts(head, result).items(),
+        decimals=decimals_for(result.noise_um),
+        by_unit=list(_by_unit(result.components)),
+        all_held_out=all(c.is_held_out for c in result.components),
+        effects=effects,
+        visits=visits,
+        has_sides=any(any(v.direction) for v in result.plots.visits),
+        seen_units=units_of(result.detectable),
+        seen_by_kind=_by_kind(result.detectable),
+        drawings=[d for _, own in effects for d in own] + visits,
+        caption=caption,
+        effect_facts=lambda *of: effect_facts(*of).items(),
+        explanation_name=explanation_name,
+        parameter_text=parameter_text,
+        rival_name=rival_name,
+        size_range=size_range,
+        status_words=status_words,
+        untested_together=untested_together,
+        MARKS=MARKS,
+        MOST_RIVALS=MOST_RIVALS,
+        SHARES=SHARES,
+        VERDICTS=VERDICTS,
+    )
 
 
-def _over_time(visits: Sequence[Drawing], is_changed: bool) -> str:
-    """Write the section of the visits' means."""
-    if not visits:
-        return ""
-    marks = "Rings: before; filled: after." if is_changed else "Rings: each visit's mean residual."
-    places = "".join(d.place() for d in visits)
-    if any(isinstance(t.get("marker", {}).get("symbol"), list) for d in visits for t in d.data):
-        marks += " Triangles point the way of approach, where an error reverses with it."
-    return f"""<section><h2>Over time, visit by visit</h2>
-<p class="quiet">{marks} Grey: where 95 % of the visits' means should lie if repeatability and
-set-up scatter were all. Components of effects first, then those that stand out most; times are
-UTC.</p>
-<div class="plots three">{places}</div></section>"""
+def _with_drawings(result: Analysis) -> Iterator[tuple[FoundEffect, list[Drawing]]]:
+    """Give each effect with its figures."""
+    # What the readings show by themselves has no residuals to draw, and comes last.
+    pairs = zip_longest(result.effects, result.plots.effects)
+    for number, (effect, curve) in enumerate(pairs, start=1):
+        yield effect, effect_drawings(number, effect, curve) if curve else []
+
+
+def _by_unit(
+    components: Sequence[ComponentFigures],
+) -> Iterator[tuple[str, list[ComponentFigures], int, float]]:
+    """Put components of one unit together, with their decimals and how far their pictures reach."""
+    order = [unit.symbol for unit in Unit]
+    ordered = sorted(components, key=lambda c: order.index(c.unit))
+    for unit, together in groupby(ordered, lambda c: c.unit):
+        own = list(together)
+        reach = largest((*c.shown_rms, c.noise_floor) for c in own)
+        yield unit, own, decimals_for(median(c.noise for c in own)), 1.05 * reach or 1.0
+
+
+def _by_kind(seen: Sequence[SmallestSeen]) -> Mapping[str, list[SmallestSeen]]:
+    kinds = dict.fromkeys(one.kind for one in seen)
+    return {kind: [one for one in seen if one.kind == kind] for kind in kinds}

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, TypeAlias
 
-from app.pages.report_parts.style import AFTER, BEFORE
 from app.pages.report_parts.words import escaped
-from app.pictures.colours import FAINT, FONT, INK, QUIET
+from app.pictures.colours import FONT
 
 Json: TypeAlias = dict[str, Any]
 
+PAPER: Final = "var(--paper)"
 TIME: Final = "time"
 TIMES: Final = (
     {"dtickrange": [None, 43_200_000], "value": "%H:%M<br>%-d %b"},
@@ -25,7 +25,18 @@ TIMES: Final = (
 APPROACHES: Final = {1.0: "triangle-up", -1.0: "triangle-down"}
 """Marks by the direction of approach, where it decides."""
 
-BAND: Final = "rgba(123, 135, 148, 0.18)"
+INK: Final = "var(--ink)"
+AXIS: Final = "var(--axis)"
+FAINT: Final = "var(--faint)"
+BAND: Final = "var(--band)"
+POINTS: Final = "var(--points)"
+"""Colours are the style's, light or dark; the page's script looks them up."""
+
+BEFORE: Final = "var(--before)"
+"""Residuals without the effects: rings."""
+
+AFTER: Final = "var(--after)"
+"""Residuals with the effects: filled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +59,8 @@ class Drawing:
     data: Sequence[Json]
     layout: Json
 
-    def place(self) -> str:
-        """Write the place where the figure will stand."""
-        return (
-            f"<figure><h4>{escaped(self.title)}</h4>"
-            f'<div class="plot" id="{self.id}" role="img" aria-label="{escaped(self.told)}"></div>'
-            "</figure>"
-        )
 
-
-def figures_script(drawings: Sequence[Drawing]) -> str:
+def figures_json(drawings: Sequence[Drawing]) -> str:
     """Write all figures as the JSON that the page's script draws.
 
     Parameters
@@ -94,9 +97,9 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
     axis = {
         "gridcolor": FAINT,
         "zeroline": False,
-        "linecolor": QUIET,
+        "linecolor": AXIS,
         "ticks": "outside",
-        "tickcolor": QUIET,
+        "tickcolor": AXIS,
         "exponentformat": "none",
         "automargin": True,
     }
@@ -104,8 +107,8 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
     return {
         "template": {},
         "font": {"family": FONT, "size": 12, "color": INK},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
         "margin": {"l": 46, "r": 8, "t": 8, "b": 40},
         "dragmode": False,
         "hovermode": "closest",
@@ -123,7 +126,7 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
             "title": {"text": escaped(y_title), "standoff": 4},
             "range": [-reach, reach],
             "zeroline": True,
-            "zerolinecolor": QUIET,
+            "zerolinecolor": AXIS,
             "nticks": 7,
         },
     }

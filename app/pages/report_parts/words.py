@@ -5,17 +5,25 @@ from __future__ import annotations
 import html
 import math
 import re
+from collections.abc import Iterable
 from typing import Final
 
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H
 
 MOST_DECIMALS: Final = 4
 
+ORIGINS: Final = {
+    "declared": "what the verifications state, adjusted where the residuals say otherwise",
+    "replicates": "from what was read again at the same place in the same visit",
+    "residuals": "from what is left within the visits",
+}
+"""Where the scatter of one observation comes from."""
+
 _NEGATIVE: Final = re.compile(r"(?<![\w.)])-(?=\d)")
 
 
 def escaped(text: object) -> str:
-    """Write any text so that a browser shows it letter by letter.
+    """Write any text so that plotly, which reads some markup, shows it letter by letter.
 
     Parameters
     ----------
@@ -35,7 +43,7 @@ def escaped(text: object) -> str:
 
 
 def sentence(text: str) -> str:
-    """Write one of the analysis' sentences for a browser, negative numbers with a true minus.
+    """Write one of the analysis' sentences, negative numbers with a true minus.
 
     Parameters
     ----------
@@ -51,7 +59,29 @@ def sentence(text: str) -> str:
     >>> sentence("z-column 2 falls by -3.7 µm")
     'z-column 2 falls by −3.7 µm'
     """
-    return _NEGATIVE.sub("−", escaped(text))
+    return _NEGATIVE.sub("−", text)
+
+
+def origins_text(found: Iterable[str]) -> str:
+    """Explain where the scatter of one observation comes from, as far as it occurs.
+
+    Parameters
+    ----------
+    found
+        Origins that occur.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> origins_text(["residuals", "residuals"])
+    'Scatter of one observation – residuals: from what is left within the visits.'
+    """
+    occurring = set(found)
+    told = [f"{origin}: {words}" for origin, words in ORIGINS.items() if origin in occurring]
+    return f"Scatter of one observation – {'; '.join(told)}."
 
 
 def decimals_for(noise: float | None) -> int:
@@ -122,6 +152,26 @@ def chance_text(probability: float) -> str:
     if percent < 0.01:
         return "below 0.01 %"
     return f"{percent:.2g} %" if percent < 99.5 else "100 %"
+
+
+def percent_text(share: float) -> str:
+    r"""Write a share in per cent, on one line.
+
+    Parameters
+    ----------
+    share
+        From 0 to 1.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> percent_text(0.5)
+    '50\xa0%'
+    """
+    return f"{share:.0%}".replace("%", "\xa0%")
 
 
 def duration_text(seconds: float) -> str:

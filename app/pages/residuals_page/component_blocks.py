@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from app.errors import counted, list_names
+from app.errors import counted
 from app.geometry.components import COMPONENTS
 from app.identification.residual_curves import ComponentCurves, ResidualCurve
 from app.identification.residual_report import ResidualFigures, Size
-from app.pages.report_parts.component_names import chapter_name, component_name
+from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import Drawing
-from app.pages.report_parts.words import decimals_for, escaped, figure_text
+from app.pages.report_parts.words import decimals_for, figure_text
 from app.pages.residuals_page.curve_plots import TIME, curve_drawing, extent_of, movement
-from app.pages.residuals_page.size_table import over_noise
 
 MOST_OPEN: Final = 6
 """Components whose plots are drawn without being asked for, and plots of each."""
@@ -52,24 +51,19 @@ class Block:
         name = self.size.component
         return "all lengths together" if name == ALL else component_name(name)
 
-    def written(self) -> str:
-        """Write the block as HTML."""
-        shown, further = self.drawings[:MOST_OPEN], self.drawings[MOST_OPEN:]
-        more = (
-            f"<details><summary>{counted(len(further), 'more plot')}: the other "
-            f"quantities</summary>{_grid(further)}</details>"
-            if further
-            else ""
-        )
-        hidden = "" if self.is_open else " hidden"
-        style = "component open" if self.is_open else "component"
-        chapter = escaped(chapter_name(self.size.component))
-        return f"""<section class="{style}" id="{self.place}"{hidden}>
-<h3>{escaped(self.name)} <span class="quiet">{chapter}</span></h3>
-<p class="quiet">{escaped(self._told())}</p>
-{_grid(shown)}{more}</section>"""
+    @property
+    def first(self) -> Sequence[Drawing]:
+        """The plots that are shown at once."""
+        return self.drawings[:MOST_OPEN]
 
-    def _told(self) -> str:
+    @property
+    def further(self) -> Sequence[Drawing]:
+        """Those that are folded away."""
+        return self.drawings[MOST_OPEN:]
+
+    @property
+    def told(self) -> str:
+        """How large the residuals are, as plain text."""
         size = self.size
         decimals = decimals_for(size.repeatability)
         sizes = (size.mean, size.rms, size.repeatability)
@@ -101,49 +95,11 @@ def component_blocks(figures: ResidualFigures, curves: Sequence[ComponentCurves]
     if figures.overall is not None:
         sizes[ALL] = figures.overall
     drawn = [(sizes[c.component], c.curves) for c in curves if c.curves]
-    drawn.sort(key=lambda one: (one[0].component == ALL, -over_noise(one[0])))
+    drawn.sort(key=lambda one: (one[0].component == ALL, -one[0].ratio))
     return [
         _block(number, size, own, is_open=number < MOST_OPEN and size.component != ALL)
         for number, (size, own) in enumerate(drawn)
     ]
-
-
-def plots_section(blocks: Sequence[Block], figures: ResidualFigures) -> str:
-    """Write all plots, with the choice of what is shown.
-
-    Parameters
-    ----------
-    blocks
-        The components' plots.
-    figures
-        The residuals.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
-    drawn = {block.size.component for block in blocks}
-    few = [c.component for c in figures.components if c.component not in drawn]
-    without = (
-        f'<p class="quiet">Not drawn, for too few values or because nothing changed meanwhile: '
-        f"{escaped(list_names(map(component_name, few)))}.</p>"
-        if few
-        else ""
-    )
-    if not blocks:
-        return f"<section><h2>What they depend on</h2>{without}</section>"
-    return f"""<section><h2>What they depend on</h2>
-<p>Dots: means of about equally many values; bars: their standard deviation. Light points: single
-values. Grey: ±2 repeatabilities, where 95 % should lie if there were nothing else. The number in a
-title says how far the means move (RMS, without what the values' own scatter moves them): the
-plots of a component stand in that order, time and the place on its own axis always among the first,
-and have one scale.</p>
-<p class="quiet">Quantities that rise and fall together look alike here, and set-ups move a visit's
-values together: which one it is, and whether it is more than chance, an analysis says.</p>
-{_choice(blocks)}
-{"".join(block.written() for block in blocks)}
-{without}</section>"""
 
 
 def _block(number: int, size: Size, curves: Sequence[ResidualCurve], *, is_open: bool) -> Block:
@@ -172,28 +128,3 @@ def _own_positions(component: str) -> list[str]:
         return []
     axis = COMPONENTS[component].axis
     return [] if axis is None else [f"position {axis} [mm]"]
-
-
-def _grid(drawings: Sequence[Drawing]) -> str:
-    return f'<div class="plots three">{"".join(d.place() for d in drawings)}</div>'
-
-
-def _choice(blocks: Sequence[Block]) -> str:
-    """Write the list that a component is chosen from; paper has none."""
-    open_ones = [block for block in blocks if block.is_open]
-    if len(blocks) == len(open_ones):
-        return ""
-    options = "".join(
-        f'<option value="{block.place}">{escaped(block.name + _ratio(block.size))}</option>'
-        for block in blocks
-    )
-    first = f"the {len(open_ones)} that exceed their repeatability most"
-    return (
-        f'<p class="choice"><label for="choice">Plots of</label> <select id="choice">'
-        f'<option value="">{first}</option>{options}</select></p>'
-    )
-
-
-def _ratio(size: Size) -> str:
-    ratio = over_noise(size)
-    return f": {ratio:.1f} × repeatability" if ratio else ""

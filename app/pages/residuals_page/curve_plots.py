@@ -12,6 +12,8 @@ from app.identification.residual_summary import Bin
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
     BAND,
+    BEFORE,
+    POINTS,
     Drawing,
     Json,
     dates,
@@ -19,7 +21,6 @@ from app.pages.report_parts.drawing import (
     largest,
     layout_of,
 )
-from app.pages.report_parts.style import BEFORE
 from app.pages.report_parts.words import decimals_for, figure_text
 
 TIME: Final = "time [s]"
@@ -35,7 +36,6 @@ GOLDEN: Final = 0.6180339887
 """Multiples of it fill a width evenly, however many they are."""
 
 FEW: Final = 100
-POINTS: Final = "#829ab1"
 DIGITS: Final = 5
 
 

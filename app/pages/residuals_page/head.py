@@ -1,4 +1,4 @@
-"""The top of the page: whose residuals, how large they are in one sentence, and what was used."""
+"""What stands at the top: whose residuals, how large they are in one sentence, what was used."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 from app.errors import counted, list_names
 from app.identification.residual_report import ResidualFigures
-from app.pages.report_parts.words import decimals_for, escaped, figure_text
+from app.pages.report_parts.words import decimals_for, figure_text, percent_text
 from app.units import date_text
 
 MOST_LABELS: Final = 12
@@ -51,30 +51,6 @@ class ResidualsHead:
     last_s: float
 
 
-def header(head: ResidualsHead, figures: ResidualFigures) -> str:
-    """Write title, the sizes in one sentence, and what was held against what.
-
-    Parameters
-    ----------
-    head
-        Whose residuals.
-    figures
-        The residuals.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
-    facts = "".join(f"<dt>{name}</dt><dd>{told}</dd>" for name, told in _facts(head, figures))
-    return f"""<header>
-<p class="quiet">Residuals: measured minus predicted, nothing fitted</p>
-<h1>{escaped(head.machine_name)}</h1>
-<p class="summary">{escaped(size_sentence(figures))}</p>
-<dl class="facts">{facts}</dl>
-</header>"""
-
-
 def size_sentence(figures: ResidualFigures) -> str:
     """Say how large the residuals are, as plain text.
 
@@ -107,28 +83,21 @@ def size_sentence(figures: ResidualFigures) -> str:
     )
 
 
-def percent_text(share: float) -> str:
-    r"""Write a share in per cent, on one line.
+def head_facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str, str]]:
+    """Say what was held against what.
 
     Parameters
     ----------
-    share
-        From 0 to 1.
+    head
+        Whose residuals.
+    figures
+        The residuals.
 
     Returns
     -------
-    str
-
-    Examples
-    --------
-    >>> percent_text(0.5)
-    '50\xa0%'
+    list of tuple of str
+        Names with what they say, plain text.
     """
-    return f"{share:.0%}".replace("%", "\xa0%")
-
-
-def _facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str, str]]:
-    """What was held against what, as HTML."""
     values = figures.count
     labels = [label for label, _ in head.verifications]
     datums = Counter(datum for _, datum in head.verifications)
@@ -138,10 +107,10 @@ def _facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str, str
     ]
     first, last = date_text(head.first_s), date_text(head.last_s)
     return [
-        ("machine", escaped(f"{head.machine_id} ({head.chain})")),
+        ("machine", f"{head.machine_id} ({head.chain})"),
         ("model", f"version {head.model_version}, its adopted effects included"),
-        ("verifications", escaped(list_names(labels, MOST_LABELS))),
-        ("datum", escaped("; ".join(told))),
+        ("verifications", list_names(labels, MOST_LABELS)),
+        ("datum", "; ".join(told)),
         ("measured", first if first == last else f"{first} to {last}"),
         ("values", f"{values} of {counted(len(figures.components), 'component')}"),
     ]

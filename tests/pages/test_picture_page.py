@@ -13,8 +13,9 @@ import plotly.io
 import pytest
 
 from app.errors import InvalidContent
+from app.pages.picture_page import picture_page as page
+from app.pictures.figure_json import figure_json
 from app.pictures.layout import Remarks
-from app.pictures.page import figure_json, page
 from tests.geometry.example_fields import NONRIGID, TOOL, random_field
 from tests.pictures.example_pictures import CUBE, VOLUMES, picture, random_picture
 
@@ -103,7 +104,7 @@ def test_texts_of_users_are_shown_and_do_not_act():
     assert read.texts["h1"] == EVIL
     assert read.texts["title"] == EVIL
     assert EVIL in read.texts["p"]
-    assert "<" not in read.texts["script"].split("Plotly.newPlot")[1].split("displaylogo")[0]
+    assert "<" not in read.texts["script"].split("const config")[0]
 
 
 def test_the_page_says_what_is_drawn():
@@ -126,7 +127,7 @@ def test_what_is_said_against_the_errors_stands_on_the_page_and_in_the_figure():
     items = re.findall("<li>(.*?)</li>", written)
     assert [html.unescape(item) for item in items] == ["not complete", *REMARKS.warnings]
     assert "<img" not in written
-    assert written.index('class="warnings"') < written.index("<main>")
+    assert written.index('aria-label="warnings"') < written.index("<main>")
     meta = json.loads(figure_json(figure))["layout"]["meta"]
     assert (meta["complete"], meta["warnings"]) == (False, REMARKS.warnings)
     assert meta["counted_as_zero"] == ["ECZ"]
@@ -146,7 +147,7 @@ def test_many_warnings_leave_room_for_the_drawing():
 
 def test_a_page_about_which_nothing_is_to_be_said_says_nothing():
     figure = picture()
-    assert 'class="warnings"' not in page(figure, plotly_js=ADDRESS)
+    assert 'aria-label="warnings"' not in page(figure, plotly_js=ADDRESS)
     assert (figure.layout.meta["complete"], len(figure.layout.meta["warnings"])) == (True, 0)
 
 
@@ -208,7 +209,7 @@ def test_numbers_are_short():
 
 def test_plotly_is_imported_only_for_a_picture():
     program = (
-        "import sys; import app.pictures.page; import app.pictures.work_volume_picture; "
+        "import sys; import app.pages.picture_page; import app.pictures.work_volume_picture; "
         "sys.exit('plotly' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -1,0 +1,113 @@
+"""What is known of an analysis, and of each effect: names with what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC
+from typing import Final
+
+from app.errors import counted, list_names
+from app.identification.analysis import Analysis, Evidence, FoundEffect
+from app.pages.report_parts.component_names import component_name
+from app.pages.report_parts.effect_names import kind_name, learnt_words
+from app.pages.report_parts.words import chance_text, figure_text, sentence
+from app.services.report_head import ReportHead
+
+MOST_LABELS: Final = 12
+
+
+def head_facts(head: ReportHead, result: Analysis) -> Mapping[str, str]:
+    """Say what was analysed.
+
+    Parameters
+    ----------
+    head, result
+        The analysis.
+
+    Returns
+    -------
+    dict
+        Names to plain text.
+    """
+    return {
+        "machine": f"{head.machine_id} ({head.chain})",
+        "model": sentence(_model(head)),
+        "verifications": list_names(head.verifications, MOST_LABELS),
+        "observations": f"{counted(result.values, 'value')} of {counted(result.visits, 'visit')}",
+        "analysed": f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}",
+        "adopted": sentence(_adopted(head)),
+    }
+
+
+def _model(head: ReportHead) -> str:
+    """Name the version with the effects that it had before."""
+    had = counted(len(head.had), "adopted effect")
+    version = f"version {head.model_version}"
+    return f"{version}, with {had}: {'; '.join(head.had)}" if head.had else version
+
+
+def _adopted(head: ReportHead) -> str:
+    """Say what of this analysis went into which version."""
+    if head.adopted_version is None:
+        return "nothing of this analysis"
+    version = f"as model version {head.adopted_version}"
+    return f"{version}: {'; '.join(head.adopted)}" if head.adopted else version
+
+
+def effect_facts(effect: FoundEffect, decimals: int) -> Mapping[str, str]:
+    """Say what an effect is and how sure it is.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    decimals
+        Of its sizes.
+
+    Returns
+    -------
+    dict
+        Names to plain text, empty where there is nothing to say.
+    """
+    sizes = [figure_text(rms, decimals) for rms in (effect.before_rms_um, effect.after_rms_um)]
+    evidence = effect.evidence
+    drivers = [*effect.sensors, *effect.states]
+    variant = f", {effect.variant}" if effect.variant else ""
+    return {
+        "kind": f"{kind_name(effect.kind)}{variant}",
+        "acts on": list_names(map(component_name, effect.components)),
+        "driven by": list_names(drivers) if drivers else "",
+        "residual there": f"{sizes[0]} → {sizes[1]} {effect.unit} RMS, with all effects",
+        **_sureness(evidence),
+        "learnt in": learnt_words(effect.valid),
+        "use": effect.measure_again or "",
+    }
+
+
+def _sureness(evidence: Evidence) -> dict[str, str]:
+    """Say how sure it is: by its readings, or by visits that took no part and by chance."""
+    if evidence.seen_in_readings:
+        return {"in the readings": evidence.seen_in_readings}
+    return {
+        "held-out visits": _held_out(evidence),
+        "by chance": _by_chance(evidence.p_global),
+    }
+
+
+def _by_chance(probability: float | None) -> str:
+    return "" if probability is None else f"{chance_text(probability)} anywhere in the library"
+
+
+def _held_out(evidence: Evidence) -> str:
+    """Say what visits say that took no part in finding it."""
+    slope, error = evidence.calibration_slope, evidence.calibration_slope_error
+    told = "could not say anything"
+    if slope is not None:
+        size = figure_text(slope, 2) + (f" ± {figure_text(error, 2)}" if error else "")
+        told = f"show {size} of what it predicts (1 is right, 0 is nothing)"
+    forward, again = evidence.forward_slope, evidence.found_again_share
+    if forward is not None:
+        told += f"; the last visits, from the earlier ones: {figure_text(forward, 2)}"
+    if again is not None:
+        told += f"; found again in {100.0 * again:.0f} % of the splits"
+    return told

@@ -1,0 +1,85 @@
+"""Templates: every text in them is escaped, and a name that nobody gave is an error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from app.errors import counted
+from app.pages.plotly_script import plotly_script
+from app.pages.report_parts.component_names import chapter_name, component_name
+from app.pages.report_parts.drawing import figures_json
+from app.pages.report_parts.effect_names import TESTS, kind_name, parameter_name
+from app.pages.report_parts.words import (
+    chance_text,
+    decimals_for,
+    figure_text,
+    origins_text,
+    percent_text,
+    sentence,
+)
+
+_ENVIRONMENT: Final = Environment(
+    loader=PackageLoader("app.pages"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+_ENVIRONMENT.filters |= {
+    "figure": figure_text,
+    "decimals_for": decimals_for,
+    "chance": chance_text,
+    "percent": percent_text,
+    "sentence": sentence,
+    "origins": origins_text,
+    "counted": counted,
+    "component_name": component_name,
+    "chapter_name": chapter_name,
+    "kind_name": kind_name,
+    "parameter_name": parameter_name,
+    "words_of_test": lambda test: TESTS.get(test, test),
+    "as_number_heading": lambda unit: (f"[{unit}]", "number"),
+    "figures_json": lambda drawings: Markup(figures_json(drawings)),
+}
+
+
+CONFIG: Final = {"displayModeBar": False, "responsive": True, "displaylogo": False}
+"""How plotly behaves in a report: its figures are read, not worked with."""
+
+
+def render(
+    template: str, *, plotly_js: str, config: Mapping[str, Any] = CONFIG, **shown: Any
+) -> str:
+    """Write a page.
+
+    Parameters
+    ----------
+    template
+        Its name in `templates`.
+    plotly_js
+        `inline`: plotly's JavaScript, some 5 MB, becomes part of the page, which then needs
+        nothing else; or the address from which the page is to load it.
+    config
+        plotly's.
+    shown
+        What the template names.
+
+    Returns
+    -------
+    str
+        HTML. The same answer gives the same page. What users wrote is shown letter by letter.
+
+    Raises
+    ------
+    InvalidContent
+        If the address is none of a file over HTTP.
+    """
+    script = plotly_script(plotly_js)
+    page = _ENVIRONMENT.get_template(template)
+    written: str = page.render(plotly_script=script, config=config, **shown)
+    return written
