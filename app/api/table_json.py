@@ -310,10 +310,13 @@ def _member_fields(
 
 def _basis_json(state: GroupState) -> bytes:
     """Write how a group's numbers came about, after its numbers."""
+    group, scale, bracket = state.group, state.scale, state.bracket
+    lower, upper = scale.rows[bracket.lower], scale.rows[bracket.lower + 1]
+    stand_in_for = None if scale is group.scales[0] else state.stand_in_for
     text = _basis_text(
-        state.sensor, state.stand_in_for, state.lower_map, state.upper_map, state.status
+        scale.sensor, stand_in_for, group.labels[lower], group.labels[upper], bracket.status
     )
-    weight = round(state.weight, WEIGHT_DECIMALS)
+    weight = round(bracket.weight, WEIGHT_DECIMALS)
     return text % (orjson.dumps(state.temperature_c), orjson.dumps(weight))
 
 

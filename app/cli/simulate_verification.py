@@ -337,8 +337,8 @@ def _ranges_of_table(
     None of it where the service gives no table at these temperatures: nothing is predicted there
     either, and that is said.
     """
-    from app.client import ThermapClientError
     from app.geometry.components import COMPONENTS
+    from thermap import ThermapClientError
 
     try:
         table = thermap.compensation(machine, temperatures_c)

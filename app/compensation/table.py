@@ -182,7 +182,7 @@ def compensation_table(
     old = [
         f"{list_names(state.group.codes)} rest on an old temperature of {state.sensor}"
         for state in states
-        if state.sensor not in usable
+        if state.scale.sensor not in usable
     ]
     shortened = [words for state in states if state.maps.shortened for words in shortenings(state)]
     return CompensationTable(
@@ -250,7 +250,7 @@ def remarks(states: Iterable[GroupState]) -> list[str]:
     """Say what is not plain interpolation between maps of the assigned sensor."""
     found = []
     for state in states:
-        if state.status in _PLAIN:
+        if state.bracket.status in _PLAIN:
             continue
         codes = list_names(state.group.codes)
         if state.is_stand_in:
