@@ -15,7 +15,7 @@ from app.services.context import Context
 from app.services.load_campaign import load_campaign
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version
-from app.storage.watches import find_watch, write_watch
+from app.storage.watches import StoredWatch, find_watch, write_watch
 
 log = logging.getLogger("thermap")
 
@@ -26,7 +26,7 @@ class Judged:
 
     model_version: int | None
     answer: Judgement
-    before: WatchState | None = None
+    before: StoredWatch | None = None
     after: WatchState | None = None
 
     def still_holds(self, session: Session, machine_id: str) -> bool:
@@ -35,8 +35,7 @@ class Judged:
             return False
         if self.model_version is None:
             return True
-        known = find_watch(session, machine_id, self.model_version)
-        return (None if known is None else known[0]) == self.before
+        return find_watch(session, machine_id, self.model_version) == self.before
 
     def write(self, context: Context, session: Session, machine_id: str) -> None:
         """Carry the watch on; the machine is locked."""
@@ -61,14 +60,14 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
         if version is None:
             return Judged(None, not_judged(None, "the machine has no model yet"))
         number = version.version
-        known = find_watch(session, machine_id, number)
-        before = None if known is None else known[0]
+        before = find_watch(session, machine_id, number)
         try:
+            state = WatchState() if before is None else before.state
             machine = stored_machine(row).machine
             campaign = load_campaign(
                 session, machine, version, [verification], context.usable_until()
             )
-            judgement, after = watch(campaign, before or WatchState(), number)
+            judgement, after = watch(campaign, state, number)
         except (WrongUnit, StorageUnavailable):
             raise
         except InvalidContent as error:

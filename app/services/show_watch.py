@@ -55,5 +55,4 @@ def show_watch(context: Context, machine_id: str) -> Watch:
         ]
     if known is None:
         return Watch(version, WatchState(), None, judged)
-    stored, updated_at = known
-    return Watch(version, stored, updated_at, judged)
+    return Watch(version, known.state, known.updated_at, judged)

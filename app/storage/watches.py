@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -16,12 +18,23 @@ NOT_JUDGED: Final = "not-judged"
 """Nothing that was measured could be judged yet."""
 
 
-def find_watch(
-    session: Session, machine_id: str, model_version: int
-) -> tuple[WatchState, datetime] | None:
+@dataclass(frozen=True, slots=True)
+class StoredWatch:
+    """A state as it is stored, and since when; comparing it does not need to read it."""
+
+    written: Mapping[str, Any]
+    updated_at: datetime
+
+    @property
+    def state(self) -> WatchState:
+        """The state; InvalidContent where it cannot be read."""
+        return WATCH_STATES.read(self.written)
+
+
+def find_watch(session: Session, machine_id: str, model_version: int) -> StoredWatch | None:
     """Read what was stored last, and when; None before the first verification."""
     row = session.get(WatchRow, (machine_id, model_version))
-    return None if row is None else (WATCH_STATES.read(row.state), row.updated_at)
+    return None if row is None else StoredWatch(row.state, row.updated_at)
 
 
 def watch_status(session: Session, machine: MachineRow) -> str | None:

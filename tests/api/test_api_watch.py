@@ -5,7 +5,9 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
+from app.storage.tables import WatchRow
 from tests.service_examples import (
     ROOM,
     START,
@@ -112,6 +114,18 @@ async def test_what_cannot_be_judged_is_stored_all_the_same(room, client):
         "no-verification",
         "not-judged",
     )
+
+
+async def test_a_state_that_a_newer_version_wrote_loses_no_verification(room, app):
+    await judged(room, visit(0))
+    with app.state.context.database.writing() as session:
+        row = session.scalars(select(WatchRow)).one()
+        row.state = row.state | {"shape": 1000}
+    judgement = await judged(room, visit(1))
+    assert judgement["status"] == "not-judged"
+    assert "newer version" in judgement["summary"]
+    with app.state.context.database.reading() as session:
+        assert session.scalars(select(WatchRow)).one().state["shape"] == 1000
 
 
 async def test_a_machine_without_a_model_takes_verifications(client):

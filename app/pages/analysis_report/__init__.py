@@ -1,4 +1,4 @@
-"""The report of an analysis: one page that a person reads, and the words it is written in."""
+"""The report of an analysis: one page that a person reads."""
 
 from app.pages.analysis_report.report import analysis_report
 

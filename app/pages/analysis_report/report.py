@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, zip_longest
 from statistics import median
+from typing import Final
 
 from app.identification.analysis import Analysis, ComponentFigures, FoundEffect, SmallestSeen
 from app.pages.analysis_report.effect_plots import caption, effect_drawings
@@ -28,7 +29,7 @@ from app.pages.report_parts.words import decimals_for
 from app.services.report_head import ReportHead
 from app.units import Unit
 
-MOST_RIVALS = 6
+MOST_RIVALS: Final = 6
 
 
 def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLINE) -> str:

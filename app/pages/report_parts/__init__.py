@@ -1,1 +1,1 @@
-"""What the pages that report have in common: tables, figures, words and style."""
+"""What pages and terminal views have in common: figures, names and words."""
