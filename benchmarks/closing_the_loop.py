@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from app.identification.analyse import analyse
+from app.effects.effect import effect_from_json
+from app.effects.projection import sum_of_terms
+from app.identification.analysis.analyse import analyse
 from app.identification.campaign import Campaign, residuals_of
-from app.identification.effects.effect import effect_from_json
-from app.identification.projection import sum_of_terms
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.closing_the_loop_judge import judge
 from benchmarks.undeclared import FAMILIES, UNKNOWN, make_campaign

@@ -9,8 +9,8 @@ from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings
 from app.api.schemas.readings import ReadingSchema
 from app.api.schemas.verifications import VerificationRequest
+from app.effects.observations import Verification
 from app.identification.campaign import Campaign
-from app.identification.observations import Verification
 from app.thermal.compile_model import compile_model
 from app.thermal.temperature_history import TemperatureHistory
 

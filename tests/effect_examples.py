@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from app.identification.effects.driver import (
+from app.effects.driver import (
     AboveReference,
     Always,
     Behind,
@@ -15,10 +15,10 @@ from app.identification.effects.driver import (
     State,
     StepAfter,
 )
-from app.identification.effects.effect import Effect
-from app.identification.effects.shape import Everywhere, Rising, Sensitivity, Wave
-from app.identification.effects.term import Term
-from app.identification.effects.valid import Valid
+from app.effects.effect import Effect
+from app.effects.shape import Everywhere, Rising, Sensitivity, Wave
+from app.effects.term import Term
+from app.effects.valid import Valid
 from app.services.adopt_analysis import version_with_effects
 from app.services.change_model import changing_machine
 from tests.service_examples import ROOM, START, iso, reading

@@ -20,6 +20,8 @@ FLOORS = [
     {"geometry"},
     {"thermal"},
     {"compensation", "measurement", "pictures", "demo"},
+    {"search"},
+    {"effects"},
     {"identification"},
     {"storage", "live", "controllers", "settings"},
     {"services"},
@@ -42,7 +44,16 @@ MAY_USE_THE_CLIENT = {"cli", "__init__"}
 
 PURE = {
     *("units", "errors", "arrays", "answer", "geometry", "thermal"),
-    *("compensation", "measurement", "pictures", "demo", "identification", "pages"),
+    *(
+        "compensation",
+        "measurement",
+        "pictures",
+        "demo",
+        "search",
+        "effects",
+        "identification",
+        "pages",
+    ),
 }
 """No clock, no database, no HTTP: time and temperatures come in as arguments."""
 
@@ -114,8 +125,8 @@ def test_the_command_line_alone_uses_the_client():
 
 
 def test_the_search_knows_only_its_rows():
-    own = ("app.identification.search", "app.arrays", "app.errors")
-    for path in (PACKAGE / "identification" / "search").rglob("*.py"):
+    own = ("app.search", "app.arrays", "app.errors")
+    for path in (PACKAGE / "search").rglob("*.py"):
         for module in imports_of(path):
             assert not module.startswith("app") or module.startswith(own), (
                 f"{path} imports {module}"

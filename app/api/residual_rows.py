@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.identification.residuals import channel_unit
+from app.identification.residuals.residuals import channel_unit
 from app.services.show_residuals import ShownResiduals
 
 SIGNS: Final = {1.0: "+", -1.0: "-", 0.0: "0"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.identification.residual_curves import residual_curves
+from app.identification.analysis.residual_curves import residual_curves
 from app.pages.residuals_page import ResidualsHead, residuals_page
 from app.services.show_residuals import ShownResiduals
 

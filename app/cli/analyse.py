@@ -22,9 +22,9 @@ from app.cli.model_change_view import preview_lines, waiting_lines
 from app.cli.options import MachineArgument, UrlOption, connect, expect_page, write_file
 from app.errors import ThermapError, list_names
 from app.geometry.components import ORDER
-from app.identification.analysis import Analysis
-from app.identification.plan import Plan
-from app.identification.search.findings import Status
+from app.identification.analysis.analysis import Analysis
+from app.identification.plan.plan import Plan
+from app.search.findings import Status
 from thermap import (
     DEFAULT_URL,
     FieldError,

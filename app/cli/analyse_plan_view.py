@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.errors import counted
-from app.identification.plan import Plan, PlannedEffect
+from app.identification.plan.plan import Plan, PlannedEffect
 from app.pages.report_parts.effect_names import kind_name, untested_together
 from app.pages.report_parts.smallest_seen import size_range, units_of
 
@@ -49,7 +49,7 @@ def told_apart(seen: Sequence[PlannedEffect]) -> str:
         Effects of one kind.
 
     >>> from dataclasses import replace
-    >>> from app.identification.plan import PlannedRival
+    >>> from app.identification.plan.plan import PlannedRival
     >>> rival = PlannedRival("other-sensor", (), (), (), 0.9, None)
     >>> one = PlannedEffect("step", "", ("EXX",), (), (), "µm", 0.2, 0.5, rival)
     >>> told_apart([one])

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.errors import counted
-from app.identification.analysis import Analysis, ComponentFigures, FoundEffect
+from app.identification.analysis.analysis import Analysis, ComponentFigures, FoundEffect
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import (
     VERDICTS,

@@ -35,8 +35,8 @@ from app.cli.delimited_text import DelimitedText, Row, read_delimited
 from app.cli.delimited_text import Problems as FileProblems
 from app.errors import UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, parse_component
-from app.identification.search.rows import Datum
 from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
+from app.search.rows import Datum
 from app.units import Unit
 
 Body = dict[str, Any]

@@ -238,7 +238,7 @@ def _stated_plan(file: Path) -> _Plan:
 
 def _parted(ordered: Sequence[Observation]) -> list[list[Observation]]:
     """Part observations at pauses that make another visit."""
-    from app.identification.observations import VISIT_GAP_S
+    from app.effects.observations import VISIT_GAP_S
 
     found = [[ordered[0]]]
     for before, after in pairwise(ordered):
@@ -258,7 +258,7 @@ def _default_plan(
     span: tuple[datetime | None, datetime | None],
 ) -> _Plan:
     """Visit the components in turn at times that the stored readings cover evenly."""
-    from app.identification.observations import VISIT_GAP_S
+    from app.effects.observations import VISIT_GAP_S
 
     ranges = _ranges_of_maps(thermap, machine, components)
     count = positions * len(ranges)

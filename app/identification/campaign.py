@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from app.identification.conditions import recorded_conditions
+from app.effects.conditions import recorded_conditions
+from app.effects.effect import Effect
+from app.effects.observations import Verification, observation_rows
 from app.identification.doubted_sensors import trusted_readings
-from app.identification.effects.effect import Effect
-from app.identification.observations import Verification, observation_rows
-from app.identification.residuals import Residuals, compute_residuals
+from app.identification.residuals.residuals import Residuals, compute_residuals
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.temperature_history import TemperatureHistory

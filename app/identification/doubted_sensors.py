@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.identification.effects.kind import NotTested
-from app.identification.effects.sensor_fault import SensorFault
+from app.effects.kind import NotTested
+from app.effects.kinds.sensor_fault import SensorFault
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.doubtful_sensors import DoubtfulSensor, doubtful_sensors, without_doubtful
 from app.thermal.sensor_health import believed, without_stuck

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from threading import Lock
 
-from app.identification.live_lags import LiveLags
-from app.identification.past import Needed, Past
+from app.effects.adopted.live_lags import LiveLags
+from app.effects.past import Needed, Past
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import believed, record_needed_s

@@ -14,8 +14,8 @@ from datetime import datetime
 from functools import cached_property
 from threading import Lock
 
-from app.identification.effects.effect import Effect
-from app.identification.past import Needed, needed_past
+from app.effects.effect import Effect
+from app.effects.past import Needed, needed_past
 from app.live.carried_past import CarriedPast
 from app.live.database_watch import DatabaseWatch
 from app.live.reading_window import MOST_AHEAD, ReadingWindow

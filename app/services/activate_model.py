@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.identification.model_difference import ModelWithEffects
+from app.effects.adopted.model_difference import ModelWithEffects
 from app.services.change_model import (
     MadeVersion,
     changing_machine,

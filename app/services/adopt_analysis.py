@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from app.effects.adopted.model_difference import ModelWithEffects
+from app.effects.effect import Effect, effect_from_json
+from app.effects.past import sensors_of
+from app.effects.registry import explain
 from app.errors import Conflict, InvalidContent, list_names
-from app.identification.effects.effect import Effect, effect_from_json
-from app.identification.effects.registry import explain
-from app.identification.model_difference import ModelWithEffects
-from app.identification.past import sensors_of
 from app.services.change_model import (
     Draft,
     MachineChange,

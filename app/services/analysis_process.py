@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Final, Literal, NamedTuple
 
 from app.errors import Conflict, ThermapError
-from app.identification.analyse import analyse
+from app.identification.analysis.analyse import analyse
 from app.services.choose_version import choose_version
 from app.services.context import CLOCKS_DIFFER
 from app.services.load_campaign import load_campaign, read_verifications

@@ -9,6 +9,7 @@ from datetime import datetime
 
 from app.compensation.table import CompensationTable
 from app.compensation.table_field import table_field
+from app.effects.kinds.backlash import Backlash
 from app.errors import (
     FieldError,
     InvalidContent,
@@ -20,7 +21,6 @@ from app.geometry.components import LINEAR_LETTERS
 from app.geometry.error_field import ErrorField
 from app.geometry.needed_components import needed_components
 from app.geometry.work_volume import Range, WorkVolume
-from app.identification.effects.backlash import Backlash
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at

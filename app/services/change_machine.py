@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from app.effects.past import sensors_of
 from app.errors import Conflict, list_names
 from app.geometry.components import COMPONENTS
-from app.identification.past import sensors_of
 from app.services.change_model import changing_machine
 from app.services.context import Context
 from app.services.load_machine import adopted_effects

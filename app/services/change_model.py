@@ -4,7 +4,7 @@ Every use case that changes what a machine's tables say goes through
 `changing_machine`: one transaction that holds the machine's lock, and after its
 commit one step that puts the new model in place in memory.
 
-Every new version is held against the active one (`app.identification.model_difference`). One
+Every new version is held against the active one (`app.effects.adopted.model_difference`). One
 that loses nothing is activated. One that loses something is stored and waits, and the versions
 after it are made of it: what is stored meanwhile is in them, and when somebody activates the
 last one, or it loses nothing any more, all of it goes live together.
@@ -18,15 +18,15 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.errors import StorageUnavailable, UnknownThing
-from app.identification.carry_over import Change, carry_over
-from app.identification.effects.effect import Effect
-from app.identification.model_difference import (
+from app.effects.adopted.carry_over import Change, carry_over
+from app.effects.adopted.model_difference import (
     ModelDifference,
     ModelWithEffects,
     Part,
     model_difference,
 )
+from app.effects.effect import Effect
+from app.errors import StorageUnavailable, UnknownThing
 from app.services.context import Context
 from app.services.load_machine import (
     adopted_effects,
@@ -166,7 +166,7 @@ def draft_version(
     machine's sensors thus cannot change what a version says.
 
     Without `effects` those of the version before are carried over as far as they still hold
-    (`app.identification.carry_over`); the reason says which are left out, and why.
+    (`app.effects.adopted.carry_over`); the reason says which are left out, and why.
 
     Parameters
     ----------

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.arrays import BoolArray
+from app.effects.projection import Projection
 from app.errors import InvalidContent, expect_each_once
-from app.identification.projection import Projection
-from app.identification.residual_report import ResidualReport, residual_report
-from app.identification.residuals import Residuals
+from app.identification.analysis.residual_report import ResidualReport, residual_report
+from app.identification.residuals.residuals import Residuals
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications

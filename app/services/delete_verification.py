@@ -7,7 +7,7 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from app.errors import InvalidContent
-from app.identification.watching import WatchState, watch
+from app.identification.watch.watching import WatchState, watch
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
+from app.effects.observations import Verification
 from app.errors import InvalidContent, StorageUnavailable
-from app.identification.observations import Verification
-from app.identification.residuals import WrongUnit
-from app.identification.watching import Judgement, WatchState, not_judged, watch
+from app.identification.residuals.residuals import WrongUnit
+from app.identification.watch.watching import Judgement, WatchState, not_judged, watch
 from app.services.context import Context
 from app.services.load_campaign import load_campaign
 from app.storage.machines import find_machine, stored_machine

@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 from hashlib import blake2s
 
 from app.compensation.table import CompensationTable, compensation_table
+from app.effects.adopted.in_table import add_effects, faulty_marked
+from app.effects.adopted.live_lags import LiveLags
+from app.effects.conditions import Conditions, Lags
 from app.errors import NoReading, SensorUnavailable, counted
-from app.identification.conditions import Conditions, Lags
-from app.identification.effects_in_table import add_effects, faulty_marked
-from app.identification.live_lags import LiveLags
 from app.live.reading_window import Held
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context

@@ -8,9 +8,9 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.effects.observations import Verification
+from app.effects.past import needed_past
 from app.identification.campaign import Campaign
-from app.identification.observations import Verification
-from app.identification.past import needed_past
 from app.services.load_machine import adopted_effects, compile_version
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion

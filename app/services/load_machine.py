@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
+from app.effects.effect import Effect, effect_from_json
 from app.errors import Conflict, UnknownThing
-from app.identification.effects.effect import Effect, effect_from_json
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
 from app.services.restore_past import restore_past

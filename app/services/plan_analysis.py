@@ -8,10 +8,10 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.effects.observations import Verification
 from app.errors import InvalidContent
-from app.identification.observations import Verification
-from app.identification.plan import Plan
-from app.identification.planning import plan
+from app.identification.plan.plan import Plan
+from app.identification.plan.planning import plan
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import (

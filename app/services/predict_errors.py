@@ -8,14 +8,14 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
+from app.effects.adopted.live_effects import Missing
+from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
+from app.effects.conditions import Conditions, recorded_conditions
+from app.effects.effect import Effect, acting_on
+from app.effects.past import needed_past
+from app.effects.projection import missing_at_points
 from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.identification.conditions import Conditions, recorded_conditions
-from app.identification.effect_prediction import AskedPlaces, predict_with_effects
-from app.identification.effects.effect import Effect, acting_on
-from app.identification.live_effects import Missing
-from app.identification.past import needed_past
-from app.identification.projection import missing_at_points
 from app.services.ask_field import missing_refused
 from app.services.choose_version import choose_version
 from app.services.context import Context

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from app.compensation.table_difference import ComponentChange, component_changes
+from app.effects.adopted.model_difference import ModelDifference, ModelWithEffects
+from app.effects.effect import Effect
 from app.errors import ThermapError
-from app.identification.effects.effect import Effect
-from app.identification.model_difference import ModelDifference, ModelWithEffects
 from app.live.registry import LiveMachine, LiveModel
 from app.services.change_model import (
     Draft,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from sqlalchemy.orm import Session
 
+from app.effects.effect import Effect
+from app.effects.registry import explain
 from app.errors import Conflict
-from app.identification.analysis import Analysis, FoundEffect
-from app.identification.effects.effect import Effect
-from app.identification.effects.registry import explain
+from app.identification.analysis.analysis import Analysis, FoundEffect
 from app.services.context import Context
 from app.services.load_machine import adopted_effects
 from app.services.report_head import ReportHead

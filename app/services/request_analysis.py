@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from app.effects.registry import kind_of
 from app.errors import expect_each_once
-from app.identification.effects.registry import kind_of
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.repeating import repeated

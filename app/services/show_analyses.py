@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.identification.analysis import Analysis
+from app.identification.analysis.analysis import Analysis
 from app.services.context import Context
 from app.storage.analyses import find_analysis, list_analyses, stored_analysis
 from app.storage.analysis_results import RESULTS

@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import replace
 from datetime import datetime
 
-from app.identification.model_difference import ModelWithEffects
+from app.effects.adopted.model_difference import ModelWithEffects
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
 from app.storage.error_maps import find_error_map, list_error_maps, stored_map

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from app.effects.observations import Verification
 from app.errors import InvalidContent, expect_each_once
+from app.identification.analysis.residual_report import ResidualReport, residual_report
 from app.identification.campaign import Campaign, residuals_of
-from app.identification.observations import Verification
-from app.identification.residual_report import ResidualReport, residual_report
-from app.identification.residuals import Residuals
+from app.identification.residuals.residuals import Residuals
 from app.services.choose_version import choose_version
 from app.services.context import Context
 from app.services.load_campaign import load_campaign, read_verifications

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.identification.observations import Verification
+from app.effects.observations import Verification
 from app.services.context import Context
 from app.storage.machines import find_machine
 from app.storage.records import StoredVerification

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from app.identification.watching import WatchState
+from app.identification.watch.watching import WatchState
 from app.services.choose_version import no_model_yet
 from app.services.context import Context
 from app.storage.machines import find_machine

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
+from app.effects.adopted.model_difference import ModelWithEffects
+from app.effects.observations import Observation, Verification
 from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS
-from app.identification.model_difference import ModelWithEffects
-from app.identification.observations import Observation, Verification
 from app.services.context import FUTURE_TOLERANCE, Context
 from app.services.judge_verification import judge_verification
 from app.services.load_machine import adopted_effects, compile_version

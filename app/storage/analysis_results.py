@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from app.identification.analysis import Analysis
+from app.identification.analysis.analysis import Analysis
 from app.storage.stored_shapes import Fields, StoredShape
 
 

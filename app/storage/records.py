@@ -8,12 +8,12 @@ from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final
 
-from app.identification.search.rows import Datum
+from app.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
 
 if TYPE_CHECKING:
-    from app.identification.watching import Judgement
+    from app.identification.watch.watching import Judgement
 
 LARGEST_INTEGER: Final = 2**31 - 1
 """The largest number of a column of type Integer; databases refuse to be asked for more."""

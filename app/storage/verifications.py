@@ -11,11 +11,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, undefer_group
 
 from app.arrays import FloatArray
+from app.effects.observations import Observation, Triple, Verification
 from app.errors import UnknownThing, it_has
 from app.geometry.components import ORDER
-from app.identification.observations import Observation, Triple, Verification
-from app.identification.search.rows import Datum
-from app.identification.watching import Judgement
+from app.identification.watch.watching import Judgement
+from app.search.rows import Datum
 from app.storage.records import LARGEST_INTEGER, StoredVerification
 from app.storage.tables import VerificationRow
 from app.storage.watch_shapes import JUDGEMENTS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from app.identification.watching import Judgement, WatchState
+from app.identification.watch.watching import Judgement, WatchState
 from app.storage.stored_shapes import StoredShape, unchanged
 
 JUDGEMENTS: Final = StoredShape(Judgement, "a judgement of a verification", [unchanged])

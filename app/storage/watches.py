@@ -10,7 +10,7 @@ from typing import Any, Final
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from app.identification.watching import WatchState
+from app.identification.watch.watching import WatchState
 from app.storage.tables import MachineRow, WatchRow
 from app.storage.watch_shapes import WATCH_STATES
 

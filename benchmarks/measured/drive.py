@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from app.effects.observations import Observation, Verification
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign
-from app.identification.observations import Observation, Verification
 from app.thermal.error_map import ComponentTable
 from app.thermal.machine import Travel
 from app.units import UM_PER_MM

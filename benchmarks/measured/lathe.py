@@ -15,11 +15,11 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign
-from app.identification.observations import Observation, Verification
-from app.identification.search.rows import Datum
+from app.search.rows import Datum
 from app.thermal.compile_model import compile_model
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ComponentTable, ErrorMap

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.analyse import analyse
-from app.identification.analysis import Analysis, FoundEffect
+from app.effects.effect import Effect
+from app.effects.observations import ObservationRows, Verification
+from app.effects.registry import KINDS
+from app.identification.analysis.analyse import analyse
+from app.identification.analysis.analysis import Analysis, FoundEffect
 from app.identification.campaign import Campaign, residuals_of
-from app.identification.effects.effect import Effect
-from app.identification.effects.registry import KINDS
-from app.identification.observations import ObservationRows, Verification
-from app.identification.search.rows import Datum
+from app.search.rows import Datum
 
 MOST_ROUNDS = 6
 

@@ -12,8 +12,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.low_pass import Hold, low_pass
-from app.identification.observations import ObservationRows
+from app.effects.low_pass import Hold, low_pass
+from app.effects.observations import ObservationRows
 from benchmarks.measured.lathe_runs import FAILED, SENSORS, Run
 
 LATE_S = 3600.0

@@ -18,10 +18,10 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign
-from app.identification.observations import Observation, Verification
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, OutOfRange, Sensor, sensors_by_name

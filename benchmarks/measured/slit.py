@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.observations import Observation, Verification
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign
-from app.identification.observations import Observation, Verification
-from app.identification.search.rows import Datum
+from app.search.rows import Datum
 from app.thermal.error_map import ComponentTable
 from app.thermal.machine import Travel
 from app.units import UM_PER_MM

@@ -10,10 +10,10 @@ from rich.console import Console
 
 from app.api.schemas.compensation import CompensationAnswer
 from app.cli.table_view import table_view
-from app.identification.effects.driver import Always, SinceReference
-from app.identification.effects.effect import Effect
-from app.identification.effects.shape import Everywhere, Exchange
-from app.identification.effects.term import Term
+from app.effects.driver import Always, SinceReference
+from app.effects.effect import Effect
+from app.effects.shape import Everywhere, Exchange
+from app.effects.term import Term
 from tests.api.test_api_short_way import OrdinaryWay
 from tests.effect_examples import (
     ALL,

@@ -13,9 +13,9 @@ from app.api.schemas.accuracy import LinesAnswer
 from app.api.schemas.measurements.axes import TargetAnswer
 from app.api.schemas.models import AdoptedEffectAnswer
 from app.api.schemas.predictions import PredictionAnswer
-from app.identification.effects.driver import StepAfter
-from app.identification.effects.effect import Effect
-from app.identification.effects.term import Term
+from app.effects.driver import StepAfter
+from app.effects.effect import Effect
+from app.effects.term import Term
 from tests.service_examples import ROOM, START, error_map, iso, reading, temperatures
 
 on_sqlite = pytest.mark.parametrize("furnished_url", ["sqlite"], indirect=True)

@@ -9,10 +9,10 @@ from rich.console import Console
 
 from app.api.table_json import table_json
 from app.cli.table_view import table_view
+from app.effects.registry import explain
 from app.geometry.components import COMPONENTS
-from app.identification.effects.registry import explain
-from tests.identification.test_effects_all_kinds import EACH, example, fitted, moment_of
-from tests.identification.test_effects_given_out import table_of
+from tests.effects.test_effects_all_kinds import EACH, example, fitted, moment_of
+from tests.effects.test_effects_given_out import table_of
 from thermap.answers import CompensationAnswer
 
 

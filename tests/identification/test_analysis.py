@@ -8,11 +8,11 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from app.effects.effect import effect_from_json
 from app.errors import InvalidContent
-from app.identification.analyse import analyse
+from app.identification.analysis.analyse import analyse
 from app.identification.campaign import residuals_of
-from app.identification.effects.effect import effect_from_json
-from app.identification.search.rows import Datum
+from app.search.rows import Datum
 from app.storage.analysis_results import RESULTS
 from app.thermal.temperature_history import TemperatureHistory
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies

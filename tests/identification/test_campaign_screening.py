@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.effects.observations import Observation, Verification
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import comparisons, doubts, trusted_readings
-from app.identification.frozen_observations import FROZEN
-from app.identification.observations import Observation, Verification
+from app.identification.residuals.frozen_observations import FROZEN
 from app.thermal.temperature_history import TemperatureHistory
-from tests.identification.example_site import DAYS, START_S, maps, observations, readings, site
+from tests.effects.example_site import DAYS, START_S, maps, observations, readings, site
 
 MIDDLE_S = START_S + 86400.0 * (DAYS + 1) / 2.0
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from app.identification.conditions import Conditions
-from app.identification.frozen_observations import frozen_rows
-from app.identification.observations import Observation, Verification, observation_rows
-from app.identification.search.rows import Datum
+from app.effects.conditions import Conditions
+from app.effects.observations import Observation, Verification, observation_rows
+from app.identification.residuals.frozen_observations import frozen_rows
+from app.search.rows import Datum
 
 STEP_S = 60.0
 

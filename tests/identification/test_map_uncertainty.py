@@ -11,20 +11,20 @@ from scipy.sparse import csr_array
 
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
-from app.identification import map_uncertainty as module
 from app.identification.campaign import Campaign, residuals_of
-from app.identification.map_uncertainty import (
+from app.identification.residuals import map_uncertainty as module
+from app.identification.residuals.map_uncertainty import (
     channel_entries,
     combined,
     entry_columns,
     entry_errors,
     map_uncertainty,
 )
-from app.identification.residuals import compute_residuals
-from app.identification.watching import WatchState, watch
+from app.identification.residuals.residuals import compute_residuals
+from app.identification.watch.watching import WatchState, watch
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable
-from tests.identification.example_site import ASSIGNMENT, observations, readings, site
+from tests.effects.example_site import ASSIGNMENT, observations, readings, site
 
 MEBI = 2**20
 

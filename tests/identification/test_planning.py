@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from app.effects.driver import Always
+from app.effects.effect import Effect
+from app.effects.observations import Observation, Verification
+from app.effects.shape import Everywhere
+from app.effects.term import Term
 from app.errors import InvalidContent
 from app.identification.campaign import Campaign
-from app.identification.effects.driver import Always
-from app.identification.effects.effect import Effect
-from app.identification.effects.shape import Everywhere
-from app.identification.effects.term import Term
-from app.identification.observations import Observation, Verification
-from app.identification.plan import Plan
-from app.identification.planning import plan
+from app.identification.plan.plan import Plan
+from app.identification.plan.planning import plan
 from app.thermal.temperature_history import TemperatureHistory
-from tests.identification.example_site import START_S, observations, readings, site
+from tests.effects.example_site import START_S, observations, readings, site
 
 
 def campaign_of(verifications, **changes):

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.identification.analysis.reading_faults import reading_faults
 from app.identification.campaign import Campaign
-from app.identification.reading_faults import reading_faults
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import sensors_by_name
 from app.thermal.temperature_history import TemperatureHistory
-from tests.identification.example_site import ASSIGNMENT, machine, maps, readings
+from tests.effects.example_site import ASSIGNMENT, machine, maps, readings
 
 SENSOR = "x-middle"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.identification.residual_summary import by_range
+from app.identification.residuals.summary import by_range
 
 AT = np.arange(14.0)
 

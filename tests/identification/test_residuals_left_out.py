@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.effects.conditions import recorded_conditions
+from app.effects.driver import Always
+from app.effects.effect import Effect
+from app.effects.observations import Observation, Verification, observation_rows
+from app.effects.shape import Everywhere
+from app.effects.term import Term
 from app.errors import InvalidContent
-from app.identification.conditions import recorded_conditions
-from app.identification.effects.driver import Always
-from app.identification.effects.effect import Effect
-from app.identification.effects.shape import Everywhere
-from app.identification.effects.term import Term
-from app.identification.observations import Observation, Verification, observation_rows
-from app.identification.residual_summary import summarise
-from app.identification.residuals import compute_residuals
+from app.identification.residuals.residuals import compute_residuals
+from app.identification.residuals.summary import summarise
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange
 from app.thermal.prediction import predict_component, predict_points
 from app.thermal.sensor_health import believed
 from app.thermal.temperature_history import TemperatureHistory
-from tests.identification.example_site import (
+from tests.effects.example_site import (
     ASSIGNMENT,
     START_S,
     machine,

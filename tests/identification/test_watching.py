@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidContent
-from app.identification.e_process import EProcess, likelihood_ratio
-from app.identification.search.rows import Datum
-from app.identification.watching import (
+from app.identification.watch.e_process import EProcess, likelihood_ratio
+from app.identification.watch.watching import (
     LIMIT,
     Stream,
     VisitNumber,
     WatchState,
     watch,
 )
+from app.search.rows import Datum
 from app.storage.watch_shapes import JUDGEMENTS, WATCH_STATES
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.undeclared import make_campaign

@@ -6,9 +6,9 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from app.effects.conditions import Signal
+from app.effects.past import Needed
 from app.geometry.chain import Chain
-from app.identification.conditions import Signal
-from app.identification.past import Needed
 from app.live.carried_past import REMEMBERED, CarriedPast
 from app.thermal.machine import Machine, Sensor, sensors_by_name
 from app.thermal.reading import Reading

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import pytest
 
 from app.identification.campaign import residuals_of
-from app.identification.frozen_observations import FROZEN
+from app.identification.residuals.frozen_observations import FROZEN
 from app.thermal.doubtful_sensors import doubtful_sensors
 from benchmarks.measured.data_folder import data_folder
 from benchmarks.measured.lathe import make_lathe

@@ -14,10 +14,10 @@ from plotly.graph_objects import Figure
 
 import app.identification
 from app.errors import InvalidContent
-from app.identification.analyse import VERDICTS as GIVEN
-from app.identification.search.findings import Status
+from app.identification.analysis.analyse import VERDICTS as GIVEN
 from app.pages.analysis_report import analysis_report
 from app.pages.report_parts.effect_names import MARKS, STATUSES, TESTS, VERDICTS
+from app.search.findings import Status
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import (
     ALL,

@@ -7,10 +7,10 @@ import pytest
 from plotly.graph_objects import Figure
 
 from app.errors import InvalidContent
-from app.identification.residual_curves import ComponentCurves, ResidualCurve
-from app.identification.residual_report import ResidualFigures, Size
-from app.identification.residual_summary import Bin
-from app.identification.residuals import LeftOut
+from app.identification.analysis.residual_curves import ComponentCurves, ResidualCurve
+from app.identification.analysis.residual_report import ResidualFigures, Size
+from app.identification.residuals.residuals import LeftOut
+from app.identification.residuals.summary import Bin
 from app.pages.residuals_page import ResidualsHead, residuals_page
 from tests.pages.page_reader import Reader
 

@@ -6,11 +6,11 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from app.effects.driver import AboveReference
+from app.effects.effect import Effect
+from app.effects.shape import Everywhere
+from app.effects.term import Term
 from app.errors import Conflict, InvalidContent, StorageUnavailable, UnknownThing
-from app.identification.effects.driver import AboveReference
-from app.identification.effects.effect import Effect
-from app.identification.effects.shape import Everywhere
-from app.identification.effects.term import Term
 from app.services.follow_database import DatabaseFollower
 from app.services.store_readings import store_readings
 from app.thermal.reading import Reading

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import InvalidContent
-from app.identification.analysis import Analysis
+from app.identification.analysis.analysis import Analysis
 from app.pages.analysis_report import analysis_report
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import ALL, HEAD

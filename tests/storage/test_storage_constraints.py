@@ -7,9 +7,9 @@ from sqlalchemy import delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from app.arrays import frozen
+from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.identification.observations import Observation, Verification
 from app.storage.analyses import insert_analysis
 from app.storage.database import Database
 from app.storage.error_maps import find_error_map, insert_error_map, withdraw_error_map

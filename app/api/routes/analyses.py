@@ -29,7 +29,7 @@ from app.api.schemas.analyses import (
 )
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.models import ChangedModelAnswer
-from app.identification.plan import Plan
+from app.identification.plan.plan import Plan
 from app.pages.analysis_report import analysis_report
 from app.services.adopt_analysis import adopt_analysis, preview_adoption
 from app.services.cancel_analysis import cancel_analysis

@@ -9,10 +9,10 @@ from pydantic import ConfigDict, Field
 from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime, YesOrNo
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.verifications import PlannedObservation
+from app.effects.observations import Verification
 from app.errors import InvalidContent
-from app.identification.analysis import Analysis
-from app.identification.observations import Verification
-from app.identification.search.rows import Datum
+from app.identification.analysis.analysis import Analysis
+from app.search.rows import Datum
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, StoredAnalysis
 
 VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
-from app.identification.effects.valid import LearntIn
+from app.effects.valid import LearntIn
 
 
 class CompensationRequest(Schema):

@@ -11,7 +11,7 @@ from app.api.schemas.base import Number, Schema, UtcTime
 
 if TYPE_CHECKING:
     from app.compensation.table_difference import ComponentChange
-    from app.identification.model_difference import ModelDifference, Part
+    from app.effects.adopted.model_difference import ModelDifference, Part
     from app.services.change_model import MadeVersion, WaitedBefore
     from app.services.preview_model import Preview
 

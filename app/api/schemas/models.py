@@ -10,13 +10,13 @@ from pydantic import Field, RootModel
 from app.api.rounding import Digits, Parameters
 from app.api.schemas.base import Number, Schema, UtcTime
 from app.api.schemas.model_change import ModelChange, change_fields
+from app.effects.valid import LearntIn
 from app.errors import FieldError, InvalidContent, UnknownComponent
 from app.geometry.components import COMPONENTS, ORDER, parse_component
-from app.identification.effects.valid import LearntIn
 
 if TYPE_CHECKING:
-    from app.identification.effects.effect import Effect
-    from app.identification.model_difference import ModelWithEffects
+    from app.effects.adopted.model_difference import ModelWithEffects
+    from app.effects.effect import Effect
     from app.services.change_model import MadeVersion
     from app.storage.records import ModelVersion
     from app.thermal.sensor_assignment import Proposal, SensorCorrelation
@@ -157,8 +157,8 @@ class AdoptedEffectAnswer(Schema):
     @classmethod
     def of(cls, effect: Effect) -> Self:
         """Show an effect."""
-        from app.identification.effects.registry import explain
-        from app.identification.held_effects import use_until
+        from app.effects.adopted.held import use_until
+        from app.effects.registry import explain
 
         return cls(
             kind=effect.kind,

@@ -10,12 +10,12 @@ from app.answer import IN_ITS_UNIT
 from app.api.rounding import Micro
 from app.api.schemas.analyses import VerificationIds
 from app.api.schemas.base import Integer, Number, Schema, UtcTime
-from app.identification.residual_report import Size
-from app.identification.residual_summary import Summary
-from app.identification.residuals import LeftOut
+from app.identification.analysis.residual_report import Size
+from app.identification.residuals.residuals import LeftOut
+from app.identification.residuals.summary import Summary
 
 if TYPE_CHECKING:
-    from app.identification.residual_report import ResidualReport
+    from app.identification.analysis.residual_report import ResidualReport
     from app.services.compare_models import ComparedVersion
     from app.services.show_residuals import ShownResiduals
 

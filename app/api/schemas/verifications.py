@@ -10,11 +10,11 @@ from pydantic import ConfigDict, Discriminator, Field, Tag
 from app.api.schemas.base import Name, Number, Schema, UtcTime, way_of
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
+from app.effects.observations import Observation, Verification
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, Component
-from app.identification.observations import Observation, Verification
-from app.identification.search.rows import Datum
-from app.identification.watching import Judgement
+from app.identification.watch.watching import Judgement
+from app.search.rows import Datum
 from app.thermal.error_map import VALUE_LIMIT
 
 if TYPE_CHECKING:

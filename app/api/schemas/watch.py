@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, Self
 from pydantic import Field
 
 from app.api.schemas.base import Number, Schema, UtcTime
-from app.identification.watching import FALSE_ALARM, LIMIT, Followed
+from app.identification.watch.watching import FALSE_ALARM, LIMIT, Followed
 
 if TYPE_CHECKING:
     from app.services.show_watch import Watch

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.errors import list_names
-from app.identification.analysis import EffectCurve, FoundEffect
+from app.identification.analysis.analysis import EffectCurve, FoundEffect
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
     INK,

@@ -7,7 +7,12 @@ from itertools import groupby, zip_longest
 from statistics import median
 from typing import Final
 
-from app.identification.analysis import Analysis, ComponentFigures, FoundEffect, SmallestSeen
+from app.identification.analysis.analysis import (
+    Analysis,
+    ComponentFigures,
+    FoundEffect,
+    SmallestSeen,
+)
 from app.pages.analysis_report.effect_plots import caption, effect_drawings
 from app.pages.analysis_report.facts import effect_facts, head_facts
 from app.pages.analysis_report.visit_plots import visit_drawings

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Final
 
-from app.identification.analysis import Analysis, ComponentFigures, VisitMeans
+from app.identification.analysis.analysis import Analysis, ComponentFigures, VisitMeans
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
     BAND,

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from app.effects.kind import Named, NotTested
+from app.effects.valid import LearntIn
 from app.errors import list_names
-from app.identification.analysis import Evidence
-from app.identification.effects.kind import Named, NotTested
-from app.identification.effects.valid import LearntIn
+from app.identification.analysis.analysis import Evidence
 from app.pages.report_parts.words import duration_text, true_minus
 from app.units import date_text, plus_minus, unit_of_field
 
@@ -230,7 +230,7 @@ def explanation_name(explanation: Named) -> str:
 
     Examples
     --------
-    >>> from app.identification.effects.effect import Effect
+    >>> from app.effects.effect import Effect
     >>> explanation_name(Effect("other-sensor", components=("EXX",), sensors=("bed",)))
     'other sensor: EXX with bed'
     """
@@ -277,7 +277,7 @@ def rival_name(effect: Named, rival: Named) -> str:
 
     Examples
     --------
-    >>> from app.identification.effects.effect import Effect
+    >>> from app.effects.effect import Effect
     >>> one = Effect("backlash", components=("EXX",))
     >>> rival_name(one, one), rival_name(one, Effect("drift", components=("EXX",)))
     ('another form of backlash: EXX', 'drift: EXX')

@@ -56,7 +56,7 @@ def size_range(seen: Sequence[Seen], unit: str, decimals: int) -> str:
 
     Examples
     --------
-    >>> from app.identification.analysis import SmallestSeen
+    >>> from app.identification.analysis.analysis import SmallestSeen
     >>> seen = [SmallestSeen("step", "EXX", "µm", rms) for rms in (0.31, 0.5)]
     >>> size_range(seen, "µm", 2), size_range(seen, "µrad", 2)
     ('0.31 to 0.50', '–')

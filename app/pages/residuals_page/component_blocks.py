@@ -8,8 +8,8 @@ from typing import Final
 
 from app.errors import counted
 from app.geometry.components import COMPONENTS
-from app.identification.residual_curves import ComponentCurves, ResidualCurve
-from app.identification.residual_report import ResidualFigures, Size
+from app.identification.analysis.residual_curves import ComponentCurves, ResidualCurve
+from app.identification.analysis.residual_report import ResidualFigures, Size
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import Drawing
 from app.pages.report_parts.words import decimals_for, figure_text

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Any, Final
 
-from app.identification.residual_curves import ResidualCurve
-from app.identification.residual_report import Size
-from app.identification.residual_summary import Bin
+from app.identification.analysis.residual_curves import ResidualCurve
+from app.identification.analysis.residual_report import Size
+from app.identification.residuals.summary import Bin
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
     BAND,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from app.errors import counted, list_names
-from app.identification.residual_report import ResidualFigures
+from app.identification.analysis.residual_report import ResidualFigures
 from app.pages.report_parts.words import decimals_for, figure_text, percent_text
 from app.units import date_text
 

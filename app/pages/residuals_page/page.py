@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from app.errors import list_names
-from app.identification.residual_curves import ComponentCurves
-from app.identification.residual_report import ResidualFigures, Size
+from app.identification.analysis.residual_curves import ComponentCurves
+from app.identification.analysis.residual_report import ResidualFigures, Size
 from app.pages.environment import render
 from app.pages.plotly_script import INLINE
 from app.pages.report_parts.component_names import component_name

@@ -1,0 +1,1 @@
+"""Adopted effects: in the live table, in predictions, and from one model version to the next."""

@@ -1,0 +1,216 @@
+"""Which adopted effects still hold when a model's maps or its sensors change.
+
+An effect is what the maps lacked. A new map of its component has measured some effects
+along: they would be corrected twice. Others rest on what the maps' temperatures were, or on the
+sensor that the component followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from app.effects.driver import BeyondMaps, Curvature, Driver
+from app.effects.effect import Effect
+from app.effects.kinds.additional_sensor import AdditionalSensor
+from app.effects.kinds.angular import Angular
+from app.effects.kinds.backlash import Backlash
+from app.effects.kinds.drift import Drift
+from app.effects.kinds.nonrigid_slope import NonrigidSlope
+from app.effects.kinds.outdated_map import OutdatedMap
+from app.effects.kinds.sensor_fault import BIAS, SensorFault
+from app.effects.kinds.sensor_gradient import SensorGradient
+from app.effects.kinds.step import Step
+from app.effects.kinds.temperature_curvature import TemperatureCurvature
+from app.effects.map_tables import maps_of_label, temperatures_of_maps
+from app.effects.shape import Exchange
+from app.effects.site import beyond_maps
+from app.effects.term import Term
+from app.errors import list_names
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.error_map import ErrorMap
+
+LACKED_BY_MAPS: Final = frozenset({Angular.kind, NonrigidSlope.kind})
+"""Components that no two maps had."""
+
+BESIDE_MAPS: Final = frozenset(
+    {AdditionalSensor.kind, SensorGradient.kind, TemperatureCurvature.kind}
+)
+"""Zero in each map's own thermal state, if they know it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What changes from one model version to the next.
+
+    Parameters
+    ----------
+    before, after
+        The compiled models.
+    maps
+        The error maps afterwards.
+    new_maps
+        Those of them that are new.
+    """
+
+    before: CompiledModel
+    after: CompiledModel
+    maps: Sequence[ErrorMap]
+    new_maps: Sequence[ErrorMap]
+
+    def measured_again(self, code: str) -> list[ErrorMap]:
+        """List the new maps that have a component."""
+        return [m for m in self.new_maps if code in m.tables]
+
+
+def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect], list[str]]:
+    """Keep the effects that still hold, brought up to date with the maps.
+
+    Parameters
+    ----------
+    effects
+        The effects of the version before.
+    change
+        What changes.
+
+    Returns
+    -------
+    kept, notes : list of Effect, list of str
+        What the next version has, and what was left out with the reason.
+    """
+    kept, notes = [], []
+    for effect in effects:
+        terms: list[Term] = []
+        mixed: list[str] = []
+        for code in effect.components:
+            own = [_updated(term, change) for term in effect.terms if term.component == code]
+            still = [term for term in own if term is not None]
+            why = _why_over(effect, code, change)
+            if not why and len(still) < len(own):
+                why = "a map does not state the temperatures that it needs"
+            why = why or next(filter(None, (_why_unread(term, change) for term in still)), "")
+            if why:
+                notes.append(f"{effect.kind} of {code} left out: {why}")
+            else:
+                terms += still
+                mixed += [code] if _is_mixed(effect, code, change) else []
+        if mixed:
+            notes.append(
+                f"{effect.kind} of {list_names(mixed)} kept, though only some of their maps were "
+                f"measured after it and state what {effect.sensors[0]} wrongly read: measure the "
+                "others again too"
+            )
+        if not effect.terms:  # what the readings show: it is known, and adds nothing
+            kept.append(effect)
+        elif terms:
+            codes = tuple(dict.fromkeys(term.component for term in terms))
+            kept.append(replace(effect, components=codes, terms=tuple(terms)))
+    return kept, notes
+
+
+def _why_over(effect: Effect, code: str, change: Change) -> str:
+    """Say why an effect no longer holds for a component, empty where it does."""
+    before, after = change.before.find(code), change.after.find(code)
+    if before and after and effect.sensors and before[0].sensor != after[0].sensor:
+        return f"{code} follows {after[0].sensor} now"
+    if all(_from_after_fault(effect, code, change)):
+        return f"all maps were measured after it, and state what {effect.sensors[0]} read"
+    if effect.kind in LACKED_BY_MAPS and after and not before:
+        return f"the maps have {code} now"
+    contains = _CONTAINS.get(effect.kind, _never)
+    again = any(contains(new_map, effect) for new_map in change.measured_again(code))
+    if again or (effect.kind in BESIDE_MAPS and _is_inside(effect, code, change)):
+        labels = list_names(repr(m.label) for m in change.measured_again(code))
+        return f"it was measured again in map {labels}"
+    return ""
+
+
+def _from_after_fault(effect: Effect, code: str, change: Change) -> list[bool]:
+    """Say of each map of a component whether a sensor's bias was there; one no without a bias."""
+    after = change.after.find(code)
+    if effect.kind != SensorFault.kind or effect.variant != BIAS or after is None:
+        return [False]
+    maps = (m for label in after[0].labels for m in maps_of_label(change.maps, label))
+    return [_after_the_step(m, effect) for m in maps]
+
+
+def _is_mixed(effect: Effect, code: str, change: Change) -> bool:
+    """Whether a new map states a biased temperature beside older ones that do not."""
+    return any(_from_after_fault(effect, code, change)) and any(
+        _after_the_step(m, effect) for m in change.measured_again(code)
+    )
+
+
+def _why_unread(term: Term, change: Change) -> str:
+    """Say why the maps cannot be read by another sensor, empty where they can."""
+    if not isinstance(term.shape, Exchange) or change.after.find(term.component) is None:
+        return ""
+    return term.shape.why_missing(change.after, term.component)
+
+
+def _is_inside(effect: Effect, code: str, change: Change) -> bool:
+    """Whether a new map has measured the effect along, and it cannot know of it."""
+    terms = [term for term in effect.terms if term.component == code]
+    knows = all(_knows_maps(term.driver, code, change.before) for term in terms)
+    return bool(change.measured_again(code)) and not knows
+
+
+def _knows_maps(driver: Driver, code: str, before: CompiledModel) -> bool:
+    if isinstance(driver, Curvature):
+        found = before.find(code)
+        return found is not None and driver.temperatures_c == found[0].scales[0].temperatures_c
+    return isinstance(driver, BeyondMaps)
+
+
+def _updated(term: Term, change: Change) -> Term | None:
+    """Tell a term of the maps as they are now; None where they do not say enough."""
+    found = change.after.find(term.component)
+    if found is None:
+        return term
+    driver, shape = term.driver, term.shape
+    if isinstance(shape, Exchange):
+        stated = temperatures_of_maps(change.after, change.maps, shape.sensor)
+        known = {label: stated[label] for label in found[0].labels if label in stated}
+        shape = Exchange.of(shape.sensor, known)
+        if len(known) < len(found[0].labels):
+            return None
+    if isinstance(driver, BeyondMaps):
+        of_maps = beyond_maps(
+            change.after, change.maps, term.component, driver.sensor, driver.minus
+        )
+        if of_maps is None:
+            return None
+        if term.learnt is not None:
+            term = replace(term, learnt=driver.moved(term.learnt, of_maps))
+        driver = of_maps
+    elif isinstance(driver, Curvature) and _knows_maps(driver, term.component, change.before):
+        driver = replace(driver, temperatures_c=found[0].scales[0].temperatures_c)
+        term = replace(term, learnt=None)  # the temperature's own range holds it
+    return replace(term, driver=driver, shape=shape)
+
+
+def _always(new_map: ErrorMap, effect: Effect) -> bool:
+    return True
+
+
+def _never(new_map: ErrorMap, effect: Effect) -> bool:
+    return False
+
+
+def _after_the_step(new_map: ErrorMap, effect: Effect) -> bool:
+    return new_map.measured_at.timestamp() >= effect.parameters["changed_at_unix_s"]
+
+
+def _from_both_sides(new_map: ErrorMap, effect: Effect) -> bool:
+    tables = (new_map.tables.get(code) for code in effect.components)
+    return any(table is not None and table.backward_errors is not None for table in tables)
+
+
+_CONTAINS: Final[dict[str, Callable[[ErrorMap, Effect], bool]]] = {
+    OutdatedMap.kind: _always,
+    Drift.kind: _always,
+    Step.kind: _after_the_step,
+    Backlash.kind: _from_both_sides,
+}
+"""Kinds of which a new map of their component contains what it was corrected by."""

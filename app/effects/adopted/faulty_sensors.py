@@ -1,0 +1,88 @@
+"""Sensors that an adopted effect calls faulty: set aside where another one can stand in.
+
+The effect itself corrects what the wrong reading does to the tables. With a stand-in there is
+nothing to correct: the tables are read by the stand-in, and the effect adds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.conditions import Conditions
+from app.effects.effect import Effect
+from app.effects.kinds.sensor_fault import SensorFault
+from app.thermal.compiled_model import CompiledModel
+
+
+@dataclass(frozen=True, eq=False)
+class SetAside:
+    """Which faulty sensors are replaced, and when.
+
+    Parameters
+    ----------
+    effects : mapping of number to ndarray, shape (n,)
+        Number of the effect to where a stand-in serves for its sensor.
+    conditions
+        What the tables are to be read by: there without the faulty sensor's temperature.
+    """
+
+    effects: Mapping[int, BoolArray]
+    conditions: Conditions
+
+
+def set_faulty_aside(
+    model: CompiledModel, effects: Sequence[Effect], conditions: Conditions
+) -> SetAside:
+    """Find where stand-ins serve for sensors that read wrong.
+
+    Parameters
+    ----------
+    model
+        The compiled model; it knows which sensors can stand in.
+    effects
+        The adopted effects.
+    conditions
+        What held, faulty readings included.
+
+    Returns
+    -------
+    SetAside
+    """
+    found: dict[int, BoolArray] = {}
+    temperatures = dict(conditions.temperatures_c)
+    for number, effect in enumerate(effects):
+        if effect.kind != SensorFault.kind:
+            continue
+        sensor = effect.sensors[0]
+        there = _is_active(effect, conditions) & _can_be_replaced(
+            model, sensor, temperatures, len(conditions)
+        )
+        if there.any():
+            found[number] = there
+            if sensor in temperatures:
+                temperatures[sensor] = np.where(there, np.nan, temperatures[sensor])
+    return SetAside(
+        found, replace(conditions, temperatures_c=temperatures) if found else conditions
+    )
+
+
+def _is_active(effect: Effect, conditions: Conditions) -> BoolArray:
+    found: BoolArray = np.any([term.driver.at(conditions) != 0.0 for term in effect.terms], axis=0)
+    return found
+
+
+def _can_be_replaced(
+    model: CompiledModel, sensor: str, temperatures_c: Mapping[str, FloatArray], n: int
+) -> BoolArray:
+    """Say at which of n moments all components of a sensor have another with a temperature."""
+    found = np.ones(n, dtype=np.bool_)
+    for group in model.groups:
+        if group.sensor == sensor:
+            others = [temperatures_c.get(scale.sensor) for scale in group.scales[1:]]
+            known = [~np.isnan(t) for t in others if t is not None]
+            found &= np.any(known, axis=0) if known else False
+    return found

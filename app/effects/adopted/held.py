@@ -1,0 +1,307 @@
+"""Where adopted effects lie outside the ranges in which they were learnt, and how that is said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.conditions import Conditions, Signal
+from app.effects.effect import Effect, by_driver
+from app.effects.shape import Places
+from app.effects.valid import DRIVER_MARGIN, Range, widened
+from app.errors import list_names
+from app.thermal.bracket import Status
+from app.thermal.compiled_model import CompiledModel
+from app.units import date_text, unit_of_field
+
+HELD: Final = "held"
+"""Status where an effect is held at the edge of what it was learnt in."""
+
+EFFECTS_ONLY: Final = "effects-only"
+"""Status where no two maps have the component, and effects alone give it an error."""
+
+_LESS_GRAVE: Final = frozenset(
+    {Status.AT_MAP, Status.INTERPOLATED, Status.STAND_IN, EFFECTS_ONLY, HELD}
+)
+"""What `held` goes before; that the maps themselves are left, or nothing is known, goes first."""
+
+
+class Remark(NamedTuple):
+    """A sentence on one of the effects, by its number."""
+
+    effect: int
+    sentence: str
+
+
+class Beyond(NamedTuple):
+    """A quantity that lies outside where an effect was learnt.
+
+    `values` and `is_beyond` have shape (n,), one for each moment or place; `component` is the one
+    whose position it is, or empty; `components` those that it acts on, `is_held` says
+    whether it is moved to the edge: not where it is one of two signals of which the difference
+    is what was learnt.
+    """
+
+    quantity: str
+    unit: str
+    learnt: Range
+    values: FloatArray
+    is_beyond: BoolArray
+    component: str = ""
+    is_time: bool = False
+    is_held: bool = True
+    components: tuple[str, ...] = ()
+
+
+class Moved(NamedTuple):
+    """A temperature outside the maps at which an effect reads them.
+
+    `ends_c` are the first and the last map's temperature [°C]; `is_refused` says that the machine's
+    policy allows no table there; `values` is how many they are, 0 for one table.
+    """
+
+    effect: int
+    component: str
+    sensor: str
+    temperature_c: float
+    ends_c: Range
+    status: str
+    is_refused: bool
+    values: int = 0
+
+
+def moved_sentences(effects: Sequence[Effect], moved: Sequence[Moved]) -> list[Remark]:
+    """Say which effects read the maps outside of them, and what was done.
+
+    Parameters
+    ----------
+    effects
+        The effects, by number.
+    moved
+        Where.
+    """
+    codes: dict[Moved, list[str]] = {}
+    for one in moved:
+        codes.setdefault(one._replace(component=""), []).append(one.component)
+    found = []
+    for one, own in codes.items():
+        done = "extrapolated" if one.status == Status.EXTRAPOLATED else "held"
+        refused = ", because the machine's policy allows no table there" if one.is_refused else ""
+        values = f" ({one.values} values)" if one.values else ""
+        found.append(
+            Remark(
+                one.effect,
+                f"{effects[one.effect].kind} of {list_names(own)} reads the maps at "
+                f"{one.temperature_c:g} °C of {one.sensor}, outside of their {one.ends_c[0]:g} to "
+                f"{one.ends_c[1]:g} °C: {done}{refused}{values}",
+            )
+        )
+    return found
+
+
+def with_held(status: str) -> str:
+    """Say that an effect is held, unless something graver is to be said.
+
+    >>> with_held("interpolated"), with_held("clamped")
+    ('held', 'clamped')
+    """
+    return HELD if status in _LESS_GRAVE else status
+
+
+def conditions_beyond(
+    model: CompiledModel, effect: Effect, conditions: Conditions
+) -> Iterator[Beyond]:
+    """Hold the conditions at n moments against where an effect was learnt.
+
+    Parameters
+    ----------
+    model
+        The compiled model: its sensors' resolution.
+    effect
+        An adopted effect.
+    conditions
+        What held.
+
+    Yields
+    ------
+    Beyond
+        Of every quantity that lies outside at some moment.
+    """
+    valid = effect.valid
+    if valid is None:
+        return
+    for sensor, learnt in valid.temperatures_c.items():
+        edges = widened(learnt, 0.0, _resolution_c(model, sensor))
+        values = conditions.temperature(sensor)
+        acts_on = _held_by(model, effect, Signal("temperature", sensor))
+        for found in _outside(f"{sensor}", "°C", learnt, edges, values):
+            yield found._replace(
+                is_held=bool(acts_on), components=acts_on or _made_of(effect, sensor)
+            )
+    for name, learnt in valid.state.items():
+        edges = widened(learnt, DRIVER_MARGIN)
+        yield from _outside(name, unit_of_field(name) or "", learnt, edges, conditions.state(name))
+    for (driver, of_driver), terms in by_driver(effect.terms).items():
+        quantity = driver.quantity
+        if quantity is None or of_driver is None:
+            continue
+        learnt = of_driver
+        least = max((_least(model, signal) for signal, _ in driver.signals), default=0.0)
+        edges = widened(learnt, DRIVER_MARGIN, least)
+        values = driver.at(conditions)
+        for found in _outside(quantity.name, quantity.unit, learnt, edges, values):
+            low, high = learnt
+            yield found._replace(
+                learnt=(low + quantity.zero, high + quantity.zero),
+                values=values + quantity.zero,
+                components=tuple(dict.fromkeys(term.component for term in terms)),
+            )
+    if any(term.driver.grows_with_time for term in effect.terms):
+        until_s = valid.to_s if valid.use_until_s is None else valid.use_until_s
+        # Backwards it leaves out as much as forwards.
+        edges = (valid.from_s - (until_s - valid.to_s), until_s)
+        learnt = (valid.from_s, valid.to_s)
+        for found in _outside("time", "", learnt, edges, conditions.times_s):
+            yield found._replace(is_time=True)
+
+
+def positions_beyond(effect: Effect, code: str, places: Places) -> Iterator[Beyond]:
+    """Hold positions of a component's axis against where an effect was learnt along it.
+
+    Parameters
+    ----------
+    effect
+        An adopted effect.
+    code
+        The component.
+    places
+        Where, shape (n,).
+    """
+    valid = effect.valid
+    edges = None if valid is None else valid.edges_mm(code)
+    along = any(t.component == code and t.shape.changes_along for t in effect.terms)
+    if valid is None or edges is None or not along:
+        return
+    learnt = valid.positions_mm[code]
+    for found in _outside(f"positions of {code}", "mm", learnt, edges, places.positions_mm):
+        yield found._replace(component=code, components=(code,))
+
+
+def held_sentence(effect: Effect, beyond: Beyond) -> str:
+    """Say of one quantity that an effect is held because of it, and how far it was learnt.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    beyond
+        What lies outside somewhere.
+    """
+    codes = list_names(beyond.components or effect.components)
+    if beyond.is_time:
+        return _of_time(effect, codes, beyond)
+    low, high = beyond.learnt
+    unit = f" {beyond.unit}" if beyond.unit else ""
+    outside = beyond.values[beyond.is_beyond]
+    farthest = outside[np.argmax(np.maximum(low - outside, outside - high))]
+    is_there = "reach" if beyond.component else "is"
+    if not beyond.is_held:
+        return (
+            f"{effect.kind} of {codes} was not learnt here: {beyond.quantity} is "
+            f"{farthest:g}{unit}, learnt from {low:g} to {high:g}{unit}; what it is made of "
+            "several signals decides, and is not changed by that"
+        )
+    return (
+        f"{effect.kind} of {codes} is held at the edge of where it was learnt: {beyond.quantity} "
+        f"{is_there} {farthest:g}{unit}, learnt from {low:g} to {high:g}{unit}"
+    )
+
+
+def unknown_range(effect: Effect) -> str:
+    """Say that it is not known where an effect was learnt, empty where it is."""
+    if effect.valid is not None or effect.adds_nothing:
+        return ""
+    return (
+        f"{effect.kind} of {list_names(effect.components)}: the range in which it was learnt is "
+        "not known, so this may be far outside of it; analyse the measurements anew and adopt what "
+        "is found"
+    )
+
+
+def use_until(effect: Effect) -> str:
+    """Say until when an effect that grows with time may be used, and what to measure then.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+
+    Returns
+    -------
+    str
+        A sentence, empty for an effect that does not grow.
+    """
+    valid = effect.valid
+    if valid is None or valid.use_until_s is None:
+        return ""
+    codes = list_names(effect.components)
+    return (
+        f"The {effect.kind} of {codes} is not continued beyond its last observation at "
+        f"{date_text(valid.to_s)}, and may be used until {date_text(valid.use_until_s)}: from then "
+        f"on what it may have grown by is more than one observation scatters. Measure {codes} "
+        "again before"
+    )
+
+
+def _of_time(effect: Effect, codes: str, beyond: Beyond) -> str:
+    from_s, to_s = beyond.learnt
+    until_s = effect.valid.use_until_s if effect.valid else None
+    outside_s = beyond.values[beyond.is_beyond]
+    if outside_s.max() > to_s:
+        may = "" if until_s is None else f", it may be used until {date_text(until_s)}"
+        return (
+            f"{effect.kind} of {codes} is held at its value of {date_text(to_s)}, when it was last "
+            f"observed{may}, and this is for {date_text(float(outside_s.max()))}: measure {codes} "
+            "again, and analyse anew"
+        )
+    return (
+        f"{effect.kind} of {codes} is held at its value of {date_text(from_s)}, when it was first "
+        f"observed, and this is for {date_text(float(outside_s.min()))}"
+    )
+
+
+def _outside(
+    quantity: str, unit: str, learnt: Range, edges: Range, values: FloatArray
+) -> Iterator[Beyond]:
+    # NaN lies nowhere: that something is missing is said elsewhere.
+    is_beyond = (values < edges[0]) | (values > edges[1])
+    if is_beyond.any():
+        yield Beyond(quantity, unit, learnt, values, is_beyond)
+
+
+def _held_by(model: CompiledModel, effect: Effect, signal: Signal) -> tuple[str, ...]:
+    """List the components of which a signal is moved to the edge."""
+    held = (t.component for t in effect.terms if signal in t.held_signals(model))
+    return tuple(dict.fromkeys(held))
+
+
+def _made_of(effect: Effect, sensor: str) -> tuple[str, ...]:
+    """List the components that a sensor drives."""
+    driven = (
+        term.component
+        for term in effect.terms
+        if any(signal.name == sensor for signal, _ in term.driver.signals)
+    )
+    return tuple(dict.fromkeys(driven))
+
+
+def _resolution_c(model: CompiledModel, sensor: str) -> float:
+    known = model.machine.sensors.get(sensor)
+    return known.resolution_c if known else 0.0
+
+
+def _least(model: CompiledModel, signal: Signal) -> float:
+    return _resolution_c(model, signal.name) if signal.kind == "temperature" else 0.0

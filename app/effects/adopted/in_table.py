@@ -1,0 +1,285 @@
+"""Adopted effects in a compensation table: its components corrected, and everything said."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from app.compensation.table import (
+    Basis,
+    CompensationTable,
+    ComponentCompensation,
+    EffectInTable,
+    group_compensation,
+    remarks,
+    shortenings,
+)
+from app.effects.adopted.faulty_sensors import set_faulty_aside
+from app.effects.adopted.followed_sensors import ReadMaps, basis_of_maps, read_maps
+from app.effects.adopted.held import (
+    EFFECTS_ONLY,
+    use_until,
+    with_held,
+)
+from app.effects.adopted.live_effects import CorrectedTable, corrected_tables
+from app.effects.conditions import Conditions
+from app.effects.effect import Effect
+from app.effects.kinds.sensor_fault import BIAS, SensorFault
+from app.effects.registry import explain
+from app.errors import list_names
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import sentences
+from app.thermal.group_state import GroupState
+from app.thermal.prediction import GRAVITY
+from app.thermal.sensor_health import Health, SensorState
+
+NO_MAPS: Final = Basis(None, None, None, None, None, EFFECTS_ONLY)
+"""What a component rests on that adopted effects alone give an error."""
+
+
+def faulty_marked(
+    model: CompiledModel,
+    effects: Sequence[Effect],
+    moment: Conditions,
+    sensors: Iterable[SensorState],
+) -> list[SensorState]:
+    """Mark the sensors that an adopted effect calls faulty and for which others can stand in.
+
+    What is the matter with a sensor now goes before: one that is missing stays missing.
+
+    Parameters
+    ----------
+    model, effects
+        The compiled model and its adopted effects.
+    moment
+        Conditions of one moment.
+    sensors
+        The sensors' states then.
+
+    Returns
+    -------
+    list of SensorState
+    """
+    numbers = set_faulty_aside(model, effects, moment).effects
+    why = {effects[number].sensors[0]: explain(effects[number]) for number in numbers}
+    return [
+        state._replace(health=Health.FAULTY, detail=why[state.sensor])
+        if state.sensor in why and state.health in (Health.OK, Health.STALE)
+        else state
+        for state in sensors
+    ]
+
+
+def add_effects(
+    table: CompensationTable,
+    model: CompiledModel,
+    effects: Sequence[Effect],
+    moment: Conditions,
+    stale: Collection[str] = (),
+) -> CompensationTable:
+    """Add adopted effects to a table.
+
+    Parameters
+    ----------
+    table
+        The table of the maps alone, faulty sensors set aside (`faulty_marked`).
+    model, effects
+        The compiled model and its adopted effects.
+    moment
+        What held when the table holds, faulty sensors' readings included.
+    stale
+        Sensors whose temperature is old.
+
+    Returns
+    -------
+    CompensationTable
+        `complete` only if every effect could be evaluated, on fresh temperatures, and where it
+        was learnt.
+
+    Raises
+    ------
+    OutsideMaps
+        If a component follows another sensor whose temperature the machine's policy does not
+        allow.
+    """
+    aside = set_faulty_aside(model, effects, moment).effects
+    found = corrected_tables(model, effects, moment, table.states)
+    missing = {m.effect: m.reason for m in found.missing}
+    dealt_with = {*aside, *missing}
+    said = [
+        _in_table(effect, missing.get(i, ""), [r.sentence for r in found.held if r.effect == i])
+        for i, effect in enumerate(effects)
+    ]
+    old = [
+        f"{said[i].kind} of {list_names(effect.components)} rests on an old temperature of {sensor}"
+        for i, effect in enumerate(effects)
+        for sensor in effect.sensors
+        if sensor in stale and i not in missing
+    ]
+    own = found.tables
+    read = _read_maps(model, own, effects, moment)
+    by_others = _by_others(table, read)
+    shortened = _shortenings(table, own)
+    corrected = [_corrected(c, effects, read.get(c.component.code)) for c in own]
+    outside = [r.sentence for r in (*found.held, *found.unlearnt)]
+    is_complete = table.complete_where_it_reaches and not missing and not old
+    return table._replace(
+        complete=is_complete and not outside and not shortened and not found.refused,
+        warnings=[
+            *_warnings_of_maps(table, read, by_others),
+            *shortened,
+            *old,
+            *_left_out(said),
+            *outside,
+            *(remark.sentence for remark in found.moved),
+            *_read_on(effects, moment, dealt_with),
+        ],
+        corrected=_with_stand_ins(table, effects, aside, corrected),
+        effects=said,
+    )
+
+
+def _in_table(effect: Effect, missing: str, held: Sequence[str]) -> EffectInTable:
+    return EffectInTable(
+        effect.kind,
+        effect.components,
+        effect.sensors,
+        explain(effect),
+        missing,
+        held,
+        effect.learnt_fields,
+        use_until(effect),
+    )
+
+
+def _read_maps(
+    model: CompiledModel,
+    own: Iterable[CorrectedTable],
+    effects: Sequence[Effect],
+    moment: Conditions,
+) -> dict[str, list[ReadMaps]]:
+    """Say of components whose sensor an effect exchanges by which sensors their maps are read."""
+    found = {
+        one.component.code: read_maps(
+            model, one.origin, one.component.code, [effects[i] for i in one.effects], moment
+        )
+        for one in own
+        if one.origin is not None
+    }
+    return {code: read for code, read in found.items() if read}
+
+
+def _by_others(
+    table: CompensationTable, read: Mapping[str, Sequence[ReadMaps]]
+) -> list[GroupState]:
+    """List where components lie by sensors that they are not assigned to."""
+    plain = {id(state) for state in table.states}
+    return [one.state for own in read.values() for one in own if id(one.state) not in plain]
+
+
+def _warnings_of_maps(
+    table: CompensationTable,
+    read: Mapping[str, Sequence[ReadMaps]],
+    by_others: Sequence[GroupState],
+) -> list[str]:
+    """Say what is the matter with the maps by the sensors by which they really are read.
+
+    How far the rows reach is said elsewhere (`_shortenings`).
+    """
+    kept = {id(one.state) for own in read.values() for one in own}
+    by_assigned = [
+        state._replace(group=replace(state.group, members=members))
+        for state in table.states
+        if (
+            members := tuple(
+                m for m in state.group.members if id(state) in kept or m.component.code not in read
+            )
+        )
+    ]
+    said = {words for state in table.states for words in shortenings(state)}
+    said |= set(remarks(table.states)) if read else set()
+    if not read:
+        return [warning for warning in table.warnings if warning not in said]
+    return [
+        *(warning for warning in table.warnings if warning not in said),
+        *remarks([*by_assigned, *by_others]),
+    ]
+
+
+def _shortenings(table: CompensationTable, own: Sequence[CorrectedTable]) -> list[str]:
+    """Say which components end earlier than other maps of theirs, by the maps that enter."""
+    codes = {one.component.code for one in own}
+    plain = [words for state in table.states for words in shortenings(state, codes)]
+    corrected = [
+        (code, one.maps.shortened[code])
+        for one in own
+        if one.maps is not None and (code := one.component.code) in one.maps.shortened
+    ]
+    return [*plain, *sentences(corrected)]
+
+
+def _left_out(effects: Iterable[EffectInTable]) -> list[str]:
+    return [
+        f"{effect.kind} of {list_names(effect.components)} is not in the table: {effect.missing}"
+        for effect in effects
+        if effect.missing
+    ]
+
+
+def _read_on(
+    effects: Sequence[Effect], moment: Conditions, dealt_with: Collection[int]
+) -> list[str]:
+    """Say which faulty sensors are read on, and how."""
+    how = {BIAS: "the bias is taken off"}
+    return [
+        f"{explain(effect)}: no other sensor can stand in, "
+        f"{how.get(effect.variant, 'it is read as it is')}"
+        for i, effect in enumerate(effects)
+        if effect.kind == SensorFault.kind and i not in dealt_with
+        if any(np.any(term.driver.at(moment)) for term in effect.terms)
+    ]
+
+
+def _corrected(
+    found: CorrectedTable, effects: Sequence[Effect], read: Sequence[ReadMaps] | None
+) -> ComponentCompensation:
+    if read:
+        basis = basis_of_maps(read)
+    else:
+        basis = NO_MAPS if found.origin is None else Basis.of(found.origin)
+    if found.status is not None:
+        basis = replace(basis, status=max(basis.status, found.status, key=GRAVITY.index))
+    if found.is_held:
+        basis = replace(basis, status=with_held(basis.status))
+    return ComponentCompensation(
+        component=found.component,
+        positions_mm=found.positions_mm,
+        errors=found.errors,
+        backward_errors=found.backward_errors,
+        standard_errors=None,
+        backward_standard_errors=None,
+        basis=basis,
+        effects=tuple(dict.fromkeys(effects[i].kind for i in found.effects)),
+    )
+
+
+def _with_stand_ins(
+    table: CompensationTable,
+    effects: Sequence[Effect],
+    aside: Collection[int],
+    corrected: Sequence[ComponentCompensation],
+) -> list[ComponentCompensation]:
+    """Name the fault also at the components that a stand-in serves."""
+    if not aside:
+        return list(corrected)
+    faults = {code for i in aside for code in effects[i].components}
+    plain = [entry for state in table.states for entry in group_compensation(state)]
+    found = {entry.component.code: entry for entry in plain if entry.component.code in faults}
+    found |= {entry.component.code: entry for entry in corrected}
+    return [
+        replace(entry, effects=(SensorFault.kind, *entry.effects)) if code in faults else entry
+        for code, entry in found.items()
+    ]

@@ -1,0 +1,665 @@
+"""Adopted effects in what the service gives out: live tables, and predictions at many times.
+
+Effects that read the maps at another temperature change how much of each map enters; the row is
+then made of those maps that really enter, as a plain one is. Other effects add to it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.effects.adopted.faulty_sensors import set_faulty_aside
+from app.effects.adopted.held import (
+    Beyond,
+    Moved,
+    Remark,
+    conditions_beyond,
+    held_sentence,
+    moved_sentences,
+    positions_beyond,
+    unknown_range,
+)
+from app.effects.conditions import Conditions
+from app.effects.effect import Effect
+from app.effects.map_tables import MapReading
+from app.effects.projection import Projection, View
+from app.effects.shape import Exchange, Places
+from app.effects.site import travel_of
+from app.effects.term import Term
+from app.effects.valid import Valid
+from app.geometry.axis_table import CLOSEST_MM
+from app.geometry.components import COMPONENTS, ORDER, Component
+from app.thermal.bracket import Status, StatusArray
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group, MapsInUse, Member
+from app.thermal.group_state import GroupState
+from app.thermal.map_weights import (
+    added,
+    common_ranges,
+    maps_at,
+    read_maps,
+)
+from app.thermal.prediction import GRAVITY, BeyondTables, beyond_tables
+
+NO_NUMBER: Final = "what drives it gives no number here"
+NOT_COMMON: Final = "the maps that it reads here share no range of positions"
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """An effect that is not in an answer, and why."""
+
+    effect: int
+    kind: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedTable:
+    """One component's errors with its effects.
+
+    Parameters
+    ----------
+    component
+        The component.
+    positions_mm : ndarray, shape (k,) [mm]
+        Inside what all maps that enter cover, their positions and those that the effects need.
+    errors : ndarray, shape (k,), or (1,) without argument [the component's unit]
+        Actual minus nominal.
+    backward_errors : ndarray, same shape, or None
+        The same for positions approached in the negative direction, where that differs.
+    effects
+        Numbers of the effects in it.
+    origin
+        The group's state without effects; None for a component that no map has.
+    maps
+        The maps that enter; None where none does.
+    is_held
+        Whether any of the effects is held at the edge of where it was learnt.
+    status
+        The gravest of the temperatures at which effects read the maps; None where none does.
+    """
+
+    component: Component
+    positions_mm: FloatArray
+    errors: FloatArray
+    backward_errors: FloatArray | None
+    effects: tuple[int, ...]
+    origin: GroupState | None
+    maps: MapsInUse | None = None
+    is_held: bool = False
+    status: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LiveEffects:
+    """All components with effects at one moment, what is missing, and what is to be said.
+
+    `missing` are the effects that lack something; `held` says why some are held;
+    `unlearnt` are those that take part although nobody has learnt them here, or it is not known
+    where they were learnt; `moved` says which read the maps outside of them, and `refused` which
+    would not be allowed a table there.
+    """
+
+    tables: tuple[CorrectedTable, ...]
+    missing: tuple[Missing, ...]
+    held: tuple[Remark, ...] = ()
+    unlearnt: tuple[Remark, ...] = ()
+    moved: tuple[Remark, ...] = ()
+    refused: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class Contributions:
+    """What effects add to many predictions.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (n,)
+        What is to be added [the rows' units]; an effect adds nothing where its condition is
+        not known.
+    is_lacking : ndarray, shape (n,)
+        Where some effect's condition is not known.
+    missing
+        The effects that lack a condition at some row.
+    is_held : ndarray, shape (n,)
+        Where some effect is held at the edge of where it was learnt.
+    held
+        Why, effect by effect; which take part though they were not learnt there, or it is not
+        known where they were learnt; and which read the maps outside of them.
+    status : ndarray of object, shape (n,)
+        The gravest of the temperatures at which effects read the maps; `at-map` where none does.
+    beyond
+        Of components of which effects change how much of each map enters: the places that the
+        maps that enter do not cover.
+    """
+
+    errors: FloatArray
+    is_lacking: BoolArray
+    missing: tuple[Missing, ...]
+    is_held: BoolArray
+    held: tuple[Remark, ...]
+    status: StatusArray
+    beyond: Mapping[str, tuple[BeyondTables, ...]]
+
+
+def corrected_tables(
+    model: CompiledModel,
+    effects: Sequence[Effect],
+    moment: Conditions,
+    states: Iterable[GroupState] = (),
+) -> LiveEffects:
+    """Make the rows of all components that effects change at one moment.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    effects
+        The adopted effects, numbered by their order.
+    moment
+        Conditions of one moment (`Conditions.of_moment`), faulty sensors' readings included.
+    states
+        What `CompiledModel.errors_at` found for `SetAside.conditions`; of a component that is
+        not in them the row is what the effects add.
+
+    Returns
+    -------
+    LiveEffects
+        An effect that lacks its condition is left out entirely, with the reason.
+    """
+    missing: list[Missing] = []
+    terms: dict[str, list[tuple[int, Term]]] = defaultdict(list)
+    aside = set_faulty_aside(model, effects, moment).effects
+    for number, effect in enumerate(effects):
+        if number in aside:
+            continue
+        reason = next(filter(None, (_why_not(t, model, moment) for t in effect.terms)), "")
+        if reason:
+            missing.append(Missing(number, effect.kind, reason))
+            continue
+        for term in effect.terms:
+            terms[term.component].append((number, term))
+    origins = {code: state for state in states for code in state.group.codes}
+    while True:
+        rows = [
+            _row(model, COMPONENTS[code], terms[code], moment, effects, origins.get(code))
+            for code in sorted(terms, key=ORDER.__getitem__)
+        ]
+        lost = {number: reason for row in rows for number, reason in row.lost.items()}
+        if not lost:
+            break
+        # An effect is left out whole, and what is left can then be made of other maps.
+        missing += [Missing(n, effects[n].kind, reason) for n, reason in sorted(lost.items())]
+        left = {code: [(n, t) for n, t in own if n not in lost] for code, own in terms.items()}
+        terms = defaultdict(list, {code: own for code, own in left.items() if own})
+    found = [row.table for row in rows]
+    taking_part = sorted({number for table in found for number in table.effects})
+    places_of_code = {table.component.code: table.positions_mm for table in found}
+    outside = [
+        (number, one)
+        for number in taking_part
+        for one in _beyond(model, effects[number], moment, places_of_code)
+    ]
+    held = [(number, one) for number, one in outside if one.is_held]
+    seen = [(number, one) for number, one in outside if not one.is_held]
+    moved = [one for row in rows for one in row.moved]
+    return LiveEffects(
+        tuple(replace(table, is_held=_is_held(table, held)) for table in found),
+        tuple(missing),
+        tuple(Remark(number, held_sentence(effects[number], one)) for number, one in held),
+        (
+            *(Remark(number, held_sentence(effects[number], one)) for number, one in seen),
+            *(Remark(n, said) for n in taking_part if (said := unknown_range(effects[n]))),
+        ),
+        tuple(moved_sentences(effects, moved)),
+        frozenset(one.effect for one in moved if one.is_refused),
+    )
+
+
+def _beyond(
+    model: CompiledModel,
+    effect: Effect,
+    moment: Conditions,
+    positions_mm: Mapping[str, FloatArray],
+) -> list[Beyond]:
+    """List what lies outside where an effect was learnt, at a moment and in its tables."""
+    if effect.adds_nothing:
+        return []
+    found = list(conditions_beyond(model, effect, moment))
+    for code in effect.components:
+        at = positions_mm.get(code, np.empty(0))
+        found += positions_beyond(effect, code, Places(at, np.zeros(at.shape)))
+    return found
+
+
+def _is_held(table: CorrectedTable, held: Sequence[tuple[int, Beyond]]) -> bool:
+    """Whether what is held is in a component's row."""
+    code = table.component.code
+    return any(
+        number in table.effects and (not beyond.components or code in beyond.components)
+        for number, beyond in held
+    )
+
+
+class _Row(NamedTuple):
+    """One component's row, the effects that cannot be in it and why, and what is outside."""
+
+    table: CorrectedTable
+    lost: Mapping[int, str]
+    moved: Sequence[Moved]
+
+
+def _why_not(term: Term, model: CompiledModel, moment: Conditions) -> str:
+    """Say why a term cannot be in a table, empty where it can."""
+    component = COMPONENTS[term.component]
+    missing = term.why_missing(model, moment)
+    if missing or not component.is_table:
+        return missing
+    found = model.find(component.code)
+    reach = found[1].reach_mm if found else None
+    return term.shape.why_no_table(*(reach or _travel(model, component, np.empty(0))))
+
+
+def _row(
+    model: CompiledModel,
+    component: Component,
+    terms: Sequence[tuple[int, Term]],
+    moment: Conditions,
+    effects: Sequence[Effect],
+    origin: GroupState | None,
+) -> _Row:
+    """Make one component's row: of the maps that enter, and of what is added beside them."""
+    code = component.code
+    read = [
+        (number, term, reading)
+        for number, term in terms
+        if (reading := term.reading(model, moment, effects[number].valid)) is not None
+    ]
+    lost = {n: NO_NUMBER for n, _, reading in read if not np.isfinite(reading.weights).all()}
+    maps = None if origin is None else origin.maps
+    found = model.find(code)
+    if read and found is not None and not lost:
+        maps, weights = _maps_that_enter(*found, [r for _, _, r in read], origin)
+        if maps is None:
+            lost = dict.fromkeys((n for n, _, _ in read), NOT_COMMON)
+            maps = None if origin is None else origin.maps
+    if read and not lost:
+        positions, forward, backward = _of_maps(component, maps, weights)
+    elif origin is not None:
+        own = origin.maps.member(code)
+        positions, forward = own.positions_mm, origin.values[own.forward]
+        backward = None if own.backward is None else origin.values[own.backward]
+    else:
+        positions, forward, backward = np.empty(0), np.zeros(1), None
+    of_maps = {id(term) for _, term, _ in read}
+    others = [(n, term, effects[n].valid) for n, term in terms if id(term) not in of_maps]
+    at_mm = _positions(model, component, maps, positions, [(t, v) for _, t, v in others])
+    places = at_mm if component.is_table else np.full(1, np.nan)
+    up, down = (
+        [
+            (n, term.everywhere_at(model, Places(places, np.full(places.shape, side)), moment, v))
+            for n, term, v in others
+        ]
+        for side in (1.0, -1.0)
+    )
+    lost |= {n: NO_NUMBER for n, values in (*up, *down) if not np.isfinite(values).all()}
+    base = forward if backward is None else backward
+    ahead = _on(at_mm, positions, forward) + sum(values for _, values in up)
+    back = _on(at_mm, positions, base) + sum(values for _, values in down)
+    same = backward is None and np.array_equal(ahead, back)
+    table = CorrectedTable(
+        component,
+        at_mm,
+        ahead,
+        None if same else back,
+        tuple(dict.fromkeys(number for number, _ in terms)),
+        origin,
+        maps,
+        status=_gravest(reading for _, _, reading in read),
+    )
+    return _Row(table, lost, list(_moved(code, found, read)))
+
+
+def _maps_that_enter(
+    group: Group, member: Member, readings: Sequence[MapReading], origin: GroupState | None
+) -> tuple[MapsInUse | None, FloatArray]:
+    """Add up how much of each map enters; None where those have no positions in common."""
+    weights = np.zeros((1, len(group.labels)))
+    if origin is not None:
+        rows = [origin.scale.rows[origin.bracket.lower + i] for i in (0, 1)]
+        weights[0, rows] = 1.0 - origin.weight, origin.weight
+    for reading in readings:
+        weights = added(weights, reading.weights)
+    rows = np.flatnonzero(weights).tolist()
+    low, high = member.common_range(rows) if rows else (0.0, 1.0)
+    if low >= high:
+        return None, weights[0]
+    if origin is not None and set(rows) == set(origin.maps.rows):
+        rows = list(origin.maps.rows)
+    # Where nothing is changed at all, it is by all maps.
+    return group.maps_in_use(*(rows or range(len(group.labels)))), weights[0]
+
+
+def _of_maps(
+    component: Component, maps: MapsInUse | None, weights: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Add the maps up: positions, errors, and errors of the negative approach."""
+    assert maps is not None
+    member = maps.member(component.code)
+    total = sum(
+        (weights[row] * nodes for row, nodes in zip(maps.rows, maps.nodes, strict=True)),
+        start=np.zeros(maps.nodes[0].shape),
+    )
+    backward = None if member.backward is None else total[member.backward]
+    return member.positions_mm, total[member.forward], backward
+
+
+def _gravest(readings: Iterable[MapReading]) -> str | None:
+    """Choose the gravest status of those temperatures at which maps are really read."""
+    said = [reading.status[0] for reading in readings if reading.is_read[0]]
+    return max(said, key=GRAVITY.index) if said else None
+
+
+def _moved(
+    code: str,
+    found: tuple[Group, Member] | None,
+    read: Iterable[tuple[int, Term, MapReading]],
+) -> Iterable[Moved]:
+    """List where the assigned sensor's moved temperature lies outside the maps."""
+    for number, term, reading in read:
+        if isinstance(term.shape, Exchange) or not reading.is_read[0] or found is None:
+            continue
+        status, t_c = reading.status[0], float(reading.temperatures_c[0])
+        if status in (Status.CLAMPED, Status.EXTRAPOLATED):
+            scale = found[0].scales[0]
+            ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
+            refused = bool(reading.is_refused[0])
+            yield Moved(number, code, reading.sensor, t_c, ends_c, status, refused)
+
+
+def _travel(model: CompiledModel, component: Component, own_mm: FloatArray) -> tuple[float, float]:
+    """Give the ends of a table that no map limits [mm]: of its axis' travel, or of its maps."""
+    travel = travel_of(model, component)
+    low, high = (travel.min_mm, travel.max_mm) if travel else (0.0, 0.0)
+    if own_mm.size > 1:
+        low, high = min(low, float(own_mm[0])), max(high, float(own_mm[-1]))
+    return low, high
+
+
+def _positions(
+    model: CompiledModel,
+    component: Component,
+    maps: MapsInUse | None,
+    own_mm: FloatArray,
+    terms: Sequence[tuple[Term, Valid | None]],
+) -> FloatArray:
+    """Unite the maps' positions and those that the shapes need, inside what the maps cover."""
+    if not component.is_table:
+        return np.empty(0)
+    low, high = -np.inf, np.inf
+    if maps is not None:
+        low, high = maps.member(component.code).common_range(maps.rows)
+    if not np.isfinite(low):
+        low, high = _travel(model, component, own_mm)
+    nodes = [term.nodes_mm(low, high, valid) for term, valid in terms]
+    needed = np.concatenate([np.empty(0), *nodes])
+    needed = needed[(needed >= low) & (needed <= high)]
+    positions = _distinct(np.union1d(own_mm, needed))
+    return positions if positions.size else np.array([(low + high) / 2.0])
+
+
+def _distinct(positions_mm: FloatArray) -> FloatArray:
+    """Leave out positions that only rounding tells from their neighbour."""
+    if positions_mm.size < 2:
+        return positions_mm
+    apart = np.diff(positions_mm) > CLOSEST_MM
+    found: FloatArray = positions_mm[np.concatenate([[True], apart])]
+    return found
+
+
+def _on(positions_mm: FloatArray, own_mm: FloatArray, values: FloatArray) -> FloatArray:
+    """Read a table at more positions between its own."""
+    if own_mm.size < 2 or np.array_equal(positions_mm, own_mm):
+        return np.broadcast_to(values, (max(positions_mm.size, 1),))
+    return np.interp(positions_mm, own_mm, values)
+
+
+def contributions(projection: Projection, effects: Sequence[Effect]) -> Contributions:
+    """Evaluate effects at many observations.
+
+    Parameters
+    ----------
+    projection
+        The rows: where, when, from which side; faulty sensors' readings included.
+    effects
+        The adopted effects.
+
+    Returns
+    -------
+    Contributions
+        To be added to what the tables say by `SetAside.conditions`.
+    """
+    n = len(projection.rows)
+    aside = set_faulty_aside(projection.model, effects, projection.conditions)
+    takes_part = [
+        ~np.broadcast_to(aside.effects.get(number, np.zeros(n, dtype=np.bool_)), n)
+        for number in range(len(effects))
+    ]
+    parts = [
+        _Part(number, term, projection.view(term.component), *_evaluated(projection, term, effect))
+        for number, effect in enumerate(effects)
+        for term in effect.terms
+    ]
+    lacking = np.zeros(n, dtype=np.bool_)
+    missing: list[Missing] = []
+    for number, effect in enumerate(effects):
+        is_unknown = np.zeros(n, dtype=np.bool_)
+        for part in parts:
+            if part.number == number:
+                is_unknown[part.view.rows[~np.isfinite(part.one_each)]] = True
+        unknown = np.flatnonzero(is_unknown & takes_part[number])
+        if unknown.size:
+            there = projection.conditions.take(unknown)
+            reasons = (t.why_missing(projection.model, there) for t in effect.terms)
+            reason = next(filter(None, reasons), NO_NUMBER)
+            missing.append(Missing(number, effect.kind, f"{reason} ({unknown.size} values)"))
+            lacking[unknown] = True
+            takes_part[number] = takes_part[number] & ~is_unknown
+    of_maps = {code: parts_of for code, parts_of in _by_component(parts).items() if parts_of}
+    plain = {
+        code: maps_at(
+            projection.model,
+            _found(projection.model, code)[0],
+            aside.conditions.take(parts_of[0].view.rows).temperatures_c,
+            parts_of[0].view.rows.size,
+        ).weights
+        for code, parts_of in of_maps.items()
+    }
+    while apart := _without_common_range(projection.model, of_maps, plain, takes_part):
+        for number, rows in apart.items():
+            reason = f"{NOT_COMMON} ({rows.size} values)"
+            missing.append(Missing(number, effects[number].kind, reason))
+            lacking[rows] = True
+            takes_part[number] = takes_part[number].copy()
+            takes_part[number][rows] = False
+    total = np.zeros(n)
+    for part in parts:
+        if part.reading is None:
+            view = part.view
+            values = np.where(takes_part[part.number][view.rows], part.one_each, 0.0)
+            total[view.rows] += view.gains * values
+    beyond = {}
+    for code, parts_of in of_maps.items():
+        view = parts_of[0].view
+        found = _found(projection.model, code)
+        weights = _with_readings(plain[code], parts_of, takes_part)
+        change = read_maps(*found, weights, *view.places)
+        change = change - read_maps(*found, plain[code], *view.places)
+        total[view.rows] += view.gains * np.where(np.isfinite(change), change, 0.0)
+        beyond[code] = beyond_tables(found[1], weights, view.places.positions_mm)
+    is_held, held = _said(projection, effects, takes_part)
+    status, moved = _statuses(projection.model, parts, takes_part, n)
+    held += moved_sentences(effects, moved)
+    return Contributions(total, lacking, tuple(missing), is_held, tuple(held), status, beyond)
+
+
+class _Part(NamedTuple):
+    """One term in the rows in which it shows: as weights of maps, or as numbers.
+
+    `one_each` has a number for each of the rows that is not finite where a condition is missing.
+    """
+
+    number: int
+    term: Term
+    view: View
+    reading: MapReading | None
+    one_each: FloatArray
+
+
+def _evaluated(
+    projection: Projection, term: Term, effect: Effect
+) -> tuple[MapReading | None, FloatArray]:
+    view = projection.view(term.component)
+    reading = term.reading(projection.model, view.conditions, effect.valid)
+    if reading is not None:
+        return reading, reading.weights.sum(axis=1)
+    return None, term.at(projection.model, view.places, view.conditions, effect.valid)
+
+
+def _by_component(parts: Iterable[_Part]) -> dict[str, list[_Part]]:
+    """Put the parts that change how much of each map enters together."""
+    found: dict[str, list[_Part]] = defaultdict(list)
+    for part in parts:
+        if part.reading is not None:
+            found[part.term.component].append(part)
+    return found
+
+
+def _found(model: CompiledModel, code: str) -> tuple[Group, Member]:
+    found = model.find(code)
+    assert found is not None
+    return found
+
+
+def _with_readings(
+    plain: FloatArray, parts: Iterable[_Part], takes_part: Sequence[BoolArray]
+) -> FloatArray:
+    """Add up how much of each map enters one component with its effects, shape (m, M)."""
+    weights = plain
+    for part in parts:
+        assert part.reading is not None
+        use = takes_part[part.number][part.view.rows]
+        weights = added(weights, np.where(use[:, None], part.reading.weights, 0.0))
+    return weights
+
+
+def _without_common_range(
+    model: CompiledModel,
+    of_maps: Mapping[str, Sequence[_Part]],
+    plain: Mapping[str, FloatArray],
+    takes_part: Sequence[BoolArray],
+) -> dict[int, IntArray]:
+    """List the effects by which maps enter that have no positions in common, and where."""
+    found: dict[int, list[IntArray]] = defaultdict(list)
+    for code, parts in of_maps.items():
+        low, high = common_ranges(
+            _found(model, code)[1], _with_readings(plain[code], parts, takes_part)
+        )
+        rows = parts[0].view.rows[(low >= high) & ~np.isnan(plain[code]).any(axis=1)]
+        for part in parts:
+            own = rows[takes_part[part.number][rows]]
+            if own.size:
+                found[part.number].append(own)
+    return {number: np.unique(np.concatenate(rows)) for number, rows in found.items()}
+
+
+def _said(
+    projection: Projection, effects: Sequence[Effect], takes_part: Sequence[BoolArray]
+) -> tuple[BoolArray, list[Remark]]:
+    """Say where effects are held, and which take part where they were not learnt."""
+    is_held = np.zeros(len(projection.rows), dtype=np.bool_)
+    held: list[Remark] = []
+    for number, effect in enumerate(effects):
+        shown = takes_part[number] & _shows(projection, effect)
+        if shown.any() and (said := unknown_range(effect)):
+            held.append(Remark(number, said))
+        for beyond, rows in _rows_beyond(projection, effect, takes_part[number]):
+            if beyond.is_held:
+                is_held[rows] = True
+            held.append(Remark(number, f"{held_sentence(effect, beyond)} ({rows.size} values)"))
+    return is_held, held
+
+
+def _statuses(
+    model: CompiledModel, parts: Iterable[_Part], takes_part: Sequence[BoolArray], n: int
+) -> tuple[StatusArray, list[Moved]]:
+    """Say the gravest of the temperatures at which effects read the maps, and which are outside."""
+    status = np.full(n, Status.AT_MAP, dtype=object)
+    moved: list[Moved] = []
+    for part in parts:
+        reading, rows = part.reading, part.view.rows
+        if reading is None:
+            continue
+        use = takes_part[part.number][rows] & reading.is_read
+        for said in GRAVITY[1:]:
+            own = rows[use & (reading.status == said)]
+            graver = [GRAVITY.index(s) < GRAVITY.index(said) for s in status[own]]
+            status[own[np.array(graver, dtype=np.bool_)]] = said
+            outside = said in (Status.CLAMPED, Status.EXTRAPOLATED)
+            if own.size and outside and not isinstance(part.term.shape, Exchange):
+                there = np.flatnonzero(use & (reading.status == said))
+                scale = _found(model, part.term.component)[0].scales[0]
+                ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
+                beyond_c = np.abs(reading.temperatures_c[there] - np.mean(ends_c))
+                farthest = there[int(np.argmax(beyond_c))]
+                moved.append(
+                    Moved(
+                        part.number,
+                        part.term.component,
+                        reading.sensor,
+                        float(reading.temperatures_c[farthest]),
+                        ends_c,
+                        said,
+                        bool(reading.is_refused[there].any()),
+                        own.size,
+                    )
+                )
+    return status, moved
+
+
+def _shows(projection: Projection, effect: Effect) -> BoolArray:
+    """Say in which rows the components of an effect show."""
+    found = np.zeros(len(projection.rows), dtype=np.bool_)
+    for code in effect.components:
+        found[projection.view(code).rows] = True
+    return found
+
+
+def _rows_beyond(
+    projection: Projection, effect: Effect, takes_part: BoolArray
+) -> list[tuple[Beyond, IntArray]]:
+    """List what lies outside where an effect was learnt, with the rows in which it does."""
+    if effect.valid is None or effect.adds_nothing:
+        return []
+    found = []
+    for code in effect.components:
+        view = projection.view(code)
+        found += [
+            (beyond, view.rows[beyond.is_beyond & takes_part[view.rows]])
+            for beyond in positions_beyond(effect, code, view.places)
+        ]
+    shown = takes_part & _shows(projection, effect)
+    rows = np.flatnonzero(shown)
+    there = projection.conditions.take(rows)
+    for beyond in conditions_beyond(projection.model, effect, there):
+        own = [projection.view(code).rows for code in beyond.components or effect.components]
+        outside = rows[beyond.is_beyond]
+        found.append((beyond, outside[np.isin(outside, np.concatenate(own))]))
+    return [one for one in found if one[1].size]

@@ -1,0 +1,87 @@
+"""The past as filters that are carried along with the readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.conditions import HOLDS, Signal
+from app.effects.low_pass import SETTLED, LagState
+from app.units import SECONDS_PER_MIN
+
+
+@dataclass(frozen=True, eq=False)
+class LiveLags:
+    """The past as filters that are carried along with the readings.
+
+    Parameters
+    ----------
+    filters
+        Signal and time constant [s] to the filter, None before its first reading.
+    max_gaps_s
+        Kind and name of a signal to the longest gap between its readings that is bridged [s];
+        any gap where it is left out.
+    """
+
+    filters: Mapping[tuple[Signal, float], LagState | None]
+    max_gaps_s: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Give the filters' outputs, NaN where there is none or it has not settled."""
+        state = self.filters.get((signal, time_constant_s))
+        if state is None:
+            return np.full(times_s.shape, np.nan)
+        max_gap_s = self._max_gap_s(signal)
+        return np.array([_output(state, time_s, max_gap_s) for time_s in times_s.tolist()])
+
+    def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
+        """Say how long the filter has been running."""
+        have = self.record_before_s(signal, float(times_s.min()))
+        return (
+            f"expected {SETTLED * time_constant_s / SECONDS_PER_MIN:.0f} min of readings of "
+            f"{signal.name} without a gap, five time constants, came "
+            f"{have / SECONDS_PER_MIN:.0f} min"
+        )
+
+    def record_before_s(self, signal: Signal, time_s: float) -> float:
+        """Say for how long the signal's oldest filter has been running [s]."""
+        running = [time_s - f.since_s for (s, _), f in self.filters.items() if f and s == signal]
+        return max(running, default=0.0)
+
+    def update(
+        self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
+    ) -> LiveLags:
+        """Carry every filter on with one reading.
+
+        Parameters
+        ----------
+        time_s
+            When it was taken [s].
+        temperatures_c
+            Believable temperatures [°C].
+        states
+            The machine's state.
+        """
+        read = {"temperature": temperatures_c, "state": states}
+        carried = dict(self.filters)
+        for (signal, tau_s), state in self.filters.items():
+            value = read[signal.kind].get(signal.name)
+            if value is not None:
+                value = value**signal.power
+                carried[signal, tau_s] = (
+                    LagState.start(tau_s, time_s, value, HOLDS[signal.kind])
+                    if state is None
+                    else state.update(time_s, value, self._max_gap_s(signal))
+                )
+        return LiveLags(carried, self.max_gaps_s)
+
+    def _max_gap_s(self, signal: Signal) -> float:
+        return self.max_gaps_s.get((signal.kind, signal.name), math.inf)
+
+
+def _output(state: LagState, time_s: float, max_gap_s: float) -> float:
+    return state.at(time_s) if time_s - state.time_s <= max_gap_s else math.nan

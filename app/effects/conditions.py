@@ -1,0 +1,336 @@
+"""What the machine lived through at the times that matter: temperatures, states, and their past.
+
+The same class serves the n rows of a search, the n rows of a prediction, and the one
+moment of a live table: what drives an effect is asked of it and of nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.effects.low_pass import (
+    SETTLED,
+    Filtered,
+    Hold,
+    low_pass,
+    low_pass_at,
+)
+from app.errors import list_names
+from app.thermal.machine import Sensor
+from app.thermal.temperature_history import TemperatureHistory
+from app.units import SECONDS_PER_H, SECONDS_PER_MIN
+
+RATE_OVER_S: Final = 600.0
+"""Time over which a rate of temperature is taken [s]."""
+
+STATE_GAP_S: Final = 600.0
+"""A state counts for so long after its reading where no sensor says otherwise [s]."""
+
+HOLDS: Final = {"temperature": Hold.LINEAR, "state": Hold.PREVIOUS}
+"""What a signal does between two readings."""
+
+MOST_FILTERS: Final = 256
+"""Filtered records that are kept ready."""
+
+
+class Signal(NamedTuple):
+    """Something that is recorded: a sensor's temperature, or a power of a state."""
+
+    kind: Literal["temperature", "state"]
+    name: str
+    power: int = 1
+
+
+class Lags(Protocol):
+    """Who knows the past."""
+
+    def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Give a signal's low-pass at times, NaN where its past is not known."""
+
+    def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
+        """Say in a sentence's second half what is missing."""
+
+    def record_before_s(self, signal: Signal, time_s: float) -> float:
+        """Say for how long before a time a signal was recorded [s]."""
+
+
+class NoHistory:
+    """Nobody knows the past: a request with present temperatures only."""
+
+    def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Give nothing."""
+        return np.full(times_s.shape, np.nan)
+
+    def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
+        """Say that there is no history."""
+        return f"the history of {signal.name} is not known here"
+
+    def record_before_s(self, signal: Signal, time_s: float) -> float:
+        """Know of no record."""
+        return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One signal's known readings, in order of time.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,) [s]
+        Strictly increasing.
+    values : ndarray, shape (n,)
+        Readings, none of them NaN.
+    hold
+        What happens between them.
+    max_gap_s
+        Longest gap that is bridged [s].
+    """
+
+    times_s: FloatArray
+    values: FloatArray
+    hold: Hold
+    max_gap_s: float
+
+    def at(self, times_s: FloatArray) -> FloatArray:
+        """Give the value at times, the last reading's until it is too old, else NaN."""
+        if self.times_s.size == 0:
+            return np.full(times_s.shape, np.nan)
+        at = np.searchsorted(self.times_s, times_s, side="right") - 1
+        before = np.maximum(at, 0)
+        near = (at >= 0) & (times_s - self.times_s[before] <= self.max_gap_s)
+        return np.where(near, self.values[before], np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedLags:
+    """The past as the readings tell it."""
+
+    recordings: Mapping[tuple[str, str], Recording]
+    _filtered: dict[tuple[Signal, float], Filtered] = field(default_factory=dict)
+
+    def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Give a signal's low-pass at times (`low_pass_at`)."""
+        recording = self.recordings.get((signal.kind, signal.name))
+        if recording is None or recording.times_s.size == 0:
+            return np.full(times_s.shape, np.nan)
+        filtered = self._filter(signal, time_constant_s, recording)
+        return low_pass_at(filtered, times_s, time_constant_s, recording.hold, recording.max_gap_s)
+
+    def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
+        """Say how much history is needed, and how much there is."""
+        have = self.record_before_s(signal, float(times_s.min()))
+        need_min = SETTLED * time_constant_s / SECONDS_PER_MIN
+        if have < SETTLED * time_constant_s:
+            return (
+                f"expected {need_min:.0f} min of readings of {signal.name} before, five time "
+                f"constants, came {have / SECONDS_PER_MIN:.0f} min"
+            )
+        return f"the readings of {signal.name} have gaps in the {need_min:.0f} min before"
+
+    def record_before_s(self, signal: Signal, time_s: float) -> float:
+        """Say for how long before a time a signal was recorded [s]."""
+        recording = self.recordings.get((signal.kind, signal.name))
+        if recording is None or recording.times_s.size == 0:
+            return 0.0
+        return max(time_s - float(recording.times_s[0]), 0.0)
+
+    def _filter(self, signal: Signal, tau_s: float, recording: Recording) -> Filtered:
+        key = (signal, tau_s)
+        if key not in self._filtered:
+            if len(self._filtered) >= MOST_FILTERS:
+                self._filtered.pop(next(iter(self._filtered)))
+            self._filtered[key] = low_pass(
+                recording.times_s,
+                recording.values**signal.power,
+                tau_s,
+                recording.hold,
+                recording.max_gap_s,
+            )
+        return self._filtered[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Temperatures, states and their past at n times.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,) [s]
+        Seconds since 1970-01-01 UTC.
+    temperatures_c : mapping of sensor to ndarray, shape (n,) [°C]
+        NaN where there is no usable reading.
+    states : mapping of name to ndarray, shape (n,)
+        The machine's state, NaN where it is not known.
+    lags
+        Who knows the past.
+    rates_c_per_h : mapping of sensor to ndarray, shape (n,) [°C/h]
+        How fast temperatures change, where that was asked.
+    """
+
+    times_s: FloatArray
+    temperatures_c: Mapping[str, FloatArray]
+    states: Mapping[str, FloatArray] = field(default_factory=dict)
+    lags: Lags = field(default_factory=NoHistory)
+    rates_c_per_h: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @classmethod
+    def of_moment(
+        cls,
+        time_s: float,
+        temperatures_c: Mapping[str, float],
+        states: Mapping[str, float] | None = None,
+        lags: Lags | None = None,
+    ) -> Conditions:
+        """Make the conditions of one live moment.
+
+        Parameters
+        ----------
+        time_s
+            When [s].
+        temperatures_c
+            Usable temperatures [°C].
+        states
+            The machine's state.
+        lags
+            Who knows the past; without it, effects that need it are missing.
+        """
+        return cls(
+            np.array([time_s]),
+            {name: np.array([value]) for name, value in temperatures_c.items()},
+            {name: np.array([value]) for name, value in (states or {}).items()},
+            lags or NoHistory(),
+        )
+
+    def temperature(self, sensor: str) -> FloatArray:
+        """Give a sensor's temperatures, shape (n,) [°C], NaN where there is none."""
+        found = self.temperatures_c.get(sensor)
+        return np.full(len(self), np.nan) if found is None else found
+
+    def state(self, name: str) -> FloatArray:
+        """Give a state, shape (n,), NaN where it is not known."""
+        found = self.states.get(name)
+        return np.full(len(self), np.nan) if found is None else found
+
+    def lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
+        """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
+        return self.lags.lagged(signal, time_constant_s, self.times_s)
+
+    def take(self, rows: IntArray) -> Conditions:
+        """Keep some rows; the past is shared."""
+        return Conditions(
+            self.times_s[rows],
+            {name: values[rows] for name, values in self.temperatures_c.items()},
+            {name: values[rows] for name, values in self.states.items()},
+            self.lags,
+            {name: values[rows] for name, values in self.rates_c_per_h.items()},
+        )
+
+    def why_missing(self, signal: Signal, time_constant_s: float | None = None) -> str:
+        """Say what is missing where a driver is NaN."""
+        if time_constant_s is not None:
+            return self.lags.why_missing(signal, time_constant_s, self.times_s)
+        have = self.temperatures_c if signal.kind == "temperature" else self.states
+        if signal.name in have:
+            what = "usable reading of" if signal.kind == "temperature" else "reading states"
+            return f"no {what} {signal.name} at that time"
+        return f"no {signal.kind} {signal.name} (there are {list_names(have)})"
+
+
+def recorded_conditions(
+    sensors: Mapping[str, Sensor],
+    history: TemperatureHistory,
+    state_readings: Sequence[tuple[float, Mapping[str, float]]],
+    times_s: FloatArray,
+    own_states: Mapping[str, FloatArray] | None = None,
+) -> Conditions:
+    """Read off a record what held at n times.
+
+    Parameters
+    ----------
+    sensors
+        Name to sensor: how long its readings serve.
+    history
+        Temperatures that can be believed (`app.thermal.sensor_health.believed`).
+    state_readings
+        Time [s] and the machine's state of each reading, in order of time.
+    times_s : ndarray, shape (n,) [s]
+        The times.
+    own_states : mapping of name to ndarray, shape (n,)
+        States that were stated beside the times themselves and go before the readings',
+        NaN where none was stated.
+
+    Returns
+    -------
+    Conditions
+    """
+    temperatures: dict[str, FloatArray] = {}
+    rates: dict[str, FloatArray] = {}
+    for name, sensor in sensors.items():
+        if name in history.temperatures_c:
+            temperatures[name] = history.at(name, times_s, sensor.max_age_s)
+            earlier = history.at(name, times_s - RATE_OVER_S, sensor.max_age_s)
+            rates[name] = (temperatures[name] - earlier) * (SECONDS_PER_H / RATE_OVER_S)
+    recordings = recordings_of(sensors, history, state_readings)
+    states = {
+        name: recording.at(times_s)
+        for (kind, name), recording in recordings.items()
+        if kind == "state"
+    }
+    for name, own in (own_states or {}).items():
+        states[name] = np.where(np.isnan(own), states.get(name, own), own)
+    return Conditions(times_s, temperatures, states, RecordedLags(recordings), rates)
+
+
+def recordings_of(
+    sensors: Mapping[str, Sensor],
+    history: TemperatureHistory,
+    state_readings: Sequence[tuple[float, Mapping[str, float]]],
+) -> dict[tuple[str, str], Recording]:
+    """Take a record apart into its signals.
+
+    Parameters
+    ----------
+    sensors, history, state_readings
+        As for `recorded_conditions`.
+
+    Returns
+    -------
+    dict of kind and name to Recording
+    """
+    found: dict[tuple[str, str], Recording] = {}
+    for name, sensor in sensors.items():
+        if name in history.temperatures_c:
+            times, values = history.known(name)
+            hold = HOLDS["temperature"]
+            found["temperature", name] = Recording(times, values, hold, sensor.max_age_s)
+    for name, recording in _state_recordings(state_readings, state_gap_s(sensors)).items():
+        found["state", name] = recording
+    return found
+
+
+def state_gap_s(sensors: Mapping[str, Sensor]) -> float:
+    """Say how long a state counts after its reading: as long as the most patient sensor [s]."""
+    return max((s.max_age_s for s in sensors.values()), default=STATE_GAP_S)
+
+
+def _state_recordings(
+    readings: Sequence[tuple[float, Mapping[str, float]]], gap_s: float
+) -> dict[str, Recording]:
+    known: dict[str, tuple[list[float], list[float]]] = {}
+    for time_s, state in readings:
+        for name, value in state.items():
+            times, values = known.setdefault(name, ([], []))
+            times.append(time_s)
+            values.append(value)
+    return {
+        name: Recording(np.array(times), np.array(values, dtype=float), HOLDS["state"], gap_s)
+        for name, (times, values) in known.items()
+    }

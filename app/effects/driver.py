@@ -1,0 +1,301 @@
+"""What drives an effect: a number at each moment, made of temperatures, states and time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.conditions import Conditions, Signal
+from app.units import SECONDS_PER_DAY, SECONDS_PER_MIN, unit_of_field
+
+
+class Quantity(NamedTuple):
+    """A driver in words: what it is, its unit, and what is to be added to it before it is told."""
+
+    name: str
+    unit: str
+    zero: float = 0.0
+
+
+@dataclass(frozen=True)
+class Driver(ABC):
+    """Something that changes with the conditions; equal drivers are the same."""
+
+    name: ClassVar[str]
+    grows_with_time: ClassVar[bool] = False
+
+    @abstractmethod
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give the driver at n moments, shape (n,); NaN where a condition is missing."""
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """What it is made of, and with which time constant [s]."""
+        return ()
+
+    @property
+    def is_held_by_signal(self) -> bool:
+        """Whether it is held by holding what it is made of; otherwise its own range holds it.
+
+        A difference of two signals is learnt as a difference: one of them held alone would
+        change it although it may be one that was seen.
+        """
+        return len(self.signals) < 2
+
+    @property
+    def quantity(self) -> Quantity | None:
+        """What it is where that is more than one signal as it is now; else None."""
+        return None
+
+    def why_missing(self, conditions: Conditions) -> str:
+        """Say which condition is missing where the driver is NaN."""
+        for signal, tau_s in self.signals:
+            present = conditions.temperature if signal.kind == "temperature" else conditions.state
+            values = present(signal.name) if tau_s is None else conditions.lagged(signal, tau_s)
+            if np.isnan(values).any():
+                return conditions.why_missing(signal, tau_s)
+        return ""
+
+
+@dataclass(frozen=True)
+class Always(Driver):
+    """One, always."""
+
+    name: ClassVar[str] = "always"
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give 1."""
+        return np.ones(len(conditions))
+
+
+@dataclass(frozen=True)
+class AboveReference(Driver):
+    """A sensor's temperature above a fixed one [K]."""
+
+    name: ClassVar[str] = "above-reference"
+    sensor: str
+    reference_c: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T − reference [K]."""
+        return conditions.temperature(self.sensor) - self.reference_c
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor."""
+        return ((Signal("temperature", self.sensor), None),)
+
+
+@dataclass(frozen=True)
+class Behind(Driver):
+    """How far a low-pass of a sensor lies from the sensor itself [K]."""
+
+    name: ClassVar[str] = "behind"
+    sensor: str
+    time_constant_s: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T_lag − T [K]: negative while the sensor warms up."""
+        lagged = conditions.lagged(Signal("temperature", self.sensor), self.time_constant_s)
+        return lagged - conditions.temperature(self.sensor)
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor now, and its past."""
+        signal = Signal("temperature", self.sensor)
+        return ((signal, None), (signal, self.time_constant_s))
+
+    @property
+    def quantity(self) -> Quantity:
+        """The lag."""
+        minutes = self.time_constant_s / SECONDS_PER_MIN
+        return Quantity(f"{self.sensor} {minutes:.3g} min late minus {self.sensor}", "K")
+
+
+@dataclass(frozen=True)
+class Difference(Driver):
+    """The difference of two sensors, above what it was on average [K]."""
+
+    name: ClassVar[str] = "difference"
+    sensor: str
+    minus: str
+    reference_k: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T_a − T_b − reference [K]."""
+        difference = conditions.temperature(self.sensor) - conditions.temperature(self.minus)
+        return difference - self.reference_k
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """Both sensors."""
+        return (
+            (Signal("temperature", self.sensor), None),
+            (Signal("temperature", self.minus), None),
+        )
+
+    @property
+    def quantity(self) -> Quantity:
+        """The difference itself."""
+        return Quantity(f"{self.sensor} minus {self.minus}", "K", self.reference_k)
+
+
+@dataclass(frozen=True)
+class BeyondMaps(Driver):
+    """How far a temperature, or a difference of two, is from what it was in the maps [K].
+
+    What a second sensor did while the maps were measured is inside them: at any temperature of
+    the component's own sensor the model interpolates it along. Only the rest is lacking.
+
+    Parameters
+    ----------
+    sensor, minus
+        The sensor, and the one that is subtracted, or an empty name.
+    own
+        The sensor that the component follows.
+    in_maps_c
+        In each map, in the order of the own sensor's temperature: that temperature, and what
+        the sensor or the difference was [°C; °C or K].
+    """
+
+    name: ClassVar[str] = "beyond-maps"
+    sensor: str
+    minus: str
+    own: str
+    in_maps_c: tuple[tuple[float, float], ...]
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give T − T in the maps at the own sensor's temperature [K]."""
+        value = conditions.temperature(self.sensor)
+        if self.minus:
+            value = value - conditions.temperature(self.minus)
+        scale, there = np.array(self.in_maps_c).T
+        found: FloatArray = value - np.interp(conditions.temperature(self.own), scale, there)
+        return found
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """All sensors."""
+        names = filter(None, (self.sensor, self.minus, self.own))
+        return tuple((Signal("temperature", name), None) for name in names)
+
+    @property
+    def quantity(self) -> Quantity:
+        """How far from the maps."""
+        what = f"{self.sensor} minus {self.minus}" if self.minus else self.sensor
+        return Quantity(f"{what} above what it was in the maps", "K")
+
+    def moved(self, learnt: tuple[float, float], other: BeyondMaps) -> tuple[float, float]:
+        """Say where another one lies wherever this one lay in a range: what the maps moved by.
+
+        Both are straight between their nodes, so their difference is largest at one of them.
+        """
+        nodes, own = np.array(self.in_maps_c).T
+        others, there = np.array(other.in_maps_c).T
+        at = np.union1d(nodes, others)
+        by = np.interp(at, nodes, own) - np.interp(at, others, there)
+        return learnt[0] + float(by.min()), learnt[1] + float(by.max())
+
+
+@dataclass(frozen=True)
+class Curvature(Driver):
+    """What a parabola in temperature does between fixed temperatures, zero at each of them [K²].
+
+    With the temperatures of all maps it is how far a parabola hangs below its chords, each
+    between two neighbouring maps: what linear interpolation lacks though every map is right.
+    With the first and the last alone it is one parabola over the whole range.
+    """
+
+    name: ClassVar[str] = "curvature"
+    sensor: str
+    temperatures_c: tuple[float, ...]
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give (T − T_n)(T − T_m) of the neighbours T_n, T_m [K²]; beyond the ends 0."""
+        scale = np.array(self.temperatures_c)
+        t = np.clip(conditions.temperature(self.sensor), scale[0], scale[-1])
+        lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
+        found: FloatArray = (t - scale[lower]) * (t - scale[lower + 1])
+        return found
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor."""
+        return ((Signal("temperature", self.sensor), None),)
+
+
+@dataclass(frozen=True)
+class State(Driver):
+    """A power of a state of the machine, at once or through a low-pass."""
+
+    name: ClassVar[str] = "state"
+    state: str
+    power: int = 1
+    time_constant_s: float | None = None
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give x^power, or its low-pass."""
+        if self.time_constant_s is None:
+            present: FloatArray = conditions.state(self.state) ** self.power
+            return present
+        return conditions.lagged(self._signal, self.time_constant_s)
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The state, and its past if that matters."""
+        return ((self._signal, self.time_constant_s),)
+
+    @property
+    def quantity(self) -> Quantity | None:
+        """The low-pass, if that matters."""
+        if self.time_constant_s is None:
+            return None
+        minutes = self.time_constant_s / SECONDS_PER_MIN
+        square = "the square of " if self.power == 2 else ""
+        unit = unit_of_field(self.state) or ""
+        unit = f"({unit})²" if unit and self.power == 2 else unit
+        return Quantity(f"{square}{self.state} with a time constant of {minutes:.3g} min", unit)
+
+    @property
+    def _signal(self) -> Signal:
+        return Signal("state", self.state, self.power)
+
+
+@dataclass(frozen=True)
+class SinceReference(Driver):
+    """Time since a fixed moment [days]."""
+
+    name: ClassVar[str] = "since-reference"
+    grows_with_time: ClassVar[bool] = True
+    reference_time_s: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give the time since then [days], negative before."""
+        return (conditions.times_s - self.reference_time_s) / SECONDS_PER_DAY
+
+
+@dataclass(frozen=True)
+class StepAfter(Driver):
+    """Zero before a moment, its height from then on."""
+
+    name: ClassVar[str] = "step-after"
+    time_s: float
+    height: float = 1.0
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give 0 or the height."""
+        return np.where(conditions.times_s >= self.time_s, self.height, 0.0)
+
+
+DRIVERS: Final[dict[str, type[Driver]]] = {
+    kind.name: kind
+    for kind in (
+        *(Always, AboveReference, Behind, Difference, BeyondMaps, Curvature),
+        *(State, SinceReference, StepAfter),
+    )
+}
+"""Every driver by the name under which it is stored."""

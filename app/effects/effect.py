@@ -1,0 +1,180 @@
+"""An effect that was found: what a model version stores and a live table contains."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Annotated, Any, Final, TypeAlias
+
+from pydantic import PlainSerializer, PlainValidator, TypeAdapter, WithJsonSchema
+
+from app.effects.driver import Driver
+from app.effects.term import Term, term_from_json
+from app.effects.valid import LearntIn, Range, Valid, valid_from_json
+from app.errors import InvalidContent, list_names
+
+LEARNT: Final[TypeAdapter[LearntIn | None]] = TypeAdapter(LearntIn | None)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect with its parameters and the terms that it adds.
+
+    Parameters
+    ----------
+    kind
+        Which kind, as the registry names it.
+    variant
+        Which of the kind's forms, empty where it has one only.
+    components
+        The components that it acts on.
+    sensors, states
+        What drives it.
+    parameters, standard_errors
+        By name with unit, such as `time_constant_min`; one standard deviation of each. A
+        parameter that was not estimated has no standard error.
+    terms
+        What it adds to the model.
+    valid
+        The ranges in which it was learnt; None where an older version of this software adopted
+        it, which did not keep them.
+    """
+
+    kind: str
+    components: tuple[str, ...]
+    sensors: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+    variant: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    standard_errors: Mapping[str, float] = field(default_factory=dict)
+    terms: tuple[Term, ...] = ()
+    valid: Valid | None = None
+
+    def __post_init__(self) -> None:
+        """Give equal drivers one range: what any of its components has shown, holds for all."""
+        object.__setattr__(self, "terms", _pooled(self.terms))
+
+    @property
+    def adds_nothing(self) -> bool:
+        """Whether it only tells of a sensor, and corrects no error."""
+        return all(term.coefficient == 0.0 for term in self.terms)
+
+    @cached_property
+    def learnt_in(self) -> LearntIn | None:
+        """The ranges in which it was learnt, as answers show them."""
+        if self.valid is None:
+            return None
+        made_of: dict[str, Range] = {}
+        for (driver, learnt), terms in by_driver(self.terms).items():
+            q = driver.quantity
+            if q is None or learnt is None:
+                continue
+            name = f"{q.name} [{q.unit}]" if q.unit else q.name
+            if name in made_of:  # of maps at other temperatures: another range
+                name = f"{name} of {list_names(sorted({t.component for t in terms}))}"
+            made_of[name] = (q.zero + learnt[0], q.zero + learnt[1])
+        return self.valid.shown(made_of)
+
+    @cached_property
+    def learnt_fields(self) -> Mapping[str, Any] | None:
+        """The same as JSON's own types: live tables write it at each reading."""
+        written: dict[str, Any] | None = LEARNT.dump_python(self.learnt_in, mode="json")
+        return written
+
+    def to_json(self) -> dict[str, Any]:
+        """Write it down as a model version stores it."""
+        return {
+            "kind": self.kind,
+            "variant": self.variant,
+            "components": list(self.components),
+            "sensors": list(self.sensors),
+            "states": list(self.states),
+            "parameters": dict(self.parameters),
+            "standard_errors": dict(self.standard_errors),
+            "terms": [term.to_json() for term in self.terms],
+            "valid": None if self.valid is None else self.valid.to_json(),
+        }
+
+
+def _stored_or_effect(stored: Any) -> Effect:
+    return stored if isinstance(stored, Effect) else effect_from_json(stored)
+
+
+StoredEffect: TypeAlias = Annotated[
+    Effect,
+    PlainValidator(_stored_or_effect),
+    PlainSerializer(Effect.to_json, return_type=dict),
+    WithJsonSchema({"type": "object", "additionalProperties": True}),
+]
+"""An effect that is written and read as a model version stores it."""
+
+
+def by_driver(terms: Iterable[Term]) -> dict[tuple[Driver, Range | None], list[Term]]:
+    """Put the terms of an effect together that have one driver, and so one range.
+
+    Parameters
+    ----------
+    terms
+        An effect's.
+    """
+    found: dict[tuple[Driver, Range | None], list[Term]] = defaultdict(list)
+    for term in terms:
+        found[term.driver, term.learnt].append(term)
+    return found
+
+
+def _pooled(terms: Sequence[Term]) -> tuple[Term, ...]:
+    ranges: dict[Driver, Range] = {}
+    for term in terms:
+        if term.learnt is not None:
+            low, high = ranges.get(term.driver, term.learnt)
+            ranges[term.driver] = (min(low, term.learnt[0]), max(high, term.learnt[1]))
+    return tuple(replace(term, learnt=ranges.get(term.driver)) for term in terms)
+
+
+def acting_on(effects: Iterable[Effect]) -> set[str]:
+    """List the components to which effects add something.
+
+    Parameters
+    ----------
+    effects
+        The effects.
+    """
+    return {term.component for effect in effects for term in effect.terms}
+
+
+def effect_from_json(stored: Mapping[str, Any]) -> Effect:
+    """Read an effect as `Effect.to_json` wrote it.
+
+    Parameters
+    ----------
+    stored
+        The stored form.
+
+    Raises
+    ------
+    InvalidContent
+        If something is missing, or names what does not exist.
+    """
+    try:
+        return Effect(
+            kind=str(stored["kind"]),
+            variant=str(stored.get("variant", "")),
+            components=tuple(stored["components"]),
+            sensors=tuple(stored["sensors"]),
+            states=tuple(stored.get("states", ())),
+            parameters=dict(stored["parameters"]),
+            standard_errors=dict(stored["standard_errors"]),
+            terms=_terms(stored["terms"]),
+            valid=valid_from_json(stored["valid"]) if stored.get("valid") else None,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidContent.of_field(
+            "effects", f"expected a stored effect, came one that lacks or mistakes {error}"
+        ) from None
+
+
+def _terms(stored: Sequence[Mapping[str, Any]]) -> tuple[Term, ...]:
+    return tuple(term_from_json(term) for term in stored)

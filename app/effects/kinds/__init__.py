@@ -1,0 +1,1 @@
+"""The kinds of effects: one file a kind."""

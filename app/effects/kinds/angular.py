@@ -1,0 +1,57 @@
+"""Roll, pitch or yaw that the maps lack: it acts through the lever arms and the tool offset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from app.effects.effect import Effect
+from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.kinds.constant_or_warm import constant_or_warm
+from app.effects.site import Site
+from app.effects.words import size_along, symbol_of
+from app.geometry.components import COMPONENTS, Kind
+
+
+class Angular(EffectKind):
+    """A rotation of an axis that no map has, constant in time or growing with a temperature."""
+
+    kind: ClassVar[str] = "angular"
+    text: ClassVar[str] = "roll, pitch or yaw that the map lacks"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    shown_by: ClassVar[str] = (
+        "measure the same points with a short and a long tool, or {component} itself with a level "
+        "or an angular interferometer"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "nonrigid-slope": "measure the same points with a short and a long tool: a rotation grows "
+        "with the tool, a slope does not",
+        "angular": "measure lines along all three axes with a short and a long tool: each "
+        "rotation has its own lever arms",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every rotation that the model lacks and that shows at some point."""
+        found = Proposals()
+        lacking = [
+            c.code
+            for c in COMPONENTS.values()
+            if c.kind is Kind.ANGULAR and c.code not in site.in_model and site.shows(c.code)
+        ]
+        if not lacking:
+            found.not_testable.append(self.refuse("", "the maps have all rotations that show"))
+        for code in lacking:
+            found.hypotheses.extend(
+                constant_or_warm(self.kind, site, code, sensor, "angle")
+                for sensor in (None, *site.varying_sensors)
+            )
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say what turns, and by how much."""
+        code = effect.components[0]
+        if not effect.sensors:
+            how = size_along(effect, "angle", symbol_of(code))
+            return f"{code}, which the maps lack, turns the tool by {how}"
+        how = size_along(effect, "slope", symbol_of(code, "K"))
+        return f"{code}, which the maps lack, turns with {effect.sensors[0]}, {how}"

@@ -1,0 +1,73 @@
+"""Reversal: an axis that comes from above stops elsewhere than one that comes from below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from app.effects.driver import Always
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis
+from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.shape import Everywhere, Rising
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import size_along, symbol_of
+from app.geometry.components import COMPONENTS
+
+CONSTANT, ALONG = "constant", "along the axis"
+
+
+class Backlash(EffectKind):
+    """Half the reversal value with the sign of the approach, constant or along the axis.
+
+    The reversal value is that of ISO 230-2: coming from below minus coming from above.
+    """
+
+    kind: ClassVar[str] = "backlash"
+    text: ClassVar[str] = "reversal: half the value with the sign of the approach"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "approach the same positions of {component} from both sides, five times in turn"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "periodic": "approach each position of {component} from both sides: reversal shows as "
+        "the difference of both, whatever the position",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component whose own axis came from both sides."""
+        found = Proposals()
+        for code in site.tables:
+            directions = site.projection.view(code).places.directions
+            if not ((directions > 0).any() and (directions < 0).any()):
+                axis = str(COMPONENTS[code].axis).upper()
+                reason = f"{axis} was always approached from the same side"
+                found.not_testable.append(self.refuse(code, reason))
+                continue
+            rising = site.rising(code)
+            found.hypotheses.append(_hypothesis(code, None))
+            if rising is not None:
+                found.hypotheses.append(_hypothesis(code, rising))
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how large the reversal is."""
+        how = size_along(effect, "reversal", symbol_of(effect.components[0]))
+        return f"{effect.components[0]} has a reversal value of {how}"
+
+
+def _hypothesis(code: str, rising: Rising | None) -> Hypothesis:
+    unit = COMPONENTS[code].unit
+    shapes = [Everywhere()] if rising is None else [Everywhere(), rising]
+    names = (f"reversal_{unit}", f"reversal_rise_{unit}")[: len(shapes)]
+    return Hypothesis(
+        kind=Backlash.kind,
+        variant=CONSTANT if rising is None else ALONG,
+        components=(code,),
+        unit_terms=lambda _: [[Term(code, Always(), s, is_reversing=True)] for s in shapes],
+        # The amplitude is half of the reversal value.
+        amplitudes=tuple(Amplitude(name, 2.0) for name in names),
+        is_within_visit=True,
+    )

@@ -1,0 +1,86 @@
+"""A slow change in time: wear, creep, settling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from app.effects.driver import SinceReference
+from app.effects.effect import Effect
+from app.effects.hypothesis import Hypothesis
+from app.effects.kind import (
+    EffectKind,
+    Need,
+    Proposals,
+    amplitudes_of,
+    by_lasting_shapes,
+)
+from app.effects.map_tables import maps_of_label
+from app.effects.shape import Shape
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import size_along, symbol_of
+from app.geometry.components import COMPONENTS
+
+SINCE_MAPS, SINCE_FIRST = "since the maps", "since the first visit"
+
+
+class Drift(EffectKind):
+    """A component changes evenly with time, whatever the temperatures."""
+
+    kind: ClassVar[str] = "drift"
+    text: ClassVar[str] = "linear in time: wear, creep, settling"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    trending: ClassVar[bool] = True
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure {component} again after as much time as this campaign took, at temperatures "
+        "that it has seen"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "step": "measure {component} again after as much time as this campaign took: a drift "
+        "goes on, a step has ended",
+        "thermal-lag": "measure {component} after a night of rest, at the same temperatures on "
+        "two days",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component, drifting since its maps or since the first visit."""
+        return by_lasting_shapes(self, site, partial(_hypotheses, site))
+
+    def explain(self, effect: Effect) -> str:
+        """Say what drifts, and how fast."""
+        how = size_along(effect, "drift", symbol_of(effect.components[0], "day"))
+        return f"{effect.components[0]} drifts {effect.variant}, {how}"
+
+
+def _beginnings_s(site: Site, code: str) -> dict[str, float]:
+    """Say from when a drift may count: it was not there yet in the maps, or not at first."""
+    found = site.model.find(code)
+    labels = found[0].labels if found else ()
+    measured = [
+        m.measured_at.timestamp() for label in labels for m in maps_of_label(site.maps, label)
+    ]
+    return {
+        SINCE_MAPS: float(np.mean(measured or [site.visit_starts_s[0]])),
+        SINCE_FIRST: float(site.visit_starts_s[0]),
+    }
+
+
+def _hypotheses(site: Site, code: str, shapes: list[Shape]) -> list[Hypothesis]:
+    beginnings = _beginnings_s(site, code).items()
+    return [_hypothesis(code, shapes, variant, since_s) for variant, since_s in beginnings]
+
+
+def _hypothesis(code: str, shapes: list[Shape], variant: str, since_s: float) -> Hypothesis:
+    driver = SinceReference(since_s)
+    return Hypothesis(
+        kind=Drift.kind,
+        variant=variant,
+        components=(code,),
+        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
+        amplitudes=amplitudes_of(shapes, f"drift_{COMPONENTS[code].unit}_per_day"),
+    )

@@ -1,0 +1,56 @@
+"""A component grows with another axis' position: the machine is not rigid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from app.effects.effect import Effect
+from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.kinds.constant_or_warm import constant_or_warm
+from app.effects.site import Site
+from app.effects.words import size_along, symbol_of
+from app.geometry.components import COMPONENTS, Kind
+
+
+class NonrigidSlope(EffectKind):
+    """A slope of 8.1–8.18 that no map has, constant in time or growing with a temperature."""
+
+    kind: ClassVar[str] = "nonrigid-slope"
+    text: ClassVar[str] = "a component grows with another axis' position"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    shown_by: ClassVar[str] = (
+        "measure the axis of {component} along three parallel lines: at both ends and in the "
+        "middle of the other axis, with the same tool"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "angular": "measure the same points with a short and a long tool: a rotation grows with "
+        "the tool, a slope does not",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every slope that the model lacks and that shows at some point."""
+        found = Proposals()
+        lacking = [
+            c.code
+            for c in COMPONENTS.values()
+            if c.kind is Kind.SLOPE and c.code not in site.in_model and site.shows(c.code)
+        ]
+        if not lacking:
+            found.not_testable.append(self.refuse("", "the maps have all slopes that show"))
+        for code in lacking:
+            own = site.sensor_of(code.partition("^")[0])
+            sensors = [own] if own in site.varying_sensors else []
+            found.hypotheses.extend(
+                constant_or_warm(self.kind, site, code, sensor, "slope")
+                for sensor in (None, *sensors)
+            )
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say what grows with which axis, and how much."""
+        component = COMPONENTS[effect.components[0]]
+        parent, axis = component.code.partition("^")[0], str(component.times).upper()
+        how = size_along(effect, "slope", symbol_of(component.code, "K" if effect.sensors else ""))
+        warm = f" and {effect.sensors[0]}" if effect.sensors else ""
+        return f"{parent} grows with the position of {axis}{warm}, {how}"

@@ -1,0 +1,92 @@
+"""A component follows another sensor than the one that it is assigned to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from app.effects.driver import Always
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis
+from app.effects.kind import EffectKind, Need, Proposals, stood_still
+from app.effects.shape import Exchange
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import components, parameter, verb
+
+
+class OtherSensor(EffectKind):
+    """E of the same maps on another sensor's scale, minus E on the assigned one's."""
+
+    kind: ClassVar[str] = "other-sensor"
+    text: ClassVar[str] = "a component follows another sensor than the assigned one"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "bring {sensor} and the assigned sensor apart (heat one part of the machine only), and "
+        "measure {component} there"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "thermal-lag": "let {sensor} and the assigned sensor stand still for some hours at "
+        "different temperatures, and measure {component}: only a wrong sensor still errs",
+        "other-sensor": "bring {sensor} and {rival} apart, and measure {component} there",
+        "additional-sensor": "keep {sensor} still while the assigned sensor warms up, and "
+        "measure {component}: with the wrong sensor it does not move at all",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component on every other sensor, and all of a sensor together."""
+        found = Proposals()
+        for own, codes in site.following.items():
+            for other in site.conditions.temperatures_c:
+                if other == own:
+                    continue
+                reason = _why_not(site, codes, other)
+                if reason:
+                    found.not_testable.append(self.refuse(f"{own} by {other}", reason))
+                    continue
+                exchange = Exchange.of(other, site.map_temperatures(other))
+                groups = [codes, *((code,) for code in codes)] if len(codes) > 1 else [codes]
+                found.hypotheses.extend(_hypothesis(own, exchange, group) for group in groups)
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say what follows which sensor, and by which share."""
+        own, other = effect.sensors
+        share = parameter(effect, "share")
+        if effect.parameters["share"] <= 0.0:
+            move = verb(effect.components, "moves", "move")
+            return (
+                f"{components(effect)} {move} away from what {other} says where it differs from "
+                f"{own} (share {share})"
+            )
+        follow = verb(effect.components, "follows", "follow")
+        return f"{components(effect)} {follow} {other} rather than {own} (share {share})"
+
+
+def _hypothesis(own: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothesis:
+    return Hypothesis(
+        kind=OtherSensor.kind,
+        components=codes,
+        sensors=(own, exchange.sensor),
+        unit_terms=lambda _: [[Term(code, Always(), exchange) for code in codes]],
+        amplitudes=(Amplitude("share"),),
+    )
+
+
+def _why_not(site: Site, codes: tuple[str, ...], other: str) -> str:
+    """Say why maps cannot be read on a sensor's scale, empty where they can."""
+    if other not in site.varying_sensors:
+        return stood_still(other)
+    stated = site.map_temperatures(other)
+    labels = {label for code in codes if (f := site.model.find(code)) for label in f[0].labels}
+    lacking = sorted(labels - set(stated))
+    if lacking:
+        return f"map {lacking[0]!r} does not state the temperature of {other}"
+    gap_c = float(np.diff(np.sort([stated[label] for label in labels])).min())
+    if not site.machine.sensor(other).resolves(gap_c):
+        return f"two maps are only {gap_c:.2g} °C apart at {other}, which cannot tell them apart"
+    exchange = Exchange.of(other, stated)
+    return next(filter(None, (exchange.why_missing(site.model, code) for code in codes)), "")

@@ -1,0 +1,92 @@
+"""The tables themselves no longer hold: a shift, a slope or a profile, constant in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.effects.driver import Always
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis
+from app.effects.kind import EffectKind, Proposals
+from app.effects.shape import Everywhere, Profile, Shape
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import parameter, symbol_of
+from app.geometry.components import COMPONENTS
+
+SHIFT, SLOPE, PROFILE = "shift", "slope", "profile"
+MOST_CORNERS: Final = 9
+
+
+class OutdatedMap(EffectKind):
+    """The same deviation from all maps, whatever the temperatures and the time."""
+
+    kind: ClassVar[str] = "outdated-map"
+    text: ClassVar[str] = "the tables no longer hold: a shift, a slope or a profile"
+    shown_by: ClassVar[str] = "measure a new map of {component}"
+    against: ClassVar[Mapping[str, str]] = {
+        "temperature-curvature": "measure {component} at the temperature of one of the maps: an "
+        "outdated map is wrong there too",
+        "step": "ask whether {component} was still right early in the campaign",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component in three forms; a single value can only shift."""
+        found = Proposals()
+        for code in site.components:
+            found.hypotheses.append(_hypothesis(code, SHIFT, [Everywhere()], ["shift"]))
+            rising = site.shapes(code)[1:]
+            if rising:
+                found.hypotheses.append(_hypothesis(code, SLOPE, rising, ["slope_at_end"]))
+            corners = _corners(site, code)
+            if rising and len(corners) > 2:
+                names = [f"profile_at_{x:g}_mm" for x in corners]
+                found.hypotheses.append(_hypothesis(code, PROFILE, _hats(corners), names))
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how far the tables are off."""
+        code = effect.components[0]
+        if effect.variant == PROFILE:
+            off = max(effect.parameters.values(), key=abs)
+            return f"the maps of {code} no longer hold: they are off by up to {off:.2g} " + (
+                symbol_of(code)
+            )
+        (name,) = effect.parameters
+        how = parameter(effect, name, symbol_of(code))
+        by = (
+            f"shifted by {how}"
+            if effect.variant == SHIFT
+            else f"off by {how} at the upper end of travel, and by minus that at the lower"
+        )
+        return f"the maps of {code} no longer hold: they are {by}"
+
+
+def _hypothesis(
+    code: str, variant: str, shapes: Sequence[Shape], names: Sequence[str]
+) -> Hypothesis:
+    return Hypothesis(
+        kind=OutdatedMap.kind,
+        variant=variant,
+        components=(code,),
+        unit_terms=lambda _: [[Term(code, Always(), shape)] for shape in shapes],
+        amplitudes=tuple(Amplitude(f"{name}_{COMPONENTS[code].unit}") for name in names),
+        is_within_visit=variant != SHIFT,
+    )
+
+
+def _corners(site: Site, code: str) -> tuple[float, ...]:
+    """Choose at most nine of the table's positions."""
+    positions = site.positions_mm(code)
+    if positions.size > MOST_CORNERS:
+        chosen = np.linspace(0, positions.size - 1, MOST_CORNERS).round().astype(int)
+        positions = positions[chosen]
+    return tuple(positions.tolist())
+
+
+def _hats(corners: tuple[float, ...]) -> list[Shape]:
+    heights = np.eye(len(corners))
+    return [Profile(corners, tuple(row.tolist())) for row in heights]

@@ -1,0 +1,101 @@
+"""A sensor reads wrong from some time on.
+
+A bias is found in the residuals. A sensor that stands still, or spikes, is found among the
+readings themselves (`app.identification.analysis.reading_faults`), which are left out before.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import ClassVar, Final
+
+from app.effects.driver import StepAfter
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
+from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.kinds.step import change_times
+from app.effects.shape import Sensitivity
+from app.effects.site import OWN_ZEROS, Site
+from app.effects.term import Term
+from app.effects.words import components, parameter
+from app.units import date_text
+
+BIAS, STUCK, SPIKES = "bias", "stuck", "spikes"
+
+CONSTANT_BIAS: Final = (
+    "a bias that was there before the campaign and does not change is inside the tables: it "
+    "cannot be told from an outdated map"
+)
+
+
+class SensorFault(EffectKind):
+    """A bias from some visit on: it moves all of the sensor's components at once.
+
+    The sensor reads T where the machine has T − bias: measured minus predicted is
+    E(T − bias) − E(T). The search takes the linear part of it, −bias · dE/dT; what is found and
+    adopted moves the temperature, which is right also where a map lies between.
+    """
+
+    kind: ClassVar[str] = "sensor-fault"
+    text: ClassVar[str] = "a sensor reads wrong from some time on"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    trending: ClassVar[bool] = True
+    shown_by: ClassVar[str] = "compare {sensor} with a calibrated thermometer at its place"
+
+    def propose(self, site: Site) -> Proposals:
+        """One fingerprint for each sensor that components follow."""
+        found = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
+        nonlinear = change_times(site)
+        slope = Sensitivity(is_local=True)
+        for sensor, codes in site.following.items():
+            if not any(site.lasting(code, [slope]) for code in codes):
+                found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                continue
+            found.hypotheses.append(
+                Hypothesis(
+                    kind=self.kind,
+                    variant=BIAS,
+                    components=codes,
+                    sensors=(sensor,),
+                    unit_terms=partial(_terms, codes),
+                    amplitudes=(Amplitude("bias_k", -1.0),),
+                    nonlinear=nonlinear,
+                    adopted_terms=partial(_moved, codes),
+                )
+            )
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say which sensor reads wrong since when, and by how much."""
+        if effect.variant in (STUCK, SPIKES):
+            return _of_readings(effect)
+        bias = parameter(effect, "bias_k", "K")
+        since = date_text(effect.parameters["changed_at_unix_s"])
+        return (
+            f"{effect.sensors[0]} reads wrong by {bias} since {since}, which shows in "
+            f"{components(effect)}"
+        )
+
+
+def _of_readings(effect: Effect) -> str:
+    """Say what the readings themselves show."""
+    sensor, parameters = effect.sensors[0], effect.parameters
+    since = date_text(parameters["changed_at_unix_s"])
+    if effect.variant == STUCK:
+        return f"{sensor} stood still for {parameters['lasted_h']:.0f} h from {since} on"
+    return (
+        f"{sensor} jumps by {abs(parameters['spike_k']):.1f} K in {parameters['share']:.1%} of its "
+        f"readings since {since}"
+    )
+
+
+def _terms(codes: tuple[str, ...], theta: float | None) -> Amplitudes:
+    driver = StepAfter(float(theta or 0.0))
+    return [[Term(code, driver, Sensitivity(is_local=True)) for code in codes]]
+
+
+def _moved(codes: tuple[str, ...], estimate: Estimate) -> list[Term]:
+    """Move the temperature itself, by minus the bias."""
+    (minus_bias_k,) = estimate.coefficients
+    driver = StepAfter(float(estimate.theta or 0.0), height=float(minus_bias_k))
+    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]

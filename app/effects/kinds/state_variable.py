@@ -1,0 +1,110 @@
+"""Spindle speed, payload, feed, or anything else that the shop records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.effects.conditions import Signal
+from app.effects.driver import State
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
+from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
+from app.effects.shape import Shape
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import parameter, size_along, symbol_of
+from app.geometry.components import COMPONENTS
+from app.units import SECONDS_PER_MIN
+
+AT_ONCE, SQUARED = "at once", "squared at once"
+LATE, SQUARED_LATE = "late", "squared, late"
+POWERS: Final = {AT_ONCE: 1, SQUARED: 2, LATE: 1, SQUARED_LATE: 2}
+
+
+class StateVariable(EffectKind):
+    """A component moves with a state, or its square, at once or through a low-pass."""
+
+    kind: ClassVar[str] = "state-variable"
+    text: ClassVar[str] = "spindle speed, payload, feed …, at once or with a time constant"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.STATE})
+    shown_by: ClassVar[str] = (
+        "measure {component} at three values of {state} one after the other, before any "
+        "temperature has changed, and every 10 min after {state} has gone back"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "state-variable": "measure {component} at three values of {state}, at once and every 10 "
+        "min for an hour after each change, each value with and without the other state",
+        "thermal-lag": "change {state} while the temperatures stand still, and measure "
+        "{component} at once",
+        "additional-sensor": "measure {component} in the coasting-down after a run: the "
+        "temperature of {rival} outlasts {state}",
+        "sensor-gradient": "measure {component} in the coasting-down after a run: the "
+        "temperatures' difference outlasts {state}",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component with every state that varied, in four forms."""
+        found = Proposals()
+        for state, values in sorted(site.conditions.states.items()):
+            if state not in site.varying_states:
+                found.not_testable.append(
+                    self.refuse(state, f"{state} did not change, or was not always known")
+                )
+                continue
+            # With two values, the square is the same as the state itself.
+            two_values = np.unique(values[~np.isnan(values)]).size < 3
+            grids = {
+                variant: site.time_constants_s(Signal("state", state, power))
+                for variant, power in POWERS.items()
+                if variant in (LATE, SQUARED_LATE)
+            }
+            if not grids[LATE]:
+                why = site.why_no_lag(Signal("state", state))
+                found.not_testable.append(self.refuse(f"{state}, late", why))
+            for variant, power in POWERS.items():
+                if not (power == 2 and two_values) and grids.get(variant, (0.0,)):
+                    grid = grids.get(variant, ())
+                    found.hypotheses.extend(
+                        _hypothesis(site, code, state, variant, grid) for code in site.components
+                    )
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say with which state what moves, how much, and how late."""
+        code, state = effect.components[0], effect.states[0]
+        squared = POWERS[effect.variant] == 2
+        how = size_along(effect, "slope", symbol_of(code, f"{state}²" if squared else state))
+        late = ""
+        if "time_constant_min" in effect.parameters:
+            late = f", {parameter(effect, 'time_constant_min', 'min')} late"
+        what = f"the square of {state}" if squared else state
+        return f"{code} moves with {what}{late}, {how}"
+
+
+def _hypothesis(
+    site: Site, code: str, state: str, variant: str, grid: tuple[float, ...]
+) -> Hypothesis:
+    shapes = site.shapes(code)
+    per = f"{state}_squared" if POWERS[variant] == 2 else state
+    return Hypothesis(
+        kind=StateVariable.kind,
+        variant=variant,
+        components=(code,),
+        states=(state,),
+        unit_terms=partial(_terms, code, state, POWERS[variant], shapes),
+        amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_{per}"),
+        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1]))
+        if grid
+        else None,
+        is_within_visit=not grid,
+    )
+
+
+def _terms(
+    code: str, state: str, power: int, shapes: list[Shape], theta: float | None
+) -> Amplitudes:
+    return [[Term(code, State(state, power, theta), shape)] for shape in shapes]

@@ -1,0 +1,94 @@
+"""A change at one time: a collision, a re-levelling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.effects.driver import StepAfter
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
+from app.effects.kind import (
+    EffectKind,
+    Need,
+    Proposals,
+    amplitudes_of,
+    by_lasting_shapes,
+)
+from app.effects.shape import Shape
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import (
+    components,
+    size_along,
+    symbol_of,
+)
+from app.geometry.components import COMPONENTS
+from app.units import date_text
+
+MOST_TIMES: Final = 40
+"""Of more visits, only so many beginnings are scanned, and the best is refined."""
+
+
+class Step(EffectKind):
+    """A component is another one from the beginning of some visit on."""
+
+    kind: ClassVar[str] = "step"
+    text: ClassVar[str] = "a change at one time: collision, re-levelling"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    trending: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "ask what happened to the machine at that time, and measure {component} once more at "
+        "temperatures from before"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "drift": "measure {component} again after as much time as this campaign took: a drift "
+        "goes on, a step has ended",
+        "sensor-fault": "compare {rival} with a calibrated thermometer at its place",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component, with a step at the beginning of any visit but the first."""
+        nonlinear = change_times(site)
+        return by_lasting_shapes(self, site, lambda c, s: [_hypothesis(c, s, nonlinear)])
+
+    def explain(self, effect: Effect) -> str:
+        """Say what changed when, and by how much."""
+        how = size_along(effect, "step", symbol_of(effect.components[0]))
+        when = date_text(effect.parameters["changed_at_unix_s"])
+        return f"{components(effect)} changed by {how} between the visits at {when}"
+
+
+def change_times(site: Site) -> Nonlinear:
+    """List the times at which something may have changed: the beginnings of visits.
+
+    Parameters
+    ----------
+    site
+        The campaign, of at least two visits.
+    """
+    starts = site.visit_starts_s[1:]
+    chosen = starts
+    if starts.size > MOST_TIMES:
+        chosen = starts[np.linspace(0, starts.size - 1, MOST_TIMES).round().astype(int)]
+    grid = tuple(np.unique(chosen).tolist())
+    bounds = (grid[0], grid[-1]) if starts.size > MOST_TIMES else None
+    return Nonlinear("changed_at_unix_s", 1.0, grid, bounds, log_scale=False)
+
+
+def _hypothesis(code: str, shapes: list[Shape], nonlinear: Nonlinear) -> Hypothesis:
+    return Hypothesis(
+        kind=Step.kind,
+        components=(code,),
+        unit_terms=partial(_terms, code, shapes),
+        amplitudes=amplitudes_of(shapes, f"step_{COMPONENTS[code].unit}"),
+        nonlinear=nonlinear,
+    )
+
+
+def _terms(code: str, shapes: list[Shape], theta: float | None) -> Amplitudes:
+    driver = StepAfter(float(theta or 0.0))
+    return [[Term(code, driver, shape)] for shape in shapes]

@@ -1,0 +1,75 @@
+"""A component is not linear between the maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from app.effects.driver import Curvature
+from app.effects.effect import Effect
+from app.effects.hypothesis import Hypothesis
+from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import size_along, symbol_of
+from app.geometry.components import COMPONENTS
+
+BETWEEN, OVERALL = "between maps", "over all maps"
+
+
+class TemperatureCurvature(EffectKind):
+    """A parabola in the component's own temperature, zero where maps were measured."""
+
+    kind: ClassVar[str] = "temperature-curvature"
+    text: ClassVar[str] = "a component is not linear in temperature between the maps"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure {component} half way between the maps' temperatures of {sensor}: one more map "
+        "there settles it"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "outdated-map": "measure {component} at the temperature of one of the maps: a curved "
+        "component is right there",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """Every component with its own sensor: between neighbouring maps, and over all of them."""
+        found = Proposals()
+        for code in site.components:
+            sensor = site.sensor_of(code)
+            if sensor not in site.varying_sensors:
+                found.not_testable.append(self.refuse(code, f"{sensor} did not change"))
+                continue
+            scale = _scale(site, code)
+            found.hypotheses.append(_hypothesis(site, code, OVERALL, (scale[0], scale[-1])))
+            if len(scale) > 2:
+                found.hypotheses.append(_hypothesis(site, code, BETWEEN, scale))
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how strongly what is curved in which temperature."""
+        how = size_along(effect, "curvature", symbol_of(effect.components[0], "K²"))
+        return (
+            f"{effect.components[0]} is curved over the temperature of {effect.sensors[0]} "
+            f"{effect.variant}, {how}"
+        )
+
+
+def _scale(site: Site, code: str) -> tuple[float, ...]:
+    """Give the maps' temperatures of a component's own sensor [°C]."""
+    return next(g.scales[0].temperatures_c for g in site.model.groups if code in g.codes)
+
+
+def _hypothesis(site: Site, code: str, variant: str, scale: tuple[float, ...]) -> Hypothesis:
+    sensor = site.sensor_of(code)
+    driver = Curvature(sensor, scale)
+    shapes = site.shapes(code)
+    return Hypothesis(
+        kind=TemperatureCurvature.kind,
+        variant=variant,
+        components=(code,),
+        sensors=(sensor,),
+        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
+        amplitudes=amplitudes_of(shapes, f"curvature_{COMPONENTS[code].unit}_per_k2"),
+    )

@@ -1,0 +1,84 @@
+"""The structure answers its sensor late."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import ClassVar
+
+from app.effects.conditions import Signal
+from app.effects.driver import Behind
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Amplitudes, Hypothesis, Nonlinear
+from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.shape import Sensitivity
+from app.effects.site import Site
+from app.effects.term import Term
+from app.effects.words import components, is_whole, parameter, verb
+from app.units import SECONDS_PER_MIN
+
+
+class ThermalLag(EffectKind):
+    """E at a low-passed temperature instead of the sensor's own, on one component or on all."""
+
+    kind: ClassVar[str] = "thermal-lag"
+    text: ClassVar[str] = "the structure answers its sensor late: a first-order low-pass"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure {component} every 10 min through a quick warm-up and the cooling after it, and "
+        "again when {sensor} has stood still for some hours"
+    )
+    against: ClassVar[Mapping[str, str]] = {
+        "other-sensor": "heat {rival} without {sensor}, or let both stand still for some hours "
+        "at different temperatures, and measure {component}: a late structure is right again",
+        "sensor-gradient": "let all temperatures stand still for some hours at a high level and "
+        "measure {component}: a late structure is right again, a bent one is not",
+        "state-variable": "warm the machine by the room with the spindle standing still, and "
+        "measure {component} meanwhile",
+    }
+
+    def propose(self, site: Site) -> Proposals:
+        """One fingerprint for each sensor, and each of its components by itself."""
+        found = Proposals()
+        for sensor, codes in site.following.items():
+            signal = Signal("temperature", sensor)
+            grid = site.time_constants_s(signal)
+            if sensor not in site.varying_sensors:
+                found.not_testable.append(self.refuse(sensor, f"{sensor} did not change"))
+            elif not grid:
+                found.not_testable.append(self.refuse(sensor, site.why_no_lag(signal)))
+            else:
+                groups = [codes, *((code,) for code in codes)] if len(codes) > 1 else [codes]
+                found.hypotheses.extend(_hypothesis(sensor, group, grid) for group in groups)
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how late what follows what, and by which share where that is not the whole."""
+        late = parameter(effect, "time_constant_min", "min")
+        share = "" if is_whole(effect) else f" (share {parameter(effect, 'share')})"
+        if effect.parameters.get("share", 1.0) <= 0.0:
+            overshoot = verb(effect.components, "overshoots", "overshoot")
+            settle = verb(effect.components, "settles", "settle")
+            return (
+                f"{components(effect)} {overshoot} while {effect.sensors[0]} changes, and "
+                f"{settle} with a time constant of {late}{share}"
+            )
+        follow = verb(effect.components, "follows", "follow")
+        return f"{components(effect)} {follow} {effect.sensors[0]} {late} late{share}"
+
+
+def _hypothesis(sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]) -> Hypothesis:
+    return Hypothesis(
+        kind=ThermalLag.kind,
+        components=codes,
+        sensors=(sensor,),
+        unit_terms=partial(_terms, sensor, codes),
+        amplitudes=(Amplitude("share"),),
+        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1])),
+    )
+
+
+def _terms(sensor: str, codes: tuple[str, ...], theta: float | None) -> Amplitudes:
+    behind = Behind(sensor, float(theta or 0.0))
+    return [[Term(code, behind, Sensitivity(is_local=False)) for code in codes]]

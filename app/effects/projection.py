@@ -1,0 +1,276 @@
+"""From errors of components to rows: one projection for all effects and for the maps.
+
+An observation of a component shows that component alone. An observation at a point shows
+every component through the rule of the volumetric error, which is linear: a component's
+gain is what the rule makes of one unit of it there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import FloatArray, IntArray
+from app.effects.conditions import Conditions
+from app.effects.effect import Effect, acting_on
+from app.effects.observations import POINT_CHANNELS, ObservationRows
+from app.effects.shape import Places
+from app.effects.term import Term
+from app.effects.valid import Valid
+from app.geometry.chain import Chain
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.geometry.measuring_line import MeasuringLines
+from app.geometry.needed_components import needed_components
+from app.geometry.volumetric_error import volumetric_error
+from app.search.candidate import Part
+from app.thermal.compiled_model import CompiledModel
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The rows in which one component shows, and how.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (m,)
+        Which rows.
+    channels
+        The channels that they belong to.
+    gains : ndarray, shape (m,)
+        The rows' change for one unit of the component.
+    places
+        Where the component's axis stood, and from which side it came, shape (m,) each.
+    conditions
+        What held then.
+    """
+
+    rows: IntArray
+    channels: tuple[int, ...]
+    gains: FloatArray
+    places: Places
+    conditions: Conditions
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The rows of a campaign, ready to be asked how a component shows in them.
+
+    Parameters
+    ----------
+    model
+        The compiled model: its chain, its measuring lines, its tables.
+    rows
+        The observations.
+    conditions
+        What held at each row.
+    """
+
+    model: CompiledModel
+    rows: ObservationRows
+    conditions: Conditions
+    _views: dict[str, View] = field(default_factory=dict)
+
+    @cached_property
+    def _rows_of_channels(self) -> list[IntArray]:
+        return [np.flatnonzero(self.rows.channel == n) for n in range(len(self.rows.channels))]
+
+    def view(self, code: str) -> View:
+        """Find the rows in which a component shows: computed once for each."""
+        if code not in self._views:
+            self._views[code] = self._make_view(code)
+        return self._views[code]
+
+    def errors(self, term: Term, valid: Valid | None = None) -> tuple[View, FloatArray]:
+        """Evaluate a term where it shows.
+
+        Parameters
+        ----------
+        term
+            A term of an effect.
+        valid
+            The effect's ranges, outside which it is held (`Term.at`).
+
+        Returns
+        -------
+        view, errors : View, and ndarray of shape (m,)
+            In the rows' unit: µm for points.
+        """
+        view = self.view(term.component)
+        return view, view.gains * term.at(self.model, view.places, view.conditions, valid)
+
+    def columns(
+        self, amplitudes: Sequence[Sequence[Term]], valid: Valid | None = None
+    ) -> FloatArray:
+        """Lay the unit errors of amplitudes out over all rows.
+
+        Parameters
+        ----------
+        amplitudes
+            For each of k amplitudes the terms that it scales together.
+        valid
+            As for `errors`.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            NaN where a condition is missing.
+        """
+        found = np.zeros((len(self.rows), len(amplitudes)))
+        for j, terms in enumerate(amplitudes):
+            for term in terms:
+                view, errors = self.errors(term, valid)
+                found[view.rows, j] += errors
+        return found
+
+    def parts(self, amplitudes: Sequence[Sequence[Term]]) -> list[Part]:
+        """Take the columns apart by channel, as the search wants them.
+
+        Parameters
+        ----------
+        amplitudes
+            As for `columns`.
+
+        Returns
+        -------
+        list of Part
+            Channels in which nothing shows are left out; rows in which a condition is
+            missing count as not moved.
+        """
+        columns = self.columns(amplitudes)
+        columns[np.isnan(columns)] = 0.0
+        codes = {term.component for terms in amplitudes for term in terms}
+        touched = {number for code in codes for number in self.view(code).channels}
+        parts = (
+            Part(number, rows, columns[rows])
+            for number in sorted(touched)
+            for rows in (self._rows_of_channels[number],)
+        )
+        return [part for part in parts if part.columns.any()]
+
+    def _make_view(self, code: str) -> View:
+        gains = np.zeros(len(self.rows))
+        gains[self.rows.of_channel(code)] = 1.0
+        for direction, channel in enumerate(POINT_CHANNELS):
+            rows = self.rows.of_channel(channel)
+            if rows.size:
+                gains[rows] = unit_errors(
+                    self.model.machine.chain,
+                    code,
+                    self.rows.points_mm[rows],
+                    self.rows.tool_offsets_mm[rows],
+                    self.model.measuring_lines,
+                )[:, direction]
+        shows = np.flatnonzero(gains)
+        return View(
+            shows,
+            tuple(np.unique(self.rows.channel[shows]).tolist()),
+            gains[shows],
+            places_of(code, self.rows.points_mm[shows], self.rows.directions[shows]),
+            self.conditions.take(shows),
+        )
+
+
+def unit_errors(
+    chain: Chain,
+    code: str,
+    points_mm: FloatArray,
+    tool_offsets_mm: FloatArray,
+    measuring_lines: MeasuringLines,
+) -> FloatArray:
+    """Say what one unit of a component does at points, by the rule of the volumetric error.
+
+    Parameters
+    ----------
+    chain, measuring_lines
+        The machine's.
+    code
+        The component.
+    points_mm, tool_offsets_mm : ndarray, shape (n, 3) [mm]
+        Points and tool offsets.
+
+    Returns
+    -------
+    ndarray, shape (n, 3) [µm for each unit of the component]
+
+    Examples
+    --------
+    >>> unit_errors(Chain.parse("FXYZ"), "EBX", np.array([[0.0, 0.0, 200.0]]), np.zeros((1, 3)), {})
+    array([[0.2, 0. , 0. ]])
+    """
+    unit = {code: np.ones(len(points_mm))}
+    errors, _ = volumetric_error(chain, unit, points_mm, tool_offsets_mm, measuring_lines)
+    return errors
+
+
+def places_of(code: str, points_mm: FloatArray, directions: FloatArray) -> Places:
+    """Pick the coordinate and the direction that are a component's argument.
+
+    Parameters
+    ----------
+    code
+        The component.
+    points_mm : ndarray, shape (n, 3) [mm]
+        Points.
+    directions : ndarray, shape (n, 3)
+        Directions of approach.
+
+    Returns
+    -------
+    Places
+        Without an argument, positions are NaN and directions 0.
+    """
+    axis = COMPONENTS[code].axis
+    if axis is None:
+        return Places(np.full(len(points_mm), np.nan), np.zeros(len(points_mm)))
+    column = LINEAR_LETTERS.index(axis)
+    return Places(points_mm[:, column], directions[:, column])
+
+
+def sum_of_terms(
+    projection: Projection, terms: Sequence[Term], valid: Valid | None = None
+) -> FloatArray:
+    """Add terms up over all rows.
+
+    Parameters
+    ----------
+    projection
+        The rows.
+    terms
+        Terms with their coefficients.
+    valid
+        The ranges outside which they are held.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where a condition is missing.
+    """
+    return projection.columns([terms], valid)[:, 0]
+
+
+def missing_at_points(
+    model: CompiledModel, effects: Iterable[Effect], tool_offsets_mm: ArrayLike
+) -> list[str]:
+    """List the components that the error at points needs and nothing gives.
+
+    Parameters
+    ----------
+    model, effects
+        The compiled model and its adopted effects.
+    tool_offsets_mm : array-like, shape (n, 3) [mm]
+        Tool offsets: without a lever arm a rotation is not needed.
+
+    Returns
+    -------
+    list of str
+        Codes; at points these components count as zero.
+    """
+    have = {code for group in model.groups for code in group.codes} | acting_on(effects)
+    needed = needed_components(
+        model.machine.chain, tool_offsets_mm, model.measuring_lines, orientation=False
+    )
+    return [code for code in needed if code not in have]

@@ -1,0 +1,354 @@
+"""How an effect looks along an axis: what its driver is multiplied by at each position.
+
+Shapes of position alone have no unit. `Sensitivity` and `Exchange` are made of the model's
+own maps and carry the component's unit.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.conditions import Conditions
+from app.effects.map_tables import MapReading, exchanged, moved, scale_by, slope
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group
+from app.thermal.map_weights import read_maps
+from app.thermal.resampling import hat_weights
+
+POINTS_A_PITCH: Final = 16
+"""A polygon of so many corners a pitch is within 2 % of its sine."""
+
+FEWEST_A_PITCH: Final = 8
+"""With so many it is within 8 %; with fewer it is another curve."""
+
+MOST_POINTS: Final = 4001
+"""A table is not made finer than so many positions."""
+
+
+class Places(NamedTuple):
+    """Where one axis stands, and from which side it came: shape (n,) each.
+
+    `positions_mm` are NaN and `directions` 0 where there is no such axis.
+    """
+
+    positions_mm: FloatArray
+    directions: FloatArray
+
+
+@dataclass(frozen=True)
+class Shape(ABC):
+    """A dependence on position, and for fingerprints on temperature."""
+
+    name: ClassVar[str]
+    changes_along: ClassVar[bool] = False
+    """Whether it was learnt along the axis: not where it is the same everywhere, or the maps'."""
+
+    @abstractmethod
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the error for the driver's value.
+
+        Parameters
+        ----------
+        model
+            The compiled model.
+        component
+            Whose error it is.
+        places
+            Positions and directions.
+        conditions
+            What held then.
+        driver : ndarray, shape (n,)
+            The driver.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Driver times shape.
+        """
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Give the positions that a table needs to show this shape [mm]; none as it is."""
+        return np.empty(0)
+
+    def why_no_table(self, low_mm: float, high_mm: float) -> str:
+        """Say why no table can show this shape, empty where one can."""
+        return ""
+
+    def why_missing(self, model: CompiledModel, component: str) -> str:
+        """Say what this shape lacks in a model, empty where nothing."""
+        return ""
+
+
+@dataclass(frozen=True)
+class Everywhere(Shape):
+    """The same at all positions."""
+
+    name: ClassVar[str] = "everywhere"
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver itself."""
+        return driver
+
+
+@dataclass(frozen=True)
+class Rising(Shape):
+    """A straight line: −1 at one end of the travel, 0 in its middle, +1 at the other end."""
+
+    name: ClassVar[str] = "rising"
+    changes_along: ClassVar[bool] = True
+    middle_mm: float
+    half_mm: float
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times (position − middle) / half."""
+        return driver * (places.positions_mm - self.middle_mm) / self.half_mm
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need both ends."""
+        return np.array([low_mm, high_mm])
+
+
+@dataclass(frozen=True)
+class Wave(Shape):
+    """A sine or a cosine over position, counted from position 0."""
+
+    name: ClassVar[str] = "wave"
+    changes_along: ClassVar[bool] = True
+    pitch_mm: float
+    is_cosine: bool
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times the sine or cosine of 2π position / pitch."""
+        turns = places.positions_mm / self.pitch_mm
+        wave = np.cos if self.is_cosine else np.sin
+        found: FloatArray = driver * wave(2.0 * np.pi * turns)
+        return found
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need sixteen positions in each pitch, or as many as a table may have."""
+        count = self._corners(high_mm - low_mm, POINTS_A_PITCH)
+        return np.linspace(low_mm, high_mm, min(max(count, 2), MOST_POINTS))
+
+    def why_no_table(self, low_mm: float, high_mm: float) -> str:
+        """Say that the pitch is too short for the travel."""
+        count = self._corners(high_mm - low_mm, FEWEST_A_PITCH)
+        if count <= MOST_POINTS:
+            return ""
+        return (
+            f"its pitch of {self.pitch_mm:.4g} mm needs {count} positions over "
+            f"{high_mm - low_mm:g} mm of travel, more than the {MOST_POINTS} that a table may "
+            "have: ask for predictions at the points, which have it exactly"
+        )
+
+    def _corners(self, span_mm: float, a_pitch: int) -> int:
+        return int(np.ceil(span_mm / self.pitch_mm * a_pitch)) + 1
+
+
+@dataclass(frozen=True)
+class Profile(Shape):
+    """A polygon over positions, its end values beyond them."""
+
+    name: ClassVar[str] = "profile"
+    changes_along: ClassVar[bool] = True
+    positions_mm: tuple[float, ...]
+    heights: tuple[float, ...]
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Give the driver times the polygon."""
+        left, right, share = hat_weights(np.array(self.positions_mm), places.positions_mm)
+        heights = np.array(self.heights)
+        found: FloatArray = driver * ((1.0 - share) * heights[left] + share * heights[right])
+        return found
+
+    def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
+        """Need the polygon's corners."""
+        return np.array(self.positions_mm)
+
+
+class OfMaps(Shape):
+    """Made of the component's own maps: it changes how much of each of them enters."""
+
+    @abstractmethod
+    def reading(
+        self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
+    ) -> MapReading | None:
+        """Say how much of each map is added for the driver's value.
+
+        Parameters
+        ----------
+        model, component, conditions, driver
+            As for `along`.
+
+        Returns
+        -------
+        MapReading, or None
+            None where the model does not have what it is made of (`why_missing`).
+        """
+
+    def along(
+        self,
+        model: CompiledModel,
+        component: str,
+        places: Places,
+        conditions: Conditions,
+        driver: FloatArray,
+    ) -> FloatArray:
+        """Read the maps that enter: outside what all of them cover, the end values hold."""
+        found = model.find(component)
+        reading = self.reading(model, component, conditions, driver)
+        if found is None or reading is None:
+            return np.full(driver.shape, np.nan)
+        return read_maps(*found, reading.weights, *places)
+
+
+@dataclass(frozen=True)
+class Sensitivity(OfMaps):
+    """The model's own change of a component with its sensor's temperature.
+
+    Parameters
+    ----------
+    is_local
+        True: the derivative at the present temperature, times the driver. False: the
+        change over the whole stretch of temperature that the driver [K] names, which is
+        right also where a map lies within it.
+    """
+
+    name: ClassVar[str] = "sensitivity"
+    is_local: bool
+
+    def reading(
+        self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
+    ) -> MapReading | None:
+        """Give dE/dT times the driver, or E(T + driver) − E(T)."""
+        found = model.find(component)
+        if found is None:
+            return None
+        group, _ = found
+        now = conditions.temperature(group.sensor)
+        return (slope if self.is_local else moved)(model, group, now, driver)
+
+    def why_missing(self, model: CompiledModel, component: str) -> str:
+        """Say that the model lacks the component."""
+        return "" if model.find(component) else f"the model has no {component}"
+
+
+@dataclass(frozen=True)
+class Exchange(OfMaps):
+    """The same maps read by another sensor, minus what they say by the assigned one.
+
+    Parameters
+    ----------
+    sensor
+        The other sensor.
+    map_temperatures_c
+        Label and the other sensor's temperature of each map [°C].
+    """
+
+    name: ClassVar[str] = "exchange"
+    sensor: str
+    map_temperatures_c: tuple[tuple[str, float], ...]
+
+    @classmethod
+    def of(cls, sensor: str, map_temperatures_c: Mapping[str, float]) -> Exchange:
+        """Make one from a mapping of labels."""
+        return cls(sensor, tuple(map_temperatures_c.items()))
+
+    def by_other(self, model: CompiledModel, component: str) -> Group | None:
+        """Put a component by itself on the other sensor's scale; None where that cannot be.
+
+        On a scale of its own the sensor is followed, and stands in for none.
+        """
+        found = model.find(component)
+        if found is None or self.why_missing(model, component):
+            return None
+        group, member = found
+        scale = scale_by(group, self.sensor, dict(self.map_temperatures_c))
+        return None if scale is None else group.on_scale(scale, member)
+
+    def reading(
+        self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
+    ) -> MapReading | None:
+        """Give the driver times E by the other sensor minus E by the assigned one."""
+        found, by_other = model.find(component), self.by_other(model, component)
+        if found is None or by_other is None:
+            return None
+        group, _ = found
+        own_c, others_c = (conditions.temperature(s) for s in (group.sensor, self.sensor))
+        return exchanged(model, group, by_other, own_c, others_c).times(driver)
+
+    def why_missing(self, model: CompiledModel, component: str) -> str:
+        """Say which map does not state the other sensor, or which two cannot be neighbours."""
+        found = model.find(component)
+        if found is None:
+            return f"the model has no {component}"
+        group, member = found
+        stated = dict(self.map_temperatures_c)
+        lacking = [label for label in group.labels if label not in stated]
+        if lacking:
+            return (
+                f"map {lacking[0]!r} came after the analysis: what {self.sensor} read is not known"
+            )
+        in_order = sorted(range(len(group.labels)), key=lambda row: stated[group.labels[row]])
+        for rows in pairwise(in_order):
+            lower, upper = (group.labels[row] for row in rows)
+            gap_c = stated[upper] - stated[lower]
+            if not model.machine.sensor(self.sensor).resolves(gap_c):
+                return (
+                    f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
+                    f"{self.sensor}, which cannot tell them apart"
+                )
+            low, high = member.common_range(rows)
+            if low >= high:
+                return (
+                    f"maps {lower!r} and {upper!r}, which follow each other in the temperature of "
+                    f"{self.sensor}, share no range of positions of {component}"
+                )
+        return ""
+
+
+SHAPES: Final[dict[str, type[Shape]]] = {
+    kind.name: kind for kind in (Everywhere, Rising, Wave, Profile, Sensitivity, Exchange)
+}
+"""Every shape by the name under which it is stored."""

@@ -1,0 +1,285 @@
+"""The machine and the campaign as a kind of effect sees them: what is there to be tested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.conditions import Conditions, Signal
+from app.effects.driver import Always, BeyondMaps
+from app.effects.map_tables import positions_of, temperatures_of_maps
+from app.effects.observations import ObservationRows
+from app.effects.projection import Projection
+from app.effects.shape import Everywhere, Rising, Shape
+from app.effects.term import Term
+from app.geometry.components import COMPONENTS, ORDER, Component, Kind
+from app.search.noise import deviations
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.error_map import ErrorMap
+from app.thermal.machine import Machine, Travel
+from app.units import SECONDS_PER_MIN
+
+KNOWN_SHARE: Final = 0.95
+"""A driver must be known in so much of a campaign; the rest counts as not moved."""
+
+TIME_CONSTANTS_MIN: Final = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
+"""Twice as long each time: half way between two of them 98 % of a lag are still seen."""
+
+OWN_ZEROS: Final = (
+    "each visit has a zero of its own, which hides what is another from visit to visit: measure "
+    "from one zero"
+)
+"""Why something that lasts cannot be tested."""
+
+SAME: Final = 1e-9
+"""A shape is constant where it changes by less than such a share of itself."""
+
+CLEARLY: Final = 3.0
+"""A temperature varies where its range is above so many of the sensor's resolutions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A machine, its model, and the observations that are to be explained.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    maps
+        The error maps that it was made of.
+    rows
+        The observations that take part.
+    conditions
+        What held at each row.
+    """
+
+    model: CompiledModel
+    maps: Sequence[ErrorMap]
+    rows: ObservationRows
+    conditions: Conditions
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        return self.model.machine
+
+    @cached_property
+    def projection(self) -> Projection:
+        """How components show in the rows."""
+        return Projection(self.model, self.rows, self.conditions)
+
+    @cached_property
+    def in_model(self) -> tuple[str, ...]:
+        """The components that the model has."""
+        codes = [code for group in self.model.groups for code in group.codes]
+        return tuple(sorted(codes, key=ORDER.__getitem__))
+
+    @cached_property
+    def components(self) -> tuple[str, ...]:
+        """The model's components that show in some row, squareness included."""
+        return tuple(code for code in self.in_model if self.shows(code))
+
+    @cached_property
+    def tables(self) -> tuple[str, ...]:
+        """Those of them that have an argument, nonrigid slopes aside."""
+        return tuple(
+            code
+            for code in self.components
+            if COMPONENTS[code].is_table and COMPONENTS[code].kind is not Kind.SLOPE
+        )
+
+    @cached_property
+    def following(self) -> dict[str, tuple[str, ...]]:
+        """Sensor to the components that are assigned to it and show."""
+        return {
+            sensor: tuple(c for c in self.components if self.sensor_of(c) == sensor)
+            for sensor in dict.fromkeys(self.sensor_of(c) for c in self.components)
+        }
+
+    @cached_property
+    def varying_sensors(self) -> tuple[str, ...]:
+        """The sensors whose temperature is known and changed clearly in the campaign."""
+        return tuple(
+            name
+            for name, values in self.conditions.temperatures_c.items()
+            if _known(values) and np.nanmax(values) - np.nanmin(values) > self._clearly(name)
+        )
+
+    @cached_property
+    def varying_states(self) -> tuple[str, ...]:
+        """The states that are known and changed in the campaign."""
+        return tuple(
+            name
+            for name, values in sorted(self.conditions.states.items())
+            if _known(values) and np.nanmax(values) > np.nanmin(values)
+        )
+
+    @cached_property
+    def _has_own_zero(self) -> BoolArray:
+        return self.rows.has_own_zero
+
+    @cached_property
+    def visit_starts_s(self) -> FloatArray:
+        """Time at which each visit begins, increasing [s]."""
+        visits = self.rows.visit
+        return np.sort([self.rows.times_s[visits == v].min() for v in np.unique(visits)])
+
+    def shows(self, code: str) -> bool:
+        """Whether a component shows in any row."""
+        return bool(self.projection.view(code).rows.size)
+
+    def sensor_of(self, code: str) -> str:
+        """Name the sensor that a component of the model is assigned to."""
+        found = self.model.find(code)
+        return found[0].sensor if found else str(COMPONENTS[code].default_sensor)
+
+    def map_temperatures(self, sensor: str) -> dict[str, float]:
+        """Say what a sensor read in each map [°C]."""
+        return temperatures_of_maps(self.model, self.maps, sensor)
+
+    def reference_c(self, sensor: str) -> float:
+        """Choose a sensor's reference: its mean over the maps, or over the campaign [°C]."""
+        stated = list(self.map_temperatures(sensor).values())
+        return float(np.mean(stated or np.nanmean(self.conditions.temperature(sensor))))
+
+    def beyond_maps(self, code: str, sensor: str, minus: str = "") -> BeyondMaps | None:
+        """Make the driver of a second sensor; None where a map does not state its temperature."""
+        return beyond_maps(self.model, self.maps, code, sensor, minus)
+
+    def time_constants_s(self, signal: Signal) -> tuple[float, ...]:
+        """List the time constants for which a signal's past is known in the campaign [s]."""
+        lagged = self.conditions.lagged
+        tried = (minutes * SECONDS_PER_MIN for minutes in TIME_CONSTANTS_MIN)
+        return tuple(tau_s for tau_s in tried if _known(lagged(signal, tau_s)))
+
+    def why_no_lag(self, signal: Signal) -> str:
+        """Say why not even the shortest time constant can be tested."""
+        return self.conditions.why_missing(signal, TIME_CONSTANTS_MIN[0] * SECONDS_PER_MIN)
+
+    def travel(self, code: str) -> Travel | None:
+        """Find the travel of a component's axis: the machine's, or what tables and rows cover."""
+        return travel_of(self.model, COMPONENTS[code], self.projection.view(code).places[0])
+
+    def rising(self, code: str) -> Rising | None:
+        """Make the straight line over a component's travel; None without an argument."""
+        travel = self.travel(code)
+        if travel is None or not travel.max_mm > travel.min_mm:
+            return None
+        middle = (travel.min_mm + travel.max_mm) / 2.0
+        return Rising(middle, (travel.max_mm - travel.min_mm) / 2.0)
+
+    def shapes(self, code: str) -> list[Shape]:
+        """List the smooth shapes of a component: everywhere the same, and rising."""
+        positions = self.projection.view(code).places.positions_mm
+        rising = self.rising(code) if positions.size and np.ptp(positions) > 0 else None
+        return [Everywhere()] if rising is None else [Everywhere(), rising]
+
+    def lasting(self, code: str, shapes: Sequence[Shape]) -> list[Shape]:
+        """Keep the shapes in which visits can be compared.
+
+        A zero of its own takes from each visit what is the same in all of its rows.
+
+        Parameters
+        ----------
+        code
+            A component.
+        shapes
+            How it may have changed from some visit to the next.
+        """
+        rows = self.projection.view(code).rows
+        own = self._has_own_zero[rows]
+        if len(np.unique(self.rows.visit[rows[~own]])) > 1:
+            return list(shapes)
+        columns = self.projection.columns([[Term(code, Always(), shape)] for shape in shapes])
+        zeros = np.column_stack([self.rows.visit[rows], self.rows.channel[rows]])
+        _, zero = np.unique(zeros, axis=0, return_inverse=True)
+        return [
+            shape
+            for shape, column in zip(shapes, np.nan_to_num(columns[rows]).T, strict=True)
+            if np.abs(deviations(column, zero.ravel())).max() > SAME * np.abs(column).max()
+        ]
+
+    def positions_mm(self, code: str) -> FloatArray:
+        """Give the positions of a component's table [mm]; none without one."""
+        found = self.model.find(code)
+        return positions_of(found[1] if found else None)
+
+    def _clearly(self, sensor: str) -> float:
+        known = self.machine.sensors.get(sensor)
+        return CLEARLY * known.resolution_c if known else 0.0
+
+
+def beyond_maps(
+    model: CompiledModel, maps: Sequence[ErrorMap], code: str, sensor: str, minus: str = ""
+) -> BeyondMaps | None:
+    """Make the driver of a second sensor.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    maps
+        The error maps that it was made of.
+    code
+        The component.
+    sensor, minus
+        The sensor, and the one that is subtracted, or an empty name.
+
+    Returns
+    -------
+    BeyondMaps, or None
+        None where the model lacks the component or a map does not state a temperature.
+    """
+    found = model.find(code)
+    if found is None:
+        return None
+    group, scale = found[0], found[0].scales[0]
+    stated, less = (temperatures_of_maps(model, maps, name) for name in (sensor, minus))
+    labels = [group.labels[row] for row in scale.rows]
+    if not all(label in stated and (not minus or label in less) for label in labels):
+        return None
+    there = [stated[label] - (less[label] if minus else 0.0) for label in labels]
+    points = tuple(zip(scale.temperatures_c, there, strict=True))
+    return BeyondMaps(sensor, minus, scale.sensor, points)
+
+
+def travel_of(
+    model: CompiledModel, component: Component, positions_mm: FloatArray | None = None
+) -> Travel | None:
+    """Find the travel of a component's axis.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    component
+        The component.
+    positions_mm : ndarray, shape (m,) [mm]
+        Where the axis was observed.
+
+    Returns
+    -------
+    Travel, or None
+        The machine's; else what its tables cover, else what was observed; None without an
+        argument or where nothing is known.
+    """
+    if component.axis is None:
+        return None
+    if component.axis in model.machine.axes:
+        return model.machine.axes[component.axis]
+    members = [m for group in model.groups for m in group.members]
+    known = [m.positions_mm for m in members if m.component.axis == component.axis]
+    every = np.concatenate([np.empty(0), *known])
+    if every.size < 2 and positions_mm is not None:
+        every = positions_mm
+    return Travel(float(every.min()), float(every.max())) if every.size else None
+
+
+def _known(values: FloatArray) -> bool:
+    return bool(np.mean(~np.isnan(values)) >= KNOWN_SHARE)

@@ -1,0 +1,241 @@
+"""One term of an effect: coefficient × driver × shape on one component."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.conditions import Conditions, Signal
+from app.effects.driver import DRIVERS, Driver
+from app.effects.map_tables import MapReading
+from app.effects.shape import (
+    SHAPES,
+    Everywhere,
+    Exchange,
+    OfMaps,
+    Places,
+    Shape,
+)
+from app.effects.valid import Range, Valid
+from app.errors import InvalidContent, list_names
+from app.geometry.components import COMPONENTS
+from app.thermal.compiled_model import CompiledModel
+
+EVERYWHERE: Final = Everywhere()
+Part = TypeVar("Part", bound=Driver | Shape)
+
+
+@dataclass(frozen=True)
+class Term:
+    """An additive error of one component.
+
+    Parameters
+    ----------
+    component
+        The component's code.
+    driver
+        What makes it change.
+    shape
+        How it looks along the axis.
+    coefficient
+        How strong it is [the component's unit for each unit of driver and shape].
+    is_reversing
+        Whether its sign is that of the approach: plus coming from below, minus from above.
+    learnt
+        Where it was learnt, the driver's smallest and largest value; None for drivers that are
+        made of no signal, and where it is not known.
+    """
+
+    component: str
+    driver: Driver
+    shape: Shape = EVERYWHERE
+    coefficient: float = 1.0
+    is_reversing: bool = False
+    learnt: Range | None = None
+
+    def times(self, factor: float) -> Term:
+        """Scale the term."""
+        return replace(self, coefficient=factor * self.coefficient)
+
+    def at(
+        self,
+        model: CompiledModel,
+        places: Places,
+        conditions: Conditions,
+        valid: Valid | None = None,
+    ) -> FloatArray:
+        """Give the error at n places, each at its own moment.
+
+        Parameters
+        ----------
+        model
+            The compiled model: fingerprints are made of its tables.
+        places
+            Positions and directions of the component's axis.
+        conditions
+            What held at these moments.
+        valid
+            The ranges of its effect: outside them the term is held at their edge. Without, it
+            is evaluated as it stands.
+
+        Returns
+        -------
+        ndarray, shape (n,) [the component's unit]
+            NaN where a condition is missing; 0 for a reversing term where the direction is
+            not known, as the tables then give the mean of both.
+        """
+        driver, held = self._held(conditions, valid)
+        if valid is not None and self.shape.changes_along:
+            places = valid.held_places(self.component, places)
+        found = self.coefficient * self.shape.along(model, self.component, places, held, driver)
+        return found * np.sign(places.directions) if self.is_reversing else found
+
+    def reading(
+        self, model: CompiledModel, conditions: Conditions, valid: Valid | None = None
+    ) -> MapReading | None:
+        """Say how much of each map it adds at n moments.
+
+        Parameters
+        ----------
+        model, conditions, valid
+            As for `at`.
+
+        Returns
+        -------
+        MapReading, or None
+            None where it is not made of the maps, or the model does not have what it needs.
+        """
+        if self.is_reversing or not isinstance(self.shape, OfMaps):
+            return None
+        driver, held = self._held(conditions, valid)
+        found = self.shape.reading(model, self.component, held, driver)
+        return None if found is None else found.times(self.coefficient)
+
+    def held_signals(self, model: CompiledModel) -> set[Signal]:
+        """List the signals that are moved to the edge where they lie outside their ranges.
+
+        Parameters
+        ----------
+        model
+            The compiled model.
+        """
+        own = {signal for signal, _ in self.driver.signals if self.driver.is_held_by_signal}
+        return own | {Signal("temperature", sensor) for sensor in self.sensors_of_tables(model)}
+
+    def _held(self, conditions: Conditions, valid: Valid | None) -> tuple[FloatArray, Conditions]:
+        """Give the driver and the conditions of the shape, at the edge where they lie outside."""
+        if valid is None:
+            return self.driver.at(conditions), conditions
+        held = valid.held(conditions)
+        driver = self.driver.at(valid.for_driver(self.driver, conditions, held))
+        return driver if self.learnt is None else np.clip(driver, *self.learnt), held
+
+    def everywhere_at(
+        self, model: CompiledModel, places: Places, moment: Conditions, valid: Valid | None = None
+    ) -> FloatArray:
+        """Give the error at k places, all at one moment.
+
+        Parameters
+        ----------
+        model
+            The compiled model.
+        places
+            Positions and directions, shape (k,).
+        moment
+            Conditions of one moment.
+        valid
+            As for `at`.
+
+        Returns
+        -------
+        ndarray, shape (k,) [the component's unit]
+        """
+        # One moment's driver stands for all places: n = 1 broadcasts against k.
+        return np.broadcast_to(self.at(model, places, moment, valid), places.positions_mm.shape)
+
+    def nodes_mm(self, low_mm: float, high_mm: float, valid: Valid | None = None) -> FloatArray:
+        """Give the positions that a table needs to show the term [mm], and where it is held."""
+        nodes = self.shape.nodes_mm(low_mm, high_mm)
+        edges = valid.edges_mm(self.component) if valid and self.shape.changes_along else None
+        held_from = [at for at in edges or () if low_mm < at < high_mm]
+        return np.concatenate([nodes, held_from]) if held_from else nodes
+
+    def why_missing(self, model: CompiledModel, conditions: Conditions) -> str:
+        """Say which condition is missing where the term is NaN, empty where none."""
+        said = self.driver.why_missing(conditions)
+        said = said or self.shape.why_missing(model, self.component)
+        for sensor in () if said else self.sensors_of_tables(model):
+            if np.isnan(conditions.temperature(sensor)).any():
+                return conditions.why_missing(Signal("temperature", sensor))
+        return said
+
+    def to_json(self) -> dict[str, Any]:
+        """Write it down as a model version stores it."""
+        return {
+            "component": self.component,
+            "coefficient": self.coefficient,
+            "reversing": self.is_reversing,
+            "learnt": None if self.learnt is None else list(self.learnt),
+            "driver": {"name": self.driver.name, **asdict(self.driver)},
+            "shape": {"name": self.shape.name, **asdict(self.shape)},
+        }
+
+    def sensors_of_tables(self, model: CompiledModel) -> list[str]:
+        """Name the sensors by which it reads the model's own tables."""
+        found = model.find(self.component)
+        if found is None or not isinstance(self.shape, OfMaps):
+            return []
+        other = [self.shape.sensor] if isinstance(self.shape, Exchange) else []
+        return [found[0].sensor, *other]
+
+
+def term_from_json(stored: Mapping[str, Any]) -> Term:
+    """Read a term as `Term.to_json` wrote it.
+
+    Parameters
+    ----------
+    stored
+        The stored form.
+
+    Raises
+    ------
+    InvalidContent
+        If it names something that does not exist.
+    """
+    code = stored["component"]
+    if code not in COMPONENTS:
+        raise InvalidContent.of_field("terms", f"expected an error component, came {code!r}")
+    return Term(
+        component=code,
+        driver=_part("driver", DRIVERS, stored["driver"]),
+        shape=_part("shape", SHAPES, stored["shape"]),
+        coefficient=float(stored["coefficient"]),
+        is_reversing=bool(stored["reversing"]),
+        learnt=_tuples(stored.get("learnt")),
+    )
+
+
+def _part(what: str, kinds: Mapping[str, type[Part]], stored: Mapping[str, Any]) -> Part:
+    kind = kinds.get(stored.get("name", ""))
+    if kind is None:
+        raise InvalidContent.of_field(
+            "terms", f"expected a {what} among {list_names(kinds)}, came {stored.get('name')!r}"
+        )
+    given = {name: _tuples(value) for name, value in stored.items() if name != "name"}
+    expected = {field.name for field in fields(kind)}
+    if not set(given) <= expected:
+        raise InvalidContent.of_field(
+            "terms",
+            f"expected {kind.name} to have {list_names(sorted(expected))}, came "
+            f"{list_names(sorted(given))}",
+        )
+    return kind(**given)
+
+
+def _tuples(value: Any) -> Any:
+    """Turn JSON's lists back into tuples, at any depth."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value

@@ -1,0 +1,203 @@
+"""The ranges in which an effect was learnt: outside them it is held at their edge.
+
+An effect is a curve through what a campaign has seen. Beyond that nobody has measured it, so it
+stays what it was at the edge, as an error map does beyond the maps' temperatures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final, TypeAlias
+
+import numpy as np
+from pydantic import Field
+
+from app.answer import Answer
+from app.answer import Range as AnsweredRange
+from app.arrays import FloatArray
+from app.effects.conditions import Conditions
+from app.effects.driver import Driver
+from app.effects.shape import Places
+
+Range: TypeAlias = tuple[float, float]
+"""Smallest and largest value that were seen."""
+
+DRIVER_MARGIN: Final = 0.02
+"""A state, or what a driver makes of temperatures and the past, counts as outside from this share
+of its learnt span on: what a straight line adds so near is a fiftieth of what it was learnt from,
+less than any campaign tells. A temperature counts as outside from its sensor's resolution on."""
+
+POSITION_MARGIN: Final = 0.05
+"""A position counts as outside from this share of the learnt span on: who measures a travel stops
+short of its ends, and random positions never reach them."""
+
+
+@dataclass(frozen=True)
+class Valid:
+    """What an effect was learnt in.
+
+    Parameters
+    ----------
+    from_s, to_s
+        Times of the first and the last observation that it was estimated from [s].
+    temperatures_c
+        Sensors that it is made of, to their temperatures then [°C].
+    state
+        States that drive it at once, to their values then.
+    positions_mm
+        Components to the positions of their axis then [mm].
+    use_until_s
+        Where it grows with time: until when what it may have grown by since `to_s` is below one
+        standard deviation of an observation [s]; None where it does not grow.
+    """
+
+    from_s: float
+    to_s: float
+    temperatures_c: Mapping[str, Range] = field(default_factory=dict)
+    state: Mapping[str, Range] = field(default_factory=dict)
+    positions_mm: Mapping[str, Range] = field(default_factory=dict)
+    use_until_s: float | None = None
+
+    def held(self, conditions: Conditions) -> Conditions:
+        """Move temperatures and states that lie outside to the edge."""
+        return replace(
+            conditions,
+            temperatures_c=_clipped(conditions.temperatures_c, self.temperatures_c),
+            states=_clipped(conditions.states, self.state),
+        )
+
+    def for_driver(self, driver: Driver, conditions: Conditions, held: Conditions) -> Conditions:
+        """Choose what a driver is to be evaluated at.
+
+        Parameters
+        ----------
+        driver
+            The driver.
+        conditions, held
+            As they are, and at the edge.
+        """
+        if driver.grows_with_time:
+            return replace(conditions, times_s=np.clip(conditions.times_s, self.from_s, self.to_s))
+        return held if driver.is_held_by_signal else conditions
+
+    def held_places(self, code: str, places: Places) -> Places:
+        """Move positions that lie outside to the edge, the margin included."""
+        edges = self.edges_mm(code)
+        if edges is None:
+            return places
+        return places._replace(positions_mm=np.clip(places.positions_mm, *edges))
+
+    def edges_mm(self, code: str) -> Range | None:
+        """Give the positions between which a component's effect is evaluated [mm]."""
+        learnt = self.positions_mm.get(code)
+        return None if learnt is None else widened(learnt, POSITION_MARGIN)
+
+    def shown(self, made_of: Mapping[str, Range]) -> LearntIn:
+        """Show it in answers, with the ranges of what the effect is made of beside the signals."""
+        return LearntIn(
+            from_=datetime.fromtimestamp(self.from_s, UTC),
+            to=datetime.fromtimestamp(self.to_s, UTC),
+            temperatures_c=self.temperatures_c,
+            state=self.state,
+            positions_mm=self.positions_mm,
+            made_of=made_of,
+            use_until=None
+            if self.use_until_s is None
+            else datetime.fromtimestamp(self.use_until_s, UTC),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Write it down as a model version stores it."""
+        return {
+            "from": _iso(self.from_s),
+            "to": _iso(self.to_s),
+            "temperatures_c": {name: list(learnt) for name, learnt in self.temperatures_c.items()},
+            "state": {name: list(learnt) for name, learnt in self.state.items()},
+            "positions_mm": {code: list(learnt) for code, learnt in self.positions_mm.items()},
+            "use_until": None if self.use_until_s is None else _iso(self.use_until_s),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class LearntIn(Answer, published_as="ValidAnswer"):
+    """Where an effect was learnt: beyond it, it is held at the edge."""
+
+    from_: Annotated[datetime, Field(alias="from")]
+    """Time of the first observation that it rests on, UTC"""
+
+    to: datetime
+    """Time of the last one, UTC"""
+
+    temperatures_c: Annotated[
+        Mapping[str, AnsweredRange], Field(examples=[{"z-column": [21.4, 29.8]}])
+    ]
+    """Temperatures of the sensors that it is made of [°C]"""
+
+    state: Annotated[Mapping[str, AnsweredRange], Field(examples=[{"spindle_rpm": [0.0, 12000.0]}])]
+    """Values of the states that drive it at once"""
+
+    positions_mm: Annotated[Mapping[str, AnsweredRange], Field(examples=[{"EZZ": [2.5, 497.5]}])]
+    """Positions on the axis of each of its components [mm]"""
+
+    made_of: Annotated[
+        Mapping[str, AnsweredRange],
+        Field(examples=[{"z-column 41 min late minus z-column [K]": [-1.9, 2.3]}]),
+    ]
+    """What it makes of several signals or of the past, such as how far a sensor was behind; the
+    unit ends each name"""
+
+    use_until: datetime | None
+    """Until when an effect that grows with time may be used, UTC: from then on what it may have
+    grown by since `to` is more than one observation scatters; null for others"""
+
+
+def valid_from_json(stored: Mapping[str, Any]) -> Valid:
+    """Read what `Valid.to_json` wrote; KeyError or ValueError where it did not."""
+    until = stored["use_until"]
+    return Valid(
+        _seconds(stored["from"]),
+        _seconds(stored["to"]),
+        _ranges(stored["temperatures_c"]),
+        _ranges(stored["state"]),
+        _ranges(stored["positions_mm"]),
+        None if until is None else _seconds(until),
+    )
+
+
+def widened(learnt: Range, share: float, least: float = 0.0) -> Range:
+    """Widen a range by a share of its span, by no less than `least`.
+
+    >>> widened((100.0, 300.0), 0.05)
+    (90.0, 310.0)
+    """
+    low, high = learnt
+    by = max(share * (high - low), least)
+    return low - by, high + by
+
+
+def range_of(values: FloatArray) -> Range | None:
+    """Find the smallest and the largest number; None where there is none."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else None
+
+
+def _clipped(
+    values: Mapping[str, FloatArray], ranges: Mapping[str, Range]
+) -> dict[str, FloatArray]:
+    return {
+        name: np.clip(own, *ranges[name]) if name in ranges else own for name, own in values.items()
+    }
+
+
+def _ranges(stored: Mapping[str, Any]) -> dict[str, Range]:
+    return {name: (float(low), float(high)) for name, (low, high) in stored.items()}
+
+
+def _iso(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).isoformat().replace("+00:00", "Z")
+
+
+def _seconds(text: str) -> float:
+    return datetime.fromisoformat(text).timestamp()

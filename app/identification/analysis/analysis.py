@@ -1,0 +1,502 @@
+"""The answer of an analysis: what a campaign says of the model, in plain numbers and sentences.
+
+The OpenAPI document, stored results, the report and the terminal read these definitions.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Final, Literal, TypeAlias
+
+from pydantic import Field
+
+from app.answer import IN_ITS_UNIT, Answer, Codes, Range, Sensors, UnitSymbol, shown
+from app.effects.effect import StoredEffect
+from app.effects.kind import NotTested
+from app.effects.valid import LearntIn
+from app.errors import list_names
+from app.identification.residuals.residuals import LeftOut
+from app.units import Unit
+
+Parameters: TypeAlias = Annotated[
+    Mapping[str, float], Field(examples=[{"time_constant_min": 41.2}])
+]
+
+Verdict: TypeAlias = Literal["effects-found", "nothing-found", "unexplained"]
+
+ROUNDING: Final = 1e-9
+"""Share of a size: less is rounding."""
+
+MOST_SUBJECTS: Final = 12
+"""So many subjects are named behind one reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures(Answer, published_as="FiguresAnswer"):
+    """Size of residuals over all lengths, or over all values where none is a length."""
+
+    rms_um: float
+    """Root mean square of all visits together [µm]"""
+
+    p95_um: float
+    """95th percentile of the size [µm]"""
+
+    holdout_rms_um: float | None
+    """Root mean square on visits that took no part in what predicts them [µm]; null where nothing
+    could be held out"""
+
+    holdout_rms_ci95_um: Range | None
+    """Its 95 % confidence interval, over visits [µm]"""
+
+    @property
+    def shown_rms_um(self) -> float:
+        """The root mean square that is shown: on held-out visits where there are any [µm]."""
+        return self.rms_um if self.holdout_rms_um is None else self.holdout_rms_um
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
+    """One component, or one direction at points, before and after, in its own unit."""
+
+    component: Annotated[str, Field(examples=["EZZ"])]
+    """Component code, or `points x`"""
+
+    unit: UnitSymbol
+    """Its unit"""
+
+    count: int
+    """Values that took part"""
+
+    before_rms: Annotated[float, Field(description=f"Root mean square before {IN_ITS_UNIT}")]
+    after_rms: Annotated[float, Field(description=f"Root mean square after {IN_ITS_UNIT}")]
+    before_p95: Annotated[
+        float, Field(description=f"95th percentile of the size before {IN_ITS_UNIT}")
+    ]
+    after_p95: Annotated[
+        float, Field(description=f"95th percentile of the size after {IN_ITS_UNIT}")
+    ]
+    holdout_before_rms: Annotated[
+        float | None,
+        Field(description=f"Root mean square before, on held-out visits {IN_ITS_UNIT}"),
+    ]
+    holdout_after_rms: Annotated[
+        float | None,
+        Field(description=f"Root mean square after, on held-out visits {IN_ITS_UNIT}"),
+    ]
+    noise: Annotated[
+        float, Field(description=f"Standard deviation of one observation {IN_ITS_UNIT}")
+    ]
+    noise_origin: str
+    """`declared`, `replicates` or `residuals`"""
+
+    floor: Annotated[
+        float | None,
+        Field(description=f"What repeatability and set-up scatter alone would leave {IN_ITS_UNIT}"),
+    ]
+
+    @property
+    def is_held_out(self) -> bool:
+        """Whether there are figures of visits that took no part in what predicts them."""
+        return self.holdout_before_rms is not None
+
+    @property
+    def shown_rms(self) -> tuple[float, float]:
+        """Root mean square before and after that are shown: held out where that is possible."""
+        if self.holdout_before_rms is None or self.holdout_after_rms is None:
+            return self.before_rms, self.after_rms
+        return self.holdout_before_rms, self.holdout_after_rms
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether effects change it by more than rounding does."""
+        return abs(self.after_rms - self.before_rms) > ROUNDING * self.before_rms
+
+    @property
+    def noise_floor(self) -> float:
+        """What noise alone would leave: the floor, else the repeatability."""
+        return self.noise if self.floor is None else self.floor
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence(Answer, published_as="EvidenceAnswer"):
+    """How sure an effect is; numbers without a unit, null where the readings alone show it."""
+
+    likelihood_ratio: float | None = None
+    """Twice the rise of the log likelihood"""
+
+    degrees_of_freedom: int | None = None
+    """Numbers that were fitted for it"""
+
+    two_ln_bayes_factor: float | None = None
+    """Evidence against its absence, the prior spread evenly inside its family; above 10 it is very
+    strong"""
+
+    p_global: float | None = None
+    """Probability that noise surprises as much anywhere in the library"""
+
+    calibration_slope: float | None = None
+    """Measured against predicted contribution on held-out visits: 1 is right, 0 is nothing; null
+    where these visits do not excite it"""
+
+    calibration_slope_error: float | None = None
+    """Standard error of that slope"""
+
+    forward_slope: float | None = None
+    """The same on the last visits, for trends"""
+
+    found_again_share: float | None = None
+    """Share of the folds that find it again, or what it is tied with"""
+
+    seen_in_readings: str | None = None
+    """What the readings alone show of it, where they do"""
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative(Answer, published_as="AlternativeAnswer"):
+    """Another explanation of the same residuals."""
+
+    kind: Annotated[str, Field(examples=["additional-sensor"])]
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: tuple[str, ...]
+    """On which components"""
+
+    sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
+    states: tuple[str, ...]
+    """Driven by which states"""
+
+    evidence: float
+    """Its 2 ln of the Bayes factor against no effect"""
+
+    behind: float
+    """By how much less than the effect's"""
+
+    alias_share: float
+    """Share of the effect that it can imitate"""
+
+    tied: bool
+    """Whether these observations cannot tell the two apart"""
+
+    separating_measurement: str | None = None
+    """What would tell them apart"""
+
+
+@dataclass(frozen=True, slots=True)
+class StrongVisit(Answer, published_as="StrongVisitAnswer"):
+    """A visit that carries much of the evidence."""
+
+    label: str
+    """Label of the verification"""
+
+    time: datetime
+    """When it began, UTC"""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FoundEffect(Answer, published_as="FoundEffectAnswer"):
+    """One effect that the model lacks."""
+
+    effect: StoredEffect
+    """What adoption stores"""
+
+    before_rms_um: float
+    """Root mean square of its components before it, on held-out visits where there are any [µm];
+    see `unit`"""
+
+    after_rms_um: float
+    """The same with it [µm]; see `unit`"""
+
+    unit: UnitSymbol
+    """Unit of the two: lengths where any is one"""
+
+    status: str
+    """What held-out visits say: `confirmed`, `suspected` or `not-confirmable`"""
+
+    is_proxy: bool
+    """Whether unexplained structure remains beside it"""
+
+    evidence: Evidence
+    """How sure it is"""
+
+    alternatives: tuple[Alternative, ...]
+    """What else it could be, ties first"""
+
+    explanation: str
+    """One plain sentence"""
+
+    strongest_visits: tuple[StrongVisit, ...]
+    """The two visits that carry most of the evidence"""
+
+    leverage: float
+    """Their share of the evidence"""
+
+    leverage_warning: str | None
+    """Said where most of the evidence stands on two visits"""
+
+    measure_again: str | None
+    """Until when one that grows with time may be used, and what to measure"""
+
+    @shown
+    def kind(self) -> Annotated[str, Field(examples=["thermal-lag"])]:
+        """Kind of effect."""
+        return self.effect.kind
+
+    @shown
+    def variant(self) -> str:
+        """Which form of the kind; empty where it has one only."""
+        return self.effect.variant
+
+    @shown
+    def components(self) -> Codes:
+        """Components that it acts on."""
+        return self.effect.components
+
+    @shown
+    def sensors(self) -> Sensors:
+        """Sensors that drive it."""
+        return self.effect.sensors
+
+    @shown
+    def states(self) -> tuple[str, ...]:
+        """States that drive it."""
+        return self.effect.states
+
+    @shown
+    def parameters(self) -> Parameters:
+        """Parameters; the unit ends each name [µm; …]."""
+        return self.effect.parameters
+
+    @shown
+    def standard_errors(self) -> Mapping[str, float]:
+        """One standard deviation of each parameter that was estimated [µm; …]."""
+        return self.effect.standard_errors
+
+    @shown
+    def valid(self) -> LearntIn | None:
+        """Where it was learnt: beyond it, it is held at the edge."""
+        return self.effect.learnt_in
+
+    @property
+    def ties(self) -> tuple[Alternative, ...]:
+        """The alternatives that these observations cannot tell from it."""
+        return tuple(a for a in self.alternatives if a.tied)
+
+
+@dataclass(frozen=True, slots=True)
+class UnexplainedPart(Answer, published_as="UnexplainedAnswer"):
+    """Structure that no effect explains."""
+
+    component: Annotated[str, Field(examples=["EYZ"])]
+    """Where"""
+
+    rms_um: float
+    """Root mean square of what is left [µm]; see `unit`"""
+
+    noise_um: float
+    """Standard deviation of one observation [µm]; see `unit`"""
+
+    unit: UnitSymbol
+    """The unit of its numbers"""
+
+    leads: tuple[str, ...]
+    """What it moves with"""
+
+    tests: tuple[str, ...]
+    """Which tests found it"""
+
+
+@dataclass(frozen=True, slots=True)
+class SmallestSeen(Answer, published_as="SmallestSeenAnswer"):
+    """The smallest effect of one kind on one component that would have been seen."""
+
+    kind: str
+    """Kind of effect"""
+
+    component: str
+    """On which component"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    smallest_rms: Annotated[
+        float, Field(description=f"Root mean square over the rows that it acts on {IN_ITS_UNIT}")
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectCurve(Answer):
+    """An effect's residuals over what drives it: arrays of one length, of some rows."""
+
+    over: str
+    """What drives it; `time` in seconds since 1970-01-01 UTC"""
+
+    over_unit: str
+    """Its unit"""
+
+    unit: UnitSymbol
+    """Unit of the residuals"""
+
+    components: tuple[str, ...]
+    """Whose residual each is"""
+
+    driver: tuple[float, ...]
+    """What drives it [mm; K, s …], in `over_unit`"""
+
+    before: tuple[float, ...]
+    """Residuals without this effect, all others taken off [µm; …], in `unit`"""
+
+    after: tuple[float, ...]
+    """Residuals with all effects [µm; …], in `unit`"""
+
+    explained: tuple[float, ...]
+    """What this effect says [µm; …], in `unit`"""
+
+    direction: tuple[float, ...]
+    """Approach of its own axis: 1, -1, or 0 where it is not known"""
+
+
+@dataclass(frozen=True, slots=True)
+class VisitMeans(Answer):
+    """Means by visit of one component: arrays of one length."""
+
+    component: str
+    """Component code, or `points x`"""
+
+    unit: UnitSymbol
+    """Unit of the means"""
+
+    at_points: bool
+    """Whether they are of points of the work volume"""
+
+    time_s: tuple[float, ...]
+    """Mean time of each [s], since 1970-01-01 UTC"""
+
+    direction: tuple[float, ...]
+    """Approach, 1 or -1, where an effect's error reverses with it: each visit then has two means;
+    else 0"""
+
+    count: tuple[int, ...]
+    """How many values each is of"""
+
+    before: tuple[float, ...]
+    """Means before [µm; …], in `unit`"""
+
+    after: tuple[float, ...]
+    """Means with all effects [µm; …], in `unit`"""
+
+
+@dataclass(frozen=True, slots=True)
+class Plots(Answer):
+    """Arrays of the report's plots, at most some hundred points each."""
+
+    effects: tuple[EffectCurve, ...]
+    """Of each effect that residuals show, in the order of the effects"""
+
+    visits: tuple[VisitMeans, ...]
+    """Of each component"""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Analysis(Answer, published_as="AnalysisResult"):
+    """What an analysis found; `plots` are the arrays of its report."""
+
+    verdict: Verdict
+    """`unexplained` where structure remains that no effect fits"""
+
+    summary: str
+    """Two plain sentences"""
+
+    kinds: tuple[str, ...] | None
+    """Kinds of effects that were looked for; null: all of them"""
+
+    unit: UnitSymbol
+    """Of the figures over all values: µm, or that of the angles where no length was measured"""
+
+    noise_um: float | None
+    """Standard deviation of one observation [µm]; see `unit`"""
+
+    floor_um: float | None
+    """What repeatability and set-up scatter alone would leave [µm]; see `unit`"""
+
+    before: Figures
+    """Residuals of the model as it was"""
+
+    after: Figures
+    """Residuals with the effects as they would be adopted"""
+
+    after_with_maps_refitted: Figures | None
+    """The same where maps are also corrected within their own uncertainty"""
+
+    p_global: float
+    """Probability that noise alone surprises as much as the strongest candidate"""
+
+    visits: int
+    """Visits that took part"""
+
+    values: int
+    """Values that took part"""
+
+    components: tuple[ComponentFigures, ...]
+    """By component, largest first"""
+
+    effects: tuple[FoundEffect, ...]
+    """Effects that the model lacks"""
+
+    unexplained: tuple[UnexplainedPart, ...]
+    """What no effect explains"""
+
+    excluded: tuple[LeftOut, ...]
+    """What took no part"""
+
+    not_testable: tuple[NotTested, ...]
+    """What could not be tested"""
+
+    detectable: tuple[SmallestSeen, ...]
+    """What would have been seen"""
+
+    what_next: tuple[str, ...]
+    """What to measure or to do"""
+
+    plots: Plots
+    """Arrays of the report's plots"""
+
+    @property
+    def noise_floor_um(self) -> float | None:
+        """What noise alone would leave: the floor, else the repeatability [µm]; see `unit`."""
+        return self.noise_um if self.floor_um is None else self.floor_um
+
+    @property
+    def overall_count(self) -> int:
+        """How many values the figures over all components are of: lengths, or all without any."""
+        lengths = [one.count for one in self.components if one.unit == Unit.UM.symbol]
+        return sum(lengths or [one.count for one in self.components])
+
+
+def by_reason(not_tested: Iterable[NotTested]) -> tuple[NotTested, ...]:
+    """Name what one kind cannot show for the same reason together.
+
+    Parameters
+    ----------
+    not_tested
+        One by one, repeated or not.
+
+    Examples
+    --------
+    >>> by_reason([NotTested("drift", "EXX", "few"), NotTested("drift", "EXY", "few")])
+    (NotTested(kind='drift', on='EXX, EXY', reason='few'),)
+    """
+    together: dict[tuple[str, str], dict[str, None]] = defaultdict(dict)
+    for one in not_tested:
+        together[one.kind, one.reason] |= {one.on: None} if one.on else {}
+    return tuple(
+        NotTested(kind, list_names(names, MOST_SUBJECTS) if names else "", reason)
+        for (kind, reason), names in together.items()
+    )

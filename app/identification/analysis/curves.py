@@ -1,0 +1,178 @@
+"""Arrays for a page: residuals over what drives an effect, and over the visits."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.effects.driver import (
+    AboveReference,
+    Behind,
+    BeyondMaps,
+    Curvature,
+    Difference,
+    Driver,
+    State,
+)
+from app.effects.effect import Effect
+from app.effects.observations import POINT_CHANNELS
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.identification.analysis.analysis import EffectCurve, Plots, VisitMeans
+from app.identification.analysis.before_after import without_zeros
+from app.identification.analysis.found_effects import Found
+from app.identification.residuals.residuals import channel_unit
+
+MOST_POINTS: Final = 400
+DIGITS: Final = 5
+
+OVER_TIME: Final = ("drift", "step", "sensor-fault")
+OVER_POSITION: Final = ("backlash", "periodic", "outdated-map")
+
+
+def plots(found: Found, effects: Sequence[Effect]) -> Plots:
+    """Gather all arrays that a page needs to show the answer without the data.
+
+    Parameters
+    ----------
+    found
+        The finished search.
+    effects
+        Its effects.
+
+    Returns
+    -------
+    Plots
+        For each effect residuals over its driver; for each channel the means of the residuals by
+        visit, those of either direction apart where an effect reverses.
+    """
+    total = sum((found.explained(e) for e in effects), np.zeros(len(found.rows.values)))
+    after = np.where(found.use, found.rows.values - total, np.nan)
+    return Plots(
+        effects=tuple(_over_driver(found, effect, after) for effect in effects),
+        visits=tuple(_over_visits(found, after, _reversing(effects))),
+    )
+
+
+def _over_driver(found: Found, effect: Effect, after: FloatArray) -> EffectCurve:
+    """Residuals without this effect and with it, over what drives it."""
+    rows = _rows_of(found, effect)
+    own = found.explained(effect)
+    over, unit, driver = _driver_of(found, effect, own)
+    rows = rows[np.isfinite(driver[rows])]
+    levelled = [without_zeros(found.zeros, values)[rows] for values in (after + own, after)]
+    names = np.array(found.residuals.rows.channels)[found.rows.channel[rows]]
+    return EffectCurve(
+        over=over,
+        over_unit=unit,
+        unit=channel_unit(str(names[0])).symbol if len(names) else "µm",
+        components=tuple(names.tolist()),
+        driver=_rounded(driver[rows]),
+        before=_rounded(levelled[0]),
+        after=_rounded(levelled[1]),
+        explained=_rounded(own[rows]),
+        direction=_directions(found, effect, rows),
+    )
+
+
+def _rows_of(found: Found, effect: Effect) -> IntArray:
+    """The effect's own components, or points where they were not observed; some of them."""
+    rows, moved = found.residuals.rows, found.explained(effect) != 0
+    names = np.array(rows.channels)[rows.channel]
+    own = np.isin(names, effect.components)
+    chosen = np.flatnonzero(found.use & (own if own.any() else moved))
+    if len(chosen) <= MOST_POINTS:
+        return chosen
+    return chosen[np.linspace(0, len(chosen) - 1, MOST_POINTS).round().astype(np.intp)]
+
+
+def _driver_of(found: Found, effect: Effect, own: FloatArray) -> tuple[str, str, FloatArray]:
+    conditions, rows = found.residuals.projection.conditions, found.residuals.rows
+    if effect.kind in OVER_TIME:
+        return "time", "s", conditions.times_s
+    axis = COMPONENTS[effect.components[0]].axis
+    if effect.kind in OVER_POSITION and axis is not None:
+        return f"position of {axis.upper()}", "mm", rows.points_mm[:, LINEAR_LETTERS.index(axis)]
+    named = _named(effect.terms[0].driver)
+    if named is not None:
+        return *named, effect.terms[0].driver.at(conditions)
+    return "what the effect explains", channel_unit(effect.components[0]).symbol, own
+
+
+def _named(driver: Driver) -> tuple[str, str] | None:
+    """Name a driver with its unit; None for one that says nothing by itself."""
+    match driver:
+        case Behind():
+            return f"{driver.sensor}, late minus present", "K"
+        case AboveReference():
+            return f"{driver.sensor} above {driver.reference_c:.3g} °C", "K"
+        case Difference() | BeyondMaps():
+            minus = f" minus {driver.minus}" if driver.minus else ""
+            beyond = ", beyond the maps" if isinstance(driver, BeyondMaps) else ""
+            return f"{driver.sensor}{minus}{beyond}", "K"
+        case Curvature():
+            return f"curvature over {driver.sensor}", "K²"
+        case State():
+            late = ", late" if driver.time_constant_s else ""
+            return f"{driver.state}{'²' if driver.power == 2 else ''}{late}", ""
+    return None
+
+
+def _directions(found: Found, effect: Effect, rows: IntArray) -> tuple[float, ...]:
+    axis = COMPONENTS[effect.components[0]].axis
+    if axis is None:
+        return (0.0,) * len(rows)
+    signs = found.residuals.rows.directions[rows, LINEAR_LETTERS.index(axis)]
+    return tuple(np.sign(signs).astype(float).tolist())
+
+
+def _reversing(effects: Sequence[Effect]) -> set[str]:
+    """List the components whose error reverses with the direction: it cancels in a mean."""
+    own = (e for e in effects if any(term.is_reversing for term in e.terms))
+    return {code for effect in own for code in effect.components}
+
+
+def _over_visits(found: Found, after: FloatArray, reversing: Collection[str]) -> list[VisitMeans]:
+    """Means by visit of every channel; of very many visits some."""
+    rows = found.residuals.rows
+    before = np.where(found.use, found.rows.values, np.nan)
+    curves = []
+    for number, channel in enumerate(rows.channels):
+        own = found.use & (rows.channel == number)
+        if not own.any():
+            continue
+        sides = np.zeros(len(rows))
+        if channel in reversing:
+            axis = LINEAR_LETTERS.index(str(COMPONENTS[channel].axis))
+            sides = np.sign(rows.directions[:, axis])
+        keys = np.column_stack([rows.visit, sides])[own]
+        together, which = np.unique(keys, axis=0, return_inverse=True)
+        which = which.ravel()
+        counts = np.bincount(which)
+        kept = np.linspace(0, len(counts) - 1, min(len(counts), MOST_POINTS)).round().astype(int)
+        means = [
+            np.bincount(which, weights=values[own]) / counts
+            for values in (rows.times_s, before, after)
+        ]
+        curves.append(
+            VisitMeans(
+                component=channel,
+                unit=channel_unit(channel).symbol,
+                at_points=channel in POINT_CHANNELS,
+                time_s=tuple(np.round(means[0][kept]).tolist()),
+                direction=tuple(together[kept, 1].tolist()),
+                count=tuple(counts[kept].tolist()),
+                before=_rounded(means[1][kept]),
+                after=_rounded(means[2][kept]),
+            )
+        )
+    return curves
+
+
+def _rounded(values: FloatArray) -> tuple[float, ...]:
+    """Round to what a drawing shows: five significant digits of the largest."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    digits = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
+    return tuple(np.round(values, digits).tolist())

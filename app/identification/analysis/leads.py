@@ -1,0 +1,153 @@
+"""Smooth shapes without a physical meaning: they say what something unexplained moves with.
+
+A lead is never found as an effect. It only tells that structure is left, and over which
+quantity a person should look at it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.effects.observations import POINT_CHANNELS
+from app.effects.site import Site
+from app.search.candidate import Candidate, Part
+
+WAVES: Final = 3
+"""Cosines over the range of a quantity: half a period, one, one and a half."""
+
+FEWEST_ROWS: Final = 24
+"""A channel with fewer rows gives no leads."""
+
+CROSSED_WITH: Final = " and the position"
+
+
+def leads(site: Site) -> list[Candidate]:
+    """List smooth functions of everything that was recorded, for each channel.
+
+    Parameters
+    ----------
+    site
+        The machine and the campaign.
+
+    Returns
+    -------
+    list of Candidate
+        Generic ones; their keys end in what they move with, in words (`words_of`).
+    """
+    found = []
+    for number, channel in enumerate(site.rows.channels):
+        rows = site.rows.of_channel(channel)
+        if len(rows) < FEWEST_ROWS:
+            continue
+        for words, columns in _shapes(site, rows, channel in POINT_CHANNELS):
+            found.append(
+                Candidate(
+                    key=f"{channel}: {words}",
+                    family="generic",
+                    columns=partial(_part, number, rows, columns),
+                    generic=True,
+                    within_visit=True,
+                )
+            )
+    return found
+
+
+def words_of(key: str) -> str:
+    """Say what a lead moves with.
+
+    >>> words_of("EXX: the rate of z-column")
+    'the rate of z-column'
+    """
+    return key.partition(": ")[2]
+
+
+def _part(number: int, rows: IntArray, columns: FloatArray, _: float | None) -> list[Part]:
+    return [Part(number, rows, columns)]
+
+
+def _shapes(site: Site, rows: IntArray, at_points: bool) -> Iterator[tuple[str, FloatArray]]:
+    """Give words and columns, shape (m, k), for one channel."""
+    places = {
+        f"the position of {axis.upper()}": _scaled(site.rows.points_mm[rows, i])
+        for i, axis in enumerate("xyz")
+        if _varies(site.rows.points_mm[rows, i])
+    }
+    for words, values in _slow(site, rows).items():
+        if _varies(values):
+            own = _cosines(values)
+            yield words, own
+            if not at_points:
+                for place in places.values():
+                    yield words + CROSSED_WITH, own * place[:, None]
+    for words, place in places.items():
+        yield words, np.column_stack([_cosines(place), np.cos(4.0 * np.pi * place)])
+    yield from _of_directions(site, rows, places)
+    if at_points:
+        yield from _of_points(site, rows, places)
+
+
+def _slow(site: Site, rows: IntArray) -> Mapping[str, FloatArray]:
+    """Everything that changes with time rather than with the place."""
+    conditions = site.conditions
+    found = {"time": conditions.times_s[rows]}
+    for sensor in site.varying_sensors:
+        found[f"the temperature of {sensor}"] = conditions.temperature(sensor)[rows]
+        rates = conditions.rates_c_per_h.get(sensor)
+        if rates is not None:
+            found[f"the rate of {sensor}"] = rates[rows]
+    for state in site.varying_states:
+        found[state] = conditions.state(state)[rows]
+    return found
+
+
+def _of_directions(
+    site: Site, rows: IntArray, places: Mapping[str, FloatArray]
+) -> Iterator[tuple[str, FloatArray]]:
+    for i, axis in enumerate("xyz"):
+        signs = np.sign(site.rows.directions[rows, i])
+        place = places.get(f"the position of {axis.upper()}")
+        if place is not None and (signs > 0).any() and (signs < 0).any():
+            yield (
+                f"the direction of {axis.upper()}{CROSSED_WITH}",
+                signs[:, None] * np.column_stack([np.ones(len(rows)), place, place**2]),
+            )
+
+
+def _of_points(
+    site: Site, rows: IntArray, places: Mapping[str, FloatArray]
+) -> Iterator[tuple[str, FloatArray]]:
+    """Products of coordinates, and the tool."""
+    names = list(places)
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            product = (places[first] - 0.5) * (places[second] - 0.5)
+            yield f"{first} times {second}", product[:, None]
+    for i, axis in enumerate("xyz"):
+        tool = site.rows.tool_offsets_mm[rows, i]
+        if _varies(tool):
+            yield f"the tool offset in {axis.upper()}", _scaled(tool)[:, None]
+
+
+def _varies(values: FloatArray) -> bool:
+    known = values[~np.isnan(values)]
+    return known.size >= FEWEST_ROWS and float(np.ptp(known)) > 0.0
+
+
+def _scaled(values: FloatArray) -> FloatArray:
+    """Count from 0 to 1 over the range."""
+    low, high = np.nanmin(values), np.nanmax(values)
+    found: FloatArray = (values - low) / (high - low) if high > low else np.zeros(values.shape)
+    return found
+
+
+def _cosines(values: FloatArray) -> FloatArray:
+    """Give cosines over the quantity's range, shape (m, 3); zero where it is not known."""
+    angle = np.pi * _scaled(values)
+    waves = np.column_stack([np.cos(k * angle) for k in range(1, WAVES + 1)])
+    found: FloatArray = np.nan_to_num(waves, nan=0.0)
+    return found

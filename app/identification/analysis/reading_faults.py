@@ -1,0 +1,234 @@
+"""Sensors that read wrong by their own record: no measured error is needed to see it.
+
+A sensor that stands still while its neighbours move, or whose single readings jump away and
+back, is found among the readings. Such readings are left out before the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.driver import StepAfter
+from app.effects.effect import Effect
+from app.effects.kinds.sensor_fault import SPIKES, STUCK, SensorFault
+from app.effects.shape import Sensitivity
+from app.effects.term import Term
+from app.identification.campaign import Campaign
+from app.search.noise import NORMAL
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.sensor_health import CLEARLY, Health, judge_record
+from app.thermal.temperature_history import TemperatureHistory
+from app.units import SECONDS_PER_H
+
+WINDOW: Final = 9
+"""Readings of which the middle one by size tells what a single one should have been."""
+
+PASSES: Final = 2
+
+FAR: Final = 8.0
+"""Robust standard deviations from the median of its neighbours."""
+
+FASTEST: Final = 0.99
+STEPS: Final = 6.0
+"""A spike is larger than so many of the sensor's own fast steps."""
+
+OFTEN: Final = 20
+OFTEN_SHARE: Final = 0.005
+"""So many spikes are a fault; fewer are accidents, and only left out."""
+
+RARE: Final = 0.3
+"""More than this share away from the median of neighbours is not spikes, but the temperature."""
+
+LONG_H: Final = 6.5
+"""A sensor that stands still for longer than a shift is faulty; less is a gap in the record."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingFaults:
+    """What is wrong with the readings by themselves.
+
+    Parameters
+    ----------
+    campaign
+        The same campaign, single readings that jump away and back left out.
+    effects
+        One for each faulty sensor.
+    words
+        For each of them how it was seen.
+    """
+
+    campaign: Campaign
+    effects: tuple[Effect, ...]
+    words: tuple[str, ...]
+
+
+def reading_faults(campaign: Campaign) -> ReadingFaults:
+    """Look for sensors that spike or stand still, beyond what the version has adopted already.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+
+    Returns
+    -------
+    ReadingFaults
+    """
+    readings = campaign.readings
+    spikes = {name: spike_rows(campaign, name) for name in readings.temperatures_c}
+    cleaned = TemperatureHistory(
+        readings.times_s,
+        {n: np.where(spikes[n], np.nan, t) for n, t in readings.temperatures_c.items()},
+    )
+    found = []
+    for sensor in readings.temperatures_c:
+        if int(spikes[sensor].sum()) >= OFTEN:
+            effect, words = _spiking(campaign, sensor, spikes[sensor], cleaned)
+            if effect.parameters["share"] >= OFTEN_SHARE:
+                found.append((effect, words))
+        found.extend(_stuck(campaign, sensor, cleaned))
+    found = [one for one in found if not _is_known(one[0], campaign.effects)]
+    return ReadingFaults(
+        replace(campaign, readings=cleaned),
+        tuple(effect for effect, _ in found),
+        tuple(words for _, words in found),
+    )
+
+
+def _is_known(effect: Effect, adopted: Sequence[Effect]) -> bool:
+    """Whether an adopted effect tells of the same sensor and at least partly the same time."""
+    begin_s, end_s = _episode(effect)
+    return any(
+        (one.kind, one.variant, one.sensors) == (effect.kind, effect.variant, effect.sensors)
+        and _episode(one)[0] <= end_s
+        and begin_s <= _episode(one)[1]
+        for one in adopted
+    )
+
+
+def _episode(effect: Effect) -> tuple[float, float]:
+    """From when to when a sensor read wrong [s]; without end where it goes on."""
+    begin_s, hours = effect.parameters["changed_at_unix_s"], effect.parameters.get("lasted_h")
+    if effect.terms or hours is None:
+        return begin_s, np.inf
+    return begin_s, begin_s + hours * SECONDS_PER_H
+
+
+def spike_rows(campaign: Campaign, sensor: str) -> BoolArray:
+    """Find readings that lie far from those before and after them.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    sensor
+        Which sensor.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        One for each time of the record.
+    """
+    values = campaign.readings.temperatures_c[sensor].copy()
+    found = np.zeros(values.shape, dtype=np.bool_)
+    resolution_c = campaign.model.machine.sensor(sensor).resolution_c
+    for _ in range(PASSES):
+        # Several spikes in a row are seen when the first of them are gone.
+        far = _far(values, resolution_c)
+        found |= far
+        values[far] = np.nan
+    return found
+
+
+def _far(values: FloatArray, resolution_c: float) -> BoolArray:
+    found = np.zeros(values.shape, dtype=np.bool_)
+    known = np.flatnonzero(~np.isnan(values))
+    if known.size < WINDOW:
+        return found
+    middle = median_filter(values[known], size=WINDOW, mode="nearest")
+    away = values[known] - middle
+    usual = NORMAL * float(np.median(np.abs(away)))
+    # Where heating begins or ends, a true reading lies one step from its neighbours' median.
+    step_c = float(np.quantile(np.abs(np.diff(middle)), FASTEST))
+    far = np.abs(away) > max(CLEARLY * resolution_c, FAR * usual, STEPS * step_c)
+    if far.mean() < RARE:
+        found[known[far]] = True
+    return found
+
+
+def _spiking(
+    campaign: Campaign, sensor: str, spikes: BoolArray, cleaned: TemperatureHistory
+) -> tuple[Effect, str]:
+    times_s = campaign.readings.times_s
+    known_s, known_c = cleaned.known(sensor)
+    away = campaign.readings.temperatures_c[sensor][spikes] - np.interp(
+        times_s[spikes], known_s, known_c
+    )
+    since_s = float(times_s[spikes][0])
+    share = float(spikes[times_s >= since_s].mean())
+    parameters = {
+        "changed_at_unix_s": since_s,
+        "spike_k": float(np.median(away)),
+        "share": share,
+    }
+    errors = {"spike_k": NORMAL * float(np.median(np.abs(away - np.median(away))))}
+    words = (
+        f"{int(spikes.sum())} single readings of {sensor} lie {np.median(np.abs(away)):.1f} K "
+        "from those before and after them"
+    )
+    return _effect(campaign.model, SPIKES, sensor, parameters, errors, since_s), words
+
+
+def _stuck(
+    campaign: Campaign, sensor: str, cleaned: TemperatureHistory
+) -> Sequence[tuple[Effect, str]]:
+    machine = campaign.model.machine
+    times_s, values = cleaned.known(sensor)
+    verdicts = judge_record(machine, machine.sensor(sensor), cleaned)
+    still = np.array([v is Health.STUCK for v in verdicts])
+    if not still.any():
+        return []
+    # A run is as long as the value was the same, from before it could be called stuck.
+    same = np.concatenate([[0], np.cumsum(np.diff(values) != 0)])
+    runs = [np.flatnonzero(same == number) for number in np.unique(same[still])]
+    longest = max(runs, key=lambda run: float(times_s[run[-1]] - times_s[run[0]]))
+    begin_s, end_s = float(times_s[longest[0]]), float(times_s[longest[-1]])
+    if end_s - begin_s <= LONG_H * SECONDS_PER_H:
+        return []
+    hours = (end_s - begin_s) / SECONDS_PER_H
+    parameters = {"changed_at_unix_s": begin_s, "lasted_h": hours}
+    lasts = end_s >= float(campaign.readings.times_s[-1])
+    effect = _effect(campaign.model, STUCK, sensor, parameters, {}, begin_s if lasts else None)
+    words = f"{sensor} showed exactly {values[longest[0]]:g} °C for {hours:.0f} h"
+    return [(effect, f"{words} while its neighbours moved")]
+
+
+def _effect(
+    model: CompiledModel,
+    variant: str,
+    sensor: str,
+    parameters: dict[str, float],
+    errors: dict[str, float],
+    since_s: float | None,
+) -> Effect:
+    """Make the effect; its terms add nothing, but say from when on a stand-in must serve."""
+    codes = tuple(c for group in model.groups if group.sensor == sensor for c in group.codes)
+    terms: tuple[Term, ...] = ()
+    if since_s is not None:
+        shape, driver = Sensitivity(is_local=True), StepAfter(since_s)
+        terms = tuple(Term(code, driver, shape, coefficient=0.0) for code in codes)
+    return Effect(
+        kind=SensorFault.kind,
+        variant=variant,
+        components=codes,
+        sensors=(sensor,),
+        parameters=parameters,
+        standard_errors=errors,
+        terms=terms,
+    )

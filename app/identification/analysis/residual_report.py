@@ -1,0 +1,165 @@
+"""What a model leaves of verifications, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
+from app.arrays import BoolArray, FloatArray
+from app.identification.analysis.before_after import lengths, pooled, unknown_zeros, without_zeros
+from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
+from app.identification.residuals.summary import Summary, summarise
+from app.search.figures import rms
+from app.search.noise import repeatability
+from app.search.rows import Rows
+
+
+@dataclass(frozen=True, slots=True)
+class Size(Answer, published_as="SizeAnswer"):
+    """Size of the residuals of one component, or of all lengths together."""
+
+    component: Annotated[str, Field(examples=["EZZ"])]
+    """Component code, `points x`, or `all`"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    count: int
+    """How many values"""
+
+    mean: Annotated[float, Field(description=f"Mean {IN_ITS_UNIT}")]
+    rms: Annotated[float, Field(description=f"Root mean square {IN_ITS_UNIT}")]
+    p95: Annotated[float, Field(description=f"95th percentile of the size {IN_ITS_UNIT}")]
+    repeatability: Annotated[
+        float | None, Field(description=f"Standard deviation of one observation {IN_ITS_UNIT}")
+    ]
+    repeatability_origin: str
+    """`declared`, from `replicates`, or guessed from the `residuals` within visits"""
+
+    share_above_repeatability: float | None
+    """Share that exceeds it in size; noise alone: 0.32"""
+
+    @property
+    def ratio(self) -> float:
+        """The root mean square in repeatabilities; 0 where nothing is known of them."""
+        return self.rms / self.repeatability if self.repeatability else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualFigures:
+    """What is said of residuals in figures.
+
+    Parameters
+    ----------
+    overall
+        All lengths together; None where no value is one.
+    components
+        Each channel by itself.
+    summaries
+        Along everything that they may depend on.
+    excluded
+        What could not be compared.
+    """
+
+    overall: Size | None
+    components: Sequence[Size]
+    summaries: Sequence[Summary]
+    excluded: Sequence[LeftOut]
+
+    @property
+    def count(self) -> int:
+        """How many values could be held against the model."""
+        return sum(size.count for size in self.components)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualReport(ResidualFigures):
+    """Residuals and their size.
+
+    Parameters
+    ----------
+    residuals
+        What could be compared with the model.
+    values : ndarray, shape (n,) [the channels' units]
+        Measured minus predicted, without the unknown zero of a datum that is not absolute.
+    """
+
+    residuals: Residuals
+    values: FloatArray
+
+
+def residual_report(residuals: Residuals) -> ResidualReport:
+    """Sum residuals up.
+
+    Parameters
+    ----------
+    residuals
+        Measured minus predicted.
+
+    Returns
+    -------
+    ResidualReport
+    """
+    rows = residuals.as_rows()
+    values = without_zeros(unknown_zeros(residuals, rows), rows.values)
+    components = component_sizes(residuals, rows, values)
+    in_um = [size for size in components if size.unit == "µm"]
+    overall = None
+    noise_um = None
+    if in_um:
+        noise_um = pooled([s.repeatability or 0.0 for s in in_um], [s.count for s in in_um])
+        origins = "/".join(dict.fromkeys(s.repeatability_origin for s in in_um))
+        overall = _size("all", "µm", values[lengths(residuals)], noise_um, origins)
+    return ResidualReport(
+        residuals=residuals,
+        values=values,
+        overall=overall,
+        components=components,
+        summaries=summarise(residuals, values, noise_um),
+        excluded=residuals.left_out,
+    )
+
+
+def component_sizes(residuals: Residuals, rows: Rows, values: FloatArray) -> list[Size]:
+    """Sum each channel up, in the order of the channels.
+
+    Parameters
+    ----------
+    residuals, rows
+        The rows.
+    values : ndarray, shape (n,) [the channels' units]
+        Their residuals.
+
+    Returns
+    -------
+    list of Size
+    """
+    everything: BoolArray = np.ones(len(values), dtype=np.bool_)
+    found = []
+    for number, name in enumerate(residuals.rows.channels):
+        own = rows.channel == number
+        if own.any():
+            noise = repeatability(rows, number, everything)
+            unit = channel_unit(name).symbol
+            found.append(_size(name, unit, values[own], noise.value, noise.origin))
+    return found
+
+
+def _size(component: str, unit: str, values: FloatArray, noise: float | None, origin: str) -> Size:
+    size = np.abs(values)
+    return Size(
+        component=component,
+        unit=unit,
+        count=int(values.size),
+        mean=float(values.mean()),
+        rms=rms(values),
+        p95=float(np.quantile(size, 0.95)),
+        repeatability=noise,
+        repeatability_origin=origin,
+        share_above_repeatability=None if noise is None else float(np.mean(size > noise)),
+    )

@@ -1,0 +1,151 @@
+"""The answer of a planning: what a plan of measurements could see, and which visit to add."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated
+
+from pydantic import Field
+
+from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
+from app.effects.kind import NotTested
+from app.identification.residuals.residuals import LeftOut
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
+    """What imitates an effect best."""
+
+    kind: str
+    """Kind of effect"""
+
+    components: tuple[str, ...]
+    """On which components"""
+
+    sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
+    states: tuple[str, ...]
+    """Driven by which states"""
+
+    overlap: float
+    """Share of the effect that it reproduces"""
+
+    separating_measurement: str | None
+    """What would tell them apart"""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
+    """The smallest effect of one kind that the plan would find nine times in ten."""
+
+    kind: Annotated[str, Field(examples=["thermal-lag"])]
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: tuple[str, ...]
+    """On which components"""
+
+    sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
+    states: tuple[str, ...]
+    """Driven by which states"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    smallest_rms: Annotated[
+        float,
+        Field(description=f"Its root mean square over the rows in which it shows {IN_ITS_UNIT}"),
+    ]
+    distinguishable_rms: Annotated[
+        float | None,
+        Field(
+            description="The same to be told from its closest rival; null where nothing in this "
+            f"plan tells them apart {IN_ITS_UNIT}"
+        ),
+    ]
+    rival: PlannedRival | None
+    """Its closest rival of another kind"""
+
+
+@dataclass(frozen=True, slots=True)
+class Helped(Answer, published_as="HelpedAnswer"):
+    """What an added visit does for one effect."""
+
+    kind: str
+    """Kind of effect"""
+
+    components: tuple[str, ...]
+    """On which components"""
+
+    sensors: tuple[str, ...]
+    """Driven by which sensors"""
+
+    states: tuple[str, ...]
+    """Driven by which states"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    before_rms: Annotated[
+        float, Field(description=f"Smallest that is seen without it {IN_ITS_UNIT}")
+    ]
+    after_rms: Annotated[float, Field(description=f"Smallest that is seen with it {IN_ITS_UNIT}")]
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion(Answer, published_as="SuggestionAnswer"):
+    """A visit to add."""
+
+    sentence: str
+    """Which, and what it helps"""
+
+    like_time: datetime
+    """When the machine was like that, UTC"""
+
+    temperatures_c: Mapping[str, float]
+    """Its sensors' temperatures then [°C]"""
+
+    states: Mapping[str, float]
+    """Its state then"""
+
+    helped: tuple[Helped, ...]
+    """The effects that gain most"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan(Answer, published_as="PlanAnswer"):
+    """What a plan of measurements could see and tell apart, and which visit to add."""
+
+    model_version: int
+    """Version that would be analysed"""
+
+    summary: str
+    """Two plain sentences"""
+
+    visits: int
+    """Planned visits"""
+
+    values: int
+    """Planned values"""
+
+    notes: tuple[str, ...]
+    """What was assumed"""
+
+    effects: tuple[PlannedEffect, ...]
+    """The hardest to tell apart first"""
+
+    not_testable: tuple[NotTested, ...]
+    """What could not be seen"""
+
+    excluded: tuple[LeftOut, ...]
+    """What cannot be held against the model"""
+
+    suggestions: tuple[Suggestion, ...]
+    """Visits to add, most useful first"""

@@ -1,0 +1,353 @@
+"""What a planned campaign could see and tell apart, and which visit would help most.
+
+No measured value is needed: what an effect would do to the planned rows is known from where and
+when they are to be measured. Days to come have no readings yet, so they are planned on days of
+the record, which stand for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray, one_blas_thread
+from app.effects.hypothesis import Hypothesis
+from app.effects.kind import NotTested
+from app.effects.observations import Verification
+from app.effects.registry import Repertoire, repertoire, separating_measurement
+from app.effects.site import Site
+from app.errors import InvalidContent, counted, list_names
+from app.identification.analysis.analysis import by_reason
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.plan.added_visits import AddedVisit, choose_added_visits
+from app.identification.plan.plan import Helped, Plan, PlannedEffect, PlannedRival, Suggestion
+from app.identification.residuals.map_uncertainty import map_uncertainty
+from app.identification.residuals.residuals import Residuals, channel_unit, zero_columns
+from app.search.candidate import Candidate
+from app.search.detectability import smallest_effects
+from app.search.findings import Detectable
+from app.search.library import Library, read_library
+from app.search.problem import Problem, make_problem
+from app.search.rows import DeclaredNoise, Rows
+from app.search.search import FALSE_ALARM
+from app.search.state import State
+from app.search.visit_scatter import FEWEST_VISITS
+from app.units import SECONDS_PER_DAY, utc_time
+
+ASSUMED_REPEATABILITY_UM: Final = 1.0
+"""Where nobody states one; in the other units the same number."""
+
+MOST_HELPED: Final = 4
+"""So many effects are named behind a suggested visit."""
+
+MOST_SUGGESTIONS: Final = 3
+
+ALIKE: Final = 0.5
+"""From this overlap on it is said what separates an effect from its rival."""
+
+NOT_SEEN: Final = "these observations would not show it, or there are too few visits"
+
+WORTH_SAYING: Final = 0.95
+"""A visit helps where it lowers the smallest effect to this share or below."""
+
+
+def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALARM) -> Plan:
+    """Tell what planned observations could see and tell apart, and which visit to add.
+
+    Parameters
+    ----------
+    campaign
+        Its verifications are the plan; those that are yet to be measured say so. Times outside
+        the record are planned on recorded days.
+    model_version
+        Number of the version that it holds.
+    false_alarm
+        Accepted probability that anything is found in noise.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InvalidContent
+        If there are no readings, or no planned observation can be compared with the model.
+    """
+    planned, notes = _on_recorded_days(campaign)
+    added = choose_added_visits(planned)
+    every = replace(planned, verifications=[*planned.verifications, *(a.visit for a in added)])
+    residuals = residuals_of(every)
+    site = Site(every.model, every.maps, residuals.rows, residuals.projection.conditions)
+    library = repertoire(site)
+    rows, assumed = _with_declared_noise(residuals)
+    with one_blas_thread():
+        problem = _problem(residuals, rows, every, len(planned.verifications))
+        entries = _read_middles(problem, library.candidates)
+        sight = _Sight(entries, library.hypotheses, residuals, false_alarm)
+        seen = sight.smallest(0, rivals=True)
+    effects = _best_forms([sight.described(one) for one in seen.values()])
+    suggestions = _suggestions(sight, added, seen)
+    own = residuals.rows.verification < len(planned.verifications)
+    visits = int(np.unique(residuals.rows.visit[own]).size)
+    return Plan(
+        model_version=model_version,
+        summary=_summary(visits, int(own.sum()), effects, suggestions),
+        visits=visits,
+        values=int(own.sum()),
+        notes=(*notes, *assumed),
+        effects=tuple(sorted(effects, key=_hardness)),
+        not_testable=_not_testable(library, seen),
+        excluded=residuals.left_out,
+        suggestions=tuple(suggestions),
+    )
+
+
+def _on_recorded_days(campaign: Campaign) -> tuple[Campaign, list[str]]:
+    """Move planned visits that lie outside the record onto its days, each at its hour."""
+    times_s = campaign.readings.times_s
+    if times_s.size == 0:
+        raise InvalidContent.of_field(
+            "verifications", "expected readings to plan with, came none: record some days first"
+        )
+    first_s, last_s = float(times_s[0]), float(times_s[-1])
+    moved, shifted = [], 0
+    days = max(int((last_s - first_s) // SECONDS_PER_DAY), 1)
+    for v in campaign.verifications:
+        begin_s = min((o.time_s for o in v.observations), default=first_s)
+        end_s = max((o.time_s for o in v.observations), default=first_s)
+        inside = begin_s >= first_s and end_s <= last_s
+        shift_s = 0.0 if inside else _shift_s(begin_s, end_s, first_s, last_s, days)
+        shifted += not inside
+        moved.append(_shifted(v, shift_s) if shift_s else v)
+    notes = []
+    if shifted:
+        notes.append(
+            f"{shifted} of {len(moved)} planned visits lie outside the record; they were planned "
+            "on recorded days at the same hour, as if the machine were used alike"
+        )
+    return replace(campaign, verifications=moved), notes
+
+
+def _shift_s(begin_s: float, end_s: float, first_s: float, last_s: float, days: int) -> float:
+    """Choose whole days back (or forward) into the record; later days of a plan go round."""
+    room = last_s - (end_s - begin_s)
+    away = int(np.floor((begin_s - first_s) / SECONDS_PER_DAY))
+    shift_s = (away % days - away) * SECONDS_PER_DAY
+    if begin_s + shift_s > room:
+        shift_s -= SECONDS_PER_DAY
+    return shift_s
+
+
+def _shifted(verification: Verification, shift_s: float) -> Verification:
+    moved = [replace(o, time_s=o.time_s + shift_s) for o in verification.observations]
+    return replace(verification, observations=moved)
+
+
+def _with_declared_noise(residuals: Residuals) -> tuple[Rows, list[str]]:
+    """Declare a repeatability for every channel: the stated one's number, or one."""
+    rows = residuals.as_rows()
+    stated = [n.repeatability for n in rows.noise.values() if n.repeatability]
+    assumed = float(np.median(stated)) if stated else ASSUMED_REPEATABILITY_UM
+    lacking = [c for c in np.unique(rows.channel).tolist() if c not in rows.noise]
+    noise = {**rows.noise, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
+    notes = []
+    if lacking:
+        names = list_names([residuals.rows.channels[c] for c in lacking], 6)
+        notes.append(f"a repeatability of {assumed:g} in its own unit was assumed for {names}")
+    return replace(rows, noise=noise), notes
+
+
+def _problem(residuals: Residuals, rows: Rows, campaign: Campaign, planned: int) -> Problem:
+    """Put the plan into cell 0 and each visit that may be added into a cell of its own."""
+    which = residuals.rows.verification
+    cell = np.where(which < planned, 0, which - planned + 1)
+    cell_of = dict(zip(residuals.rows.visit.tolist(), cell.tolist(), strict=True))
+    use = np.ones(len(rows.values), dtype=np.bool_)
+    nuisance = [
+        *map_uncertainty(residuals.projection, campaign.maps),
+        *zero_columns(residuals.rows),
+    ]
+    return make_problem(rows, nuisance, use, cell_of, 1 + int(cell.max()))
+
+
+def _read_middles(problem: Problem, candidates: Sequence[Candidate]) -> Library:
+    """Read each candidate at the middle of its grid, the one that is looked at.
+
+    Its other values keep their places in the library, for they count as chances to find.
+    """
+    middles = [replace(c, grid=c.grid[len(c.grid) // 2 :][:1]) for c in candidates]
+    read = read_library(problem, middles, None)
+    sizes = [len(c.thetas) for c in candidates]
+    entries = [e for e, size in zip(read.entries, sizes, strict=True) for _ in range(size)]
+    at = np.cumsum([0, *sizes[:-1]]) + np.array(sizes) // 2
+    batches = [replace(b, entries=at[b.entries].tolist()) for b in read.batches]
+    return Library(problem, middles, entries, batches)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """What visits see, whichever of them take part."""
+
+    library: Library
+    hypotheses: Mapping[str, Hypothesis]
+    residuals: Residuals
+    false_alarm: float
+
+    def smallest(self, *cells: int, rivals: bool = False) -> dict[str, Detectable]:
+        """Give the smallest effects that the visits of some cells would show, by key."""
+        problem = self.library.problem
+        states = problem.states(np.isin(np.arange(problem.cells), cells))
+        level = {c: s.fixed.channel.declared for c, s in states.items()}
+        allowed = self._allowed(states)
+        limit = self.false_alarm / max(int(allowed.sum()), 1)
+        ones = dict.fromkeys(states, 1.0)
+        found = smallest_effects(self.library, states, level, ones, allowed, limit, rivals)
+        return {one.key: one for one in found}
+
+    def described(self, one: Detectable) -> PlannedEffect:
+        """Put an effect into words and its component's unit."""
+        own = self.hypotheses[one.key]
+        size, unit = self._size(own)
+        told = one.distinguishable * size if np.isfinite(one.distinguishable) else None
+        return PlannedEffect(
+            own.kind,
+            own.variant,
+            own.components,
+            own.sensors,
+            own.states,
+            unit,
+            one.smallest * size,
+            told,
+            self._rival(own, one),
+        )
+
+    def helped(self, key: str, before: Detectable, after: Detectable) -> Helped:
+        """Say what more visits do for one effect."""
+        own = self.hypotheses[key]
+        size, unit = self._size(own)
+        sizes = (before.smallest * size, after.smallest * size)
+        return Helped(own.kind, own.components, own.sensors, own.states, unit, *sizes)
+
+    def _allowed(self, states: Mapping[int, State]) -> BoolArray:
+        """Few visits show only what a single visit excites."""
+        visits = {c: int(s.blocks.sum()) for c, s in states.items()}
+        candidates = self.library.candidates
+        allowed = np.zeros(len(candidates), dtype=np.bool_)
+        for batch in self.library.batches:
+            enough = max((visits.get(c, 0) for c in batch.channels), default=0) >= FEWEST_VISITS
+            for i in batch.entries:
+                number = self.library.entries[i].candidate
+                within = candidates[number].within_visit
+                allowed[number] = (enough or within) and all(c in states for c in batch.channels)
+        return allowed[[e.candidate for e in self.library.entries]]
+
+    def _size(self, hypothesis: Hypothesis) -> tuple[float, str]:
+        """Give the repeatability of the component's own channel, or of points, and its unit."""
+        names = self.residuals.rows.channels
+        fixed = self.library.problem.fixed
+        own = [c for c in fixed if names[c] in hypothesis.components] or list(fixed)[-1:]
+        return fixed[own[0]].channel.scale, channel_unit(names[own[0]]).symbol
+
+    def _rival(self, own: Hypothesis, one: Detectable) -> PlannedRival | None:
+        if one.rival is None:
+            return None
+        rival = self.hypotheses[one.rival]
+        return PlannedRival(
+            rival.kind,
+            rival.components,
+            rival.sensors,
+            rival.states,
+            one.overlap or 0.0,
+            separating_measurement(own, rival) if (one.overlap or 0.0) > ALIKE else None,
+        )
+
+
+def _suggestions(
+    sight: _Sight, added: Sequence[AddedVisit], seen: Mapping[str, Detectable]
+) -> list[Suggestion]:
+    """Try each visit beside the plan; the one that lowers the smallest effects most goes first."""
+    found = []
+    for number, visit in enumerate(added):
+        after = sight.smallest(0, number + 1)
+        shares = {
+            k: after[k].smallest / seen[k].smallest
+            for k in seen
+            # When a visit is added in the record says nothing about when it will be made.
+            if k in after and not sight.hypotheses[k].is_trending
+        }
+        best = _different(sight, sorted(shares, key=shares.__getitem__))
+        helped = [
+            sight.helped(key, seen[key], after[key]) for key in best if shares[key] <= WORTH_SAYING
+        ][:MOST_HELPED]
+        gain = float(np.mean(np.log(list(shares.values())))) if shares else 0.0
+        if helped:
+            found.append((gain, _suggestion(visit, helped)))
+    return [s for _, s in sorted(found, key=lambda f: f[0])[:MOST_SUGGESTIONS]]
+
+
+def _different(sight: _Sight, keys: Sequence[str]) -> list[str]:
+    """Keep the first of each kind on the same components."""
+    first: dict[tuple[str, tuple[str, ...]], str] = {}
+    for key in keys:
+        own = sight.hypotheses[key]
+        first.setdefault((own.kind, own.components), key)
+    return list(first.values())
+
+
+def _suggestion(visit: AddedVisit, helped: Sequence[Helped]) -> Suggestion:
+    one = helped[0]
+    driven = list_names((*one.sensors, *one.states), 2)
+    by = f" by {driven}" if one.sensors or one.states else ""
+    sentence = (
+        f"One more visit with {visit.words} lowers the smallest {one.kind} of "
+        f"{list_names(one.components, 3)}{by} that would be seen from {one.before_rms:.2g} to "
+        f"{one.after_rms:.2g} {one.unit}."
+    )
+    return Suggestion(
+        sentence,
+        utc_time(visit.time_s),
+        visit.temperatures_c,
+        visit.states,
+        tuple(helped),
+    )
+
+
+def _best_forms(effects: Sequence[PlannedEffect]) -> list[PlannedEffect]:
+    """Of the forms that one kind has with the same drivers keep the one that is seen best."""
+    best: dict[tuple[object, ...], PlannedEffect] = {}
+    for one in effects:
+        key = (one.kind, one.components, one.sensors, one.states)
+        if key not in best or one.smallest_rms < best[key].smallest_rms:
+            best[key] = one
+    return list(best.values())
+
+
+def _hardness(effect: PlannedEffect) -> float:
+    told = effect.distinguishable_rms
+    return -(np.inf if told is None else told)
+
+
+def _not_testable(library: Repertoire, seen: Mapping[str, Detectable]) -> tuple[NotTested, ...]:
+    """List what the plan cannot show: what the kinds say, and what it does not excite."""
+    unseen = [own for key, own in library.hypotheses.items() if key not in seen]
+    return by_reason(
+        [
+            *library.not_testable,
+            *(NotTested(own.kind, list_names(own.components, 3), NOT_SEEN) for own in unseen),
+        ]
+    )
+
+
+def _summary(
+    visits: int, values: int, effects: Sequence[PlannedEffect], suggestions: Sequence[Suggestion]
+) -> str:
+    tied = sum(e.distinguishable_rms is None for e in effects)
+    seen = (
+        f"{counted(visits, 'visit')} with {counted(values, 'value')} would show "
+        f"{counted(len(effects), 'effect')}, "
+        f"{len(effects) - tied} of which could be told from every rival."
+    )
+    return f"{seen} {suggestions[0].sentence}" if suggestions else seen

@@ -1,0 +1,1 @@
+"""What was measured minus what the model says, and how sure both are."""

@@ -1,0 +1,95 @@
+"""Observations of an instrument, or of its log, that stood still while the machine did not.
+
+A stopped measurement repeats its last value in all its channels, to the last digit. One
+channel of a coarse instrument may do so too, and so may a machine at rest: neither counts.
+Only repeats at one place are looked at: another place is another measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.effects.conditions import Conditions
+from app.effects.observations import ObservationRows
+
+FROZEN: Final = "the instrument repeated one value"
+"""Why such a row takes no part."""
+
+FROZEN_S: Final = 600.0
+"""A value that is repeated for longer than this is not a measured one [s]."""
+
+FEWEST: Final = 3
+"""So many times in a row, at least."""
+
+MOVED_K: Final = 1.0
+"""Some temperature must have moved by so much meanwhile [K]."""
+
+
+def frozen_rows(rows: ObservationRows, conditions: Conditions) -> BoolArray:
+    """Find observations that only repeat an instrument's last value.
+
+    Parameters
+    ----------
+    rows
+        All rows.
+    conditions
+        What held at each of them.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        True from the second one of each repeated value on; never where nothing was measured
+        yet.
+    """
+    found = np.zeros(len(rows), dtype=np.bool_)
+    for which in np.unique(rows.verification[~rows.is_planned]).tolist():
+        own = np.flatnonzero(rows.verification == which)
+        times_s, moment = np.unique(rows.times_s[own], return_inverse=True)
+        stands = _stands_still(rows, own, moment, len(times_s))
+        for first, last in _stretches(stands):
+            here = own[(moment >= first) & (moment <= last)]
+            long = times_s[last] - times_s[first] > FROZEN_S and last - first + 1 >= FEWEST
+            if long and _moved_k(conditions, here) >= MOVED_K:
+                found[own[(moment > first) & (moment <= last)]] = True
+    return found
+
+
+def _stands_still(rows: ObservationRows, own: IntArray, moment: IntArray, count: int) -> BoolArray:
+    """Say of each moment whether all its values and places are those of the moment before."""
+    stands = np.ones(count, dtype=np.bool_)
+    stands[0] = False
+    for channel in np.unique(rows.channel[own]).tolist():
+        mine = rows.channel[own] == channel
+        values: FloatArray = np.full(count, np.nan)
+        values[moment[mine]] = rows.measured[own[mine]]
+        places = np.full((count, 3), np.nan)
+        places[moment[mine]] = rows.points_mm[own[mine]]
+        moved = np.diff(np.nan_to_num(places), axis=0).any(axis=1)
+        same = (np.diff(values) == 0.0) & ~moved
+        stands[1:] &= same | np.isnan(values[1:])
+    return stands
+
+
+def _stretches(stands: BoolArray) -> Sequence[tuple[int, int]]:
+    """List first and last of each stretch of one value.
+
+    >>> _stretches(np.array([False, True, True, False, False, True]))
+    [(0, 2), (4, 5)]
+    """
+    starts = np.flatnonzero(~stands)
+    ends = np.append(starts[1:], stands.size) - 1
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
+
+
+def _moved_k(conditions: Conditions, rows: IntArray) -> float:
+    """Give the largest span of any temperature over some rows [K]."""
+    spans = [0.0]
+    for values in conditions.temperatures_c.values():
+        known = values[rows][~np.isnan(values[rows])]
+        if known.size:
+            spans.append(float(np.ptp(known)))
+    return max(spans)

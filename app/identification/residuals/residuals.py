@@ -1,0 +1,392 @@
+"""Measured minus predicted, and what had to be left out before, each with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from app.answer import Answer
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.effects.adopted.faulty_sensors import set_faulty_aside
+from app.effects.adopted.held import EFFECTS_ONLY
+from app.effects.adopted.live_effects import contributions
+from app.effects.conditions import Conditions
+from app.effects.effect import Effect, acting_on
+from app.effects.observations import POINT_CHANNELS, ObservationRows, repeated_rows
+from app.effects.projection import Projection, missing_at_points, places_of
+from app.errors import InvalidContent
+from app.geometry.components import COMPONENTS
+from app.identification.residuals.frozen_observations import FROZEN, frozen_rows
+from app.search.figures import rms
+from app.search.rows import DeclaredNoise, Nuisance, Rows
+from app.thermal.bracket import Status
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group
+from app.thermal.machine import Machine
+from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS
+from app.thermal.prediction import (
+    Predicted,
+    predict_component,
+    predict_points,
+)
+from app.thermal.sensor_health import believed, without_stuck
+from app.thermal.temperature_history import TemperatureHistory
+from app.units import UM_PER_MM, Unit
+
+Reasons: TypeAlias = NDArray[np.object_]
+"""A sentence for each row, empty where nothing is the matter."""
+
+FEWEST_FOR_UNIT: Final = 5
+"""From fewer values nothing is said about their unit."""
+
+MOST_ON_STAND_INS: Final = 0.5
+"""Rows that a stand-in's temperature predicts say little of the model: they are left out, unless
+so many lean on one that the machine lives with it."""
+
+SLACK: Final = 5.0
+"""Values in a wrong unit are a thousand times off, within this factor."""
+
+LEAST_UM: Final = 1.0
+"""Predictions below this are too small to tell a wrong unit from a good machine."""
+
+
+class WrongUnit(InvalidContent):
+    """Measured values that are evidently in another unit than stated."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut(Answer, published_as="ExcludedAnswer"):
+    """Values that took no part, with the reason."""
+
+    reason: Annotated[str, Field(examples=["frozen"])]
+    """Why"""
+
+    count: int
+    """How many values"""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What the model leaves, at the rows that can be judged.
+
+    Parameters
+    ----------
+    projection
+        The model, the rows that are left, and what held there.
+    predicted : ndarray, shape (n,)
+        What the model says, its adopted effects included [the channels' units].
+    left_out
+        What was left out.
+    kept : ndarray, shape (all rows,)
+        Which of the original rows are left.
+    counted_as_zero
+        Components that the model lacks and rows at points need: what was measured is not
+        refused for that, but a residual there contains them whole.
+    """
+
+    projection: Projection
+    predicted: FloatArray
+    left_out: tuple[LeftOut, ...]
+    kept: BoolArray
+    counted_as_zero: tuple[str, ...]
+
+    @property
+    def rows(self) -> ObservationRows:
+        """The rows that are left."""
+        return self.projection.rows
+
+    @property
+    def values(self) -> FloatArray:
+        """Measured minus predicted, shape (n,) [the channels' units]."""
+        return self.rows.measured - self.predicted
+
+    def as_rows(self) -> Rows:
+        """Hand the residuals to the search.
+
+        The mean is taken off what shares an unknown zero; the search keeps it free
+        (`zero_columns`).
+        """
+        rows, values = self.rows, self.values
+        for own in rows.shared_zeros():
+            values[own] -= values[own].mean()
+        return Rows(
+            values=values,
+            visit=rows.visit,
+            channel=rows.channel,
+            tilt=tilt_columns(self.projection),
+            replicate=rows.replicate,
+            noise=_declared(rows),
+            datum=rows.datum(),
+            alike={i: str(channel_unit(name)) for i, name in enumerate(rows.channels)},
+        )
+
+
+def compute_residuals(
+    model: CompiledModel,
+    rows: ObservationRows,
+    conditions: Conditions,
+    effects: Sequence[Effect] = (),
+    readings: TemperatureHistory | None = None,
+) -> Residuals:
+    """Subtract what the model says from what was measured.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    rows
+        The observations.
+    conditions
+        What held at each row; temperatures as far as they can be believed.
+    effects
+        Effects that the model version has adopted already.
+    readings
+        The readings as they came, believable or not: to say why there is no temperature.
+
+    Returns
+    -------
+    Residuals
+
+    Raises
+    ------
+    InvalidContent
+        If nothing is left, or measured values are evidently in another unit.
+    """
+    aside = set_faulty_aside(model, effects, conditions)
+    predicted = _predict(model, rows, aside.conditions, effects)
+    status = np.array(predicted.status, dtype=object)
+    leaning = (status == Status.STAND_IN) & ~_any_of(aside.effects.values(), len(rows))
+    if leaning.mean() <= MOST_ON_STAND_INS:
+        status[leaning] = NO_READING
+    reasons = _reasons(model, rows, conditions, status, readings)
+    own = predicted.values
+    if effects:
+        added = contributions(Projection(model, rows, conditions), effects)
+        own = own + added.errors
+        reasons[(reasons == "") & added.is_lacking] = "an adopted effect's condition is not known"
+    kept = reasons == ""
+    left_out = tuple(
+        LeftOut(str(reason), int((reasons == reason).sum())) for reason in np.unique(reasons[~kept])
+    )
+    if not kept.any():
+        told = ", ".join(f"{e.reason}: {e.count}" for e in left_out)
+        raise InvalidContent.of_field(
+            "observations", f"expected some that can be compared with the model, came none ({told})"
+        )
+    _refuse_wrong_unit(rows.take(kept), own[kept])
+    projection = Projection(model, rows.take(kept), conditions.take(np.flatnonzero(kept)))
+    missing = _counted_as_zero(model, projection.rows, effects)
+    return Residuals(projection, own[kept], left_out, kept, missing)
+
+
+def _counted_as_zero(
+    model: CompiledModel, rows: ObservationRows, effects: Sequence[Effect]
+) -> tuple[str, ...]:
+    points = [number for number, name in enumerate(rows.channels) if name in POINT_CHANNELS]
+    tools_mm = rows.tool_offsets_mm[np.isin(rows.channel, points)]
+    return tuple(missing_at_points(model, effects, tools_mm)) if len(tools_mm) else ()
+
+
+def zero_columns(rows: ObservationRows) -> list[Nuisance]:
+    """Lay unknown zeros that several visits share out as entirely free columns.
+
+    Parameters
+    ----------
+    rows
+        The rows.
+
+    Returns
+    -------
+    list of Nuisance
+        One for each verification and channel whose instrument was zeroed once for all visits.
+    """
+    return [
+        Nuisance(int(rows.channel[own[0]]), own, np.ones((len(own), 1)), np.array([np.inf]))
+        for own in rows.shared_zeros()
+    ]
+
+
+def tilt_columns(projection: Projection) -> FloatArray:
+    """Make the columns along which a visit may tilt: positions from −1 to 1 over their range.
+
+    Parameters
+    ----------
+    projection
+        The rows.
+
+    Returns
+    -------
+    ndarray, shape (n, q), q ≤ 3
+        x, y and z; zero where a row does not know a coordinate. Columns that are zero
+        everywhere are left out.
+    """
+    points = projection.rows.points_mm
+    columns = np.zeros(points.shape)
+    for i in range(points.shape[1]):
+        known = ~np.isnan(points[:, i])
+        if known.any() and np.ptp(points[known, i]) > 0:
+            low, high = points[known, i].min(), points[known, i].max()
+            columns[known, i] = (2.0 * points[known, i] - low - high) / (high - low)
+    return columns[:, columns.any(axis=0)]
+
+
+def _predict(
+    model: CompiledModel,
+    rows: ObservationRows,
+    conditions: Conditions,
+    effects: Sequence[Effect],
+) -> Predicted:
+    """Predict what the maps say alone: nothing of a component that adopted effects alone have."""
+    values = np.full(len(rows), np.nan)
+    status = np.full(len(rows), "not in the model", dtype=object)
+    have = {code for group in model.groups for code in group.codes}
+    acting = acting_on(effects)
+    for channel in rows.channels:
+        chosen = rows.of_channel(channel)
+        here = {name: t[chosen] for name, t in conditions.temperatures_c.items()}
+        if channel in POINT_CHANNELS:
+            found = predict_points(
+                model,
+                here,
+                rows.points_mm[chosen],
+                rows.tool_offsets_mm[chosen],
+                rows.directions[chosen],
+            )
+            values[chosen] = found.values[:, POINT_CHANNELS.index(channel)]
+        elif channel in have:
+            places = places_of(channel, rows.points_mm[chosen], rows.directions[chosen])
+            found = predict_component(model, channel, here, *places)
+            values[chosen] = found.values
+        elif channel in acting:
+            found = Predicted(np.zeros(len(chosen)), [EFFECTS_ONLY] * len(chosen))
+            values[chosen] = found.values
+        else:
+            continue
+        status[chosen] = [str(s) for s in found.status]
+    return Predicted(values, status.tolist())
+
+
+def _any_of(masks: Iterable[BoolArray], n: int) -> BoolArray:
+    found: BoolArray = np.any([np.zeros(n, dtype=np.bool_), *masks], axis=0)
+    return found
+
+
+def _reasons(
+    model: CompiledModel,
+    rows: ObservationRows,
+    conditions: Conditions,
+    told: Reasons,
+    readings: TemperatureHistory | None,
+) -> Reasons:
+    """Say of each row why it cannot be judged, empty where it can."""
+    reasons = np.full(len(rows), "", dtype=object)
+    reasons[told == "not in the model"] = "the model does not have the component"
+    reasons[told == OUTSIDE_MAPS] = "outside the maps' temperatures"
+    reasons[(told == Status.CLAMPED) & _far_outside(model, rows, conditions)] = (
+        "outside the maps' temperatures"
+    )
+    silent = told == NO_READING
+    reasons[silent] = "no reading near enough in time"
+    if readings is not None and silent.any():
+        at = np.flatnonzero(silent)
+        reasons[at] = _why_silent(model, rows.times_s[at], readings)
+    reasons[(reasons == "") & repeated_rows(rows)] = "repeated word for word"
+    reasons[(reasons == "") & frozen_rows(rows, conditions)] = FROZEN
+    return reasons
+
+
+def _why_silent(model: CompiledModel, times_s: FloatArray, readings: TemperatureHistory) -> Reasons:
+    """Tell missing readings from readings that cannot be believed."""
+    machine = model.machine
+    thawed = without_stuck(machine, readings)
+    trusted = believed(machine, readings)
+    reasons = np.full(times_s.shape, "no reading near enough in time", dtype=object)
+    for name in {group.sensor for group in model.groups}:
+        age_s = machine.sensor(name).max_age_s
+        known = ~np.isnan(readings.at(name, times_s, age_s))
+        lost = known & np.isnan(trusted.at(name, times_s, age_s))
+        frozen = known & np.isnan(thawed.at(name, times_s, age_s))
+        reasons[lost] = f"{name} could not be believed"
+        reasons[frozen] = "frozen"
+    first = readings.times_s[0] if readings.times_s.size else np.inf
+    reasons[times_s < first] = "before the first reading"
+    return reasons
+
+
+def _far_outside(model: CompiledModel, rows: ObservationRows, conditions: Conditions) -> BoolArray:
+    """Find rows that lie further beyond the maps than the sensor resolves."""
+    beyond = {id(group): _beyond(model.machine, group, conditions) for group in model.groups}
+    found = np.zeros(len(rows), dtype=np.bool_)
+    for number, channel in enumerate(rows.channels):
+        own = [g for g in model.groups if channel in POINT_CHANNELS or channel in g.codes]
+        for group in own:
+            found |= (rows.channel == number) & beyond[id(group)]
+    return found
+
+
+def _beyond(machine: Machine, group: Group, conditions: Conditions) -> BoolArray:
+    found = np.zeros(len(conditions), dtype=np.bool_)
+    undecided = np.ones(len(conditions), dtype=np.bool_)
+    for scale in group.scales:
+        t = conditions.temperature(scale.sensor)
+        margin = machine.sensor(scale.sensor).resolution_c
+        outside = (t < scale.temperatures_c[0] - margin) | (t > scale.temperatures_c[-1] + margin)
+        found |= undecided & outside
+        undecided &= np.isnan(t)
+    return found
+
+
+def _refuse_wrong_unit(rows: ObservationRows, predicted: FloatArray) -> None:
+    """Refuse a verification whose values are a thousand times too small or too large."""
+    lengths = np.array([channel_unit(name) is Unit.UM for name in rows.channels])[rows.channel]
+    for i, verification in enumerate(rows.verifications):
+        own = (rows.verification == i) & lengths
+        if own.sum() < FEWEST_FOR_UNIT:
+            continue
+        came, expected = (
+            _size(values[own], rows.channel[own]) for values in (rows.measured, predicted)
+        )
+        if expected < LEAST_UM or came == 0.0:
+            continue
+        ratio = came / expected
+        if ratio < SLACK / UM_PER_MM or ratio > UM_PER_MM / SLACK:
+            unit = "mm" if ratio < 1.0 else "nm"
+            raise WrongUnit.of_field(
+                "measured_um",
+                f"expected values in µm in verification {verification.label!r}, where the model "
+                f"says up to {expected:.3g} µm, came no more than {came:.3g}: were they meant in "
+                f"{unit}?",
+            )
+
+
+def _size(values: FloatArray, channels: IntArray) -> float:
+    """The largest range within a channel, or distance from zero if that is smaller."""
+    sizes = [
+        max(float(np.ptp(values[channels == c])), 0.0)
+        if (channels == c).sum() > 1
+        else float(np.abs(values[channels == c]).max())
+        for c in np.unique(channels)
+    ]
+    return max(sizes)
+
+
+def channel_unit(channel: str) -> Unit:
+    """Give the unit of a channel: the component's, or µm at points."""
+    return Unit.UM if channel in POINT_CHANNELS else COMPONENTS[channel].unit
+
+
+def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
+    """Take the repeatability that verifications state, for channels in µm."""
+    found = {}
+    for number, channel in enumerate(rows.channels):
+        which = rows.verification[rows.channel == number]
+        stated = [rows.verifications[i].repeatability_um for i in which.tolist()]
+        known = [s for s in stated if s is not None]
+        if channel_unit(channel) is Unit.UM and known and len(known) == len(stated):
+            found[number] = DeclaredNoise(repeatability=rms(np.array(known)))
+    return found

@@ -1,0 +1,1 @@
+"""Whether the machine is still as its model says."""

@@ -1,0 +1,463 @@
+"""Whether a machine still is as its model says: every new verification is judged on arrival.
+
+Of each component's residuals a level and slopes along the axes are followed from visit to
+visit. What is expected of them: the scatter of observations and set-ups, and one constant that
+the maps' own uncertainty allows. How much set-ups scatter is not known beforehand: it is learnt
+from how much each visit differs from the one before, which a lasting change does once only.
+The evidence of all numbers is averaged; the mean of e-values is an e-value, whatever their
+dependence, so no allowance for their number is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy import sparse
+
+from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
+from app.arrays import FloatArray, IntArray, SparseArray
+from app.geometry.components import LINEAR_LETTERS
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.residuals.map_uncertainty import ChannelEntries, channel_entries
+from app.identification.residuals.residuals import Residuals, channel_unit
+from app.identification.watch.e_process import EProcess, likelihood_ratio
+from app.search.rows import Datum, Rows
+
+FALSE_ALARM: Final = 0.01
+"""Probability that a machine that has not changed is ever called changed."""
+
+LIMIT: Final = 2.0 / FALSE_ALARM
+"""Evidence that an unchanged machine reaches with that probability: counted, not proved.
+
+With a known scatter it would be half as much (Ville's inequality). The other half pays for the
+set-up scatter, which is only being learnt in the first visits: `tests/identification/
+test_watching.py` counts the alarms of unchanged machines whose set-ups scatter up to six
+repeatabilities.
+"""
+
+SETUPS: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Set-up scatters that are held possible, in repeatabilities."""
+
+SETUP_WEIGHTS: Final = (0.004, 0.01, 0.03, 0.1, 0.25, 0.606)
+"""How much each is believed at first: rather too much scatter than a false alarm."""
+
+CHANGED_BETWEEN: Final = 0.02
+"""Share of the differences of visits that something may have changed between, and then by how
+much: else one step would for long be taken for a wide scatter of set-ups."""
+
+CHANGED_BY: Final = 30.0
+"""[repeatabilities]"""
+
+STATED_WEIGHT: Final = 20.0
+"""A stated repeatability counts as much as so many observations."""
+
+FEWEST_FREEDOM: Final = 8
+"""Before so much is known of a component's scatter, nothing is said of it."""
+
+MOST_NAMED: Final = 6
+
+LEVEL: Final = "level"
+
+KEY: Final = "|"
+"""Between component and number in the key of a stream."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One followed number: what is known of its constant part, and the evidence for a change.
+
+    Parameters
+    ----------
+    mean, variance
+        Of the constant that the maps' uncertainty allows [the component's unit, squared].
+    process
+        The evidence.
+    value, scatter
+        Latest value, and its variance by observations alone [the component's unit, squared].
+    expected
+        Standard deviation that was to be expected of it [the component's unit].
+    setups
+        Log likelihood of each of `SETUPS`, by the differences of successive visits.
+    """
+
+    mean: float
+    variance: float
+    process: EProcess = field(default_factory=EProcess)
+    value: float | None = None
+    scatter: float = 0.0
+    expected: float = 0.0
+    setups: tuple[float, ...] = (0.0,) * len(SETUPS)
+
+    def after(self, number: VisitNumber, repeatability: float) -> Stream:
+        """Take the number of one more visit.
+
+        Parameters
+        ----------
+        number
+            Its value with what observations and maps let expect of it.
+        repeatability
+            Standard deviation of one observation [the component's unit].
+        """
+        shifts = (np.array(SETUPS) * repeatability) ** 2
+        likelihoods = np.array(self.setups)
+        if self.value is not None:
+            apart = self.scatter + number.scatter + 2.0 * shifts
+            likelihoods += _log_of_difference(number.value - self.value, apart, repeatability)
+            likelihoods -= likelihoods.max()
+        weights = np.array(SETUP_WEIGHTS) * np.exp(likelihoods)
+        weights /= weights.sum()
+        # The maps' error is constant where temperatures are: half of it may change with them.
+        own = number.scatter + 0.5 * number.maps + shifts
+        away = number.value - self.mean
+        ratio = likelihood_ratio(away, self.variance + own, weights)
+        mean_own = float(weights @ own)
+        gain = self.variance / (self.variance + mean_own)
+        return Stream(
+            self.mean + gain * away,
+            self.variance * (1.0 - gain),
+            self.process.after(ratio),
+            number.value,
+            number.scatter,
+            float(np.sqrt(self.variance + mean_own)),
+            tuple(likelihoods.tolist()),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Squares that level and slopes leave within visits, and their degrees of freedom."""
+
+    squares: float = 0.0
+    freedom: int = 0
+
+    def plus(self, fit: _Fit) -> Noise:
+        """Add what one more visit leaves."""
+        return Noise(self.squares + fit.squares, self.freedom + fit.freedom)
+
+    def variance(self, stated: float | None) -> float | None:
+        """Give the variance of one observation; None where too little is known.
+
+        Parameters
+        ----------
+        stated
+            A stated standard deviation: it counts as much as so many observations.
+        """
+        if stated is not None:
+            return (self.squares + STATED_WEIGHT * stated**2) / (self.freedom + STATED_WEIGHT)
+        if self.freedom < FEWEST_FREEDOM:
+            return None
+        # A variance from few observations may be too small by chance: two sigma up.
+        return self.squares / self.freedom * (1.0 + 2.0 * float(np.sqrt(2.0 / self.freedom)))
+
+
+@dataclass(frozen=True, slots=True)
+class Followed(Answer, published_as="FollowedNumber"):
+    """One number that is followed from visit to visit."""
+
+    component: Annotated[str, Field(examples=["EZZ"])]
+    """Component code, or `points x`"""
+
+    what: Annotated[str, Field(examples=["level"])]
+    """`level`, or a slope along an axis"""
+
+    unit: UnitSymbol
+    """Unit of its deviation"""
+
+    deviation: Annotated[float, Field(description=f"Latest measured minus predicted {IN_ITS_UNIT}")]
+    expected_sd: Annotated[
+        float,
+        Field(description=f"Standard deviation that was to be expected of it {IN_ITS_UNIT}"),
+    ]
+    evidence: float
+    """Its e-value"""
+
+
+@dataclass(frozen=True)
+class WatchState:
+    """Everything that goes from one verification to the next; one for each model version.
+
+    Parameters
+    ----------
+    streams
+        `component|what` to stream.
+    noise
+        Component to what its visits have left beside level and slopes.
+    beyond_since_s
+        When the limits were first exceeded [s]; None while they are not.
+    """
+
+    streams: Mapping[str, Stream] = field(default_factory=dict)
+    noise: Mapping[str, Noise] = field(default_factory=dict)
+    beyond_since_s: float | None = None
+
+    def evidence(self) -> float:
+        """Average the evidence of all streams; 1 without any."""
+        values = [s.process.evidence for s in self.streams.values()]
+        return float(np.mean(values)) if values else 1.0
+
+    def followed(self, key: str) -> Followed:
+        """Tell of one stream by its key."""
+        component, _, what = key.partition(KEY)
+        stream, unit = self.streams[key], channel_unit(component).symbol
+        value, evidence = stream.value or 0.0, stream.process.evidence
+        return Followed(component, what, unit, value, stream.expected, evidence)
+
+    def all_followed(self) -> list[Followed]:
+        """Tell of all streams, the strongest evidence first."""
+        return sorted(map(self.followed, self.streams), key=lambda one: -one.evidence)
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement(Answer, published_as="JudgementAnswer"):
+    """What a verification says of the model that was active when it came."""
+
+    model_version: int | None
+    """That version; null where there was none"""
+
+    status: Literal["within", "beyond", "not-judged"]
+    """`within` or `beyond` its limits by a sequential test, with all before it; `not-judged` with
+    the reason in `summary`"""
+
+    evidence: float | None
+    """E-value of all verifications so far"""
+
+    limit: float | None
+    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+
+    false_alarm: float | None
+    """Probability that an unchanged machine is ever called changed"""
+
+    summary: str
+    """One sentence"""
+
+    beyond: tuple[Followed, ...]
+    """What has changed since the model was made, the clearest first"""
+
+    visits: int
+    """Visits of the verification that were looked at"""
+
+
+def not_judged(model_version: int | None, reason: str) -> Judgement:
+    """Say why a verification was not judged.
+
+    Parameters
+    ----------
+    model_version
+        The active version; None where there was none.
+    reason
+        Part of a sentence.
+    """
+    summary = f"It could not be judged: {reason}."
+    return Judgement(model_version, "not-judged", None, None, None, summary, (), 0)
+
+
+def watch(
+    campaign: Campaign, state: WatchState, model_version: int
+) -> tuple[Judgement, WatchState]:
+    """Judge new verifications against the active model, after those that came before.
+
+    Parameters
+    ----------
+    campaign
+        The new verifications alone, with the readings around them and the adopted effects.
+    state
+        What the verifications before have left; a new one for a new model version.
+    model_version
+        Number of the active version.
+
+    Returns
+    -------
+    judgement : Judgement
+    state : WatchState
+        To be kept for the next verification.
+
+    Raises
+    ------
+    InvalidContent
+        If nothing can be compared with the model, or values are in another unit.
+    """
+    sheet = _Sheet.of(campaign)
+    rows, times_s = sheet.rows, sheet.residuals.rows.times_s
+    judged = False
+    visits = np.unique(rows.visit).tolist()
+    for visit in visits:
+        here = rows.visit == visit
+        for channel in np.unique(rows.channel[here]).tolist():
+            state, taken = _after_channel(state, sheet, visit, channel)
+            judged |= taken
+        if state.beyond_since_s is None and state.evidence() >= LIMIT:
+            state = replace(state, beyond_since_s=float(times_s[here].min()))
+    return _judgement(state, judged, len(visits), model_version), state
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """New verifications as rows, with what each row is judged by."""
+
+    residuals: Residuals
+    rows: Rows
+    tilt: FloatArray
+    entries: Mapping[int, ChannelEntries]
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> _Sheet:
+        residuals = residuals_of(campaign)
+        entries = channel_entries(residuals.projection, campaign.maps)
+        return cls(
+            residuals,
+            residuals.as_rows(),
+            _along_travels(residuals),
+            {one.channel: one for one in entries},
+        )
+
+    def maps(self, channel: int, own: IntArray) -> SparseArray:
+        """Give what the maps' uncertainty may do to some rows of a channel, shape (m, p)."""
+        if channel not in self.entries:
+            return sparse.csr_array((len(own), 0))
+        entries = self.entries[channel]
+        here = entries.columns[np.searchsorted(entries.rows, own)]
+        return here[:, np.unique(here.indices)]
+
+
+def _after_channel(
+    state: WatchState, sheet: _Sheet, visit: int, channel: int
+) -> tuple[WatchState, bool]:
+    """Take one channel of one visit; also say whether enough is known to judge it."""
+    rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
+    own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+    fit = _Fit.of(rows.values[own], sheet.tilt[own])
+    noise = state.noise.get(name, Noise()).plus(fit)
+    state = replace(state, noise={**state.noise, name: noise})
+    declared = rows.noise.get(channel)
+    variance = noise.variance(declared.repeatability if declared else None)
+    if variance is None:
+        return state, False
+    is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
+    streams = dict(state.streams)
+    for number in fit.numbers(variance, sheet.maps(channel, own), is_zeroed):
+        key = f"{name}{KEY}{number.what}"
+        before = streams.get(key, Stream(0.0, number.maps))
+        streams[key] = before.after(number, float(np.sqrt(variance)))
+    return replace(state, streams=streams), True
+
+
+def _log_of_difference(
+    difference: float, variances: FloatArray, repeatability: float
+) -> FloatArray:
+    """Log density of a difference of successive visits at each variance, up to a constant."""
+    wide = variances + (CHANGED_BY * repeatability) ** 2
+    same, changed = (-0.5 * (difference**2 / v + np.log(v)) for v in (variances, wide))
+    both = np.logaddexp(np.log(1.0 - CHANGED_BETWEEN) + same, np.log(CHANGED_BETWEEN) + changed)
+    return np.asarray(both)
+
+
+def _along_travels(residuals: Residuals) -> FloatArray:
+    """Scale positions from −1 to 1 over the travels, or over what was observed: shape (n, 3).
+
+    Slopes of different verifications are then the same quantity.
+    """
+    points = residuals.rows.points_mm
+    found = np.zeros(points.shape)
+    for i, axis in enumerate(LINEAR_LETTERS):
+        known = ~np.isnan(points[:, i])
+        travel = residuals.projection.model.machine.axes.get(axis)
+        ends = (travel.min_mm, travel.max_mm) if travel else _ends(points[known, i])
+        if ends[1] > ends[0]:
+            found[known, i] = (2.0 * points[known, i] - sum(ends)) / (ends[1] - ends[0])
+    return found
+
+
+def _ends(positions_mm: FloatArray) -> tuple[float, float]:
+    return (float(positions_mm.min()), float(positions_mm.max())) if positions_mm.size else (0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class VisitNumber:
+    """One followed number of one visit: its value, and its variances by observations and maps."""
+
+    what: str
+    value: float
+    scatter: float
+    maps: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Level and slopes of one channel in one visit, by least squares."""
+
+    names: tuple[str, ...]
+    inverse: FloatArray
+    values: FloatArray
+    squares: float
+    freedom: int
+
+    @classmethod
+    def of(cls, values: FloatArray, tilt: FloatArray) -> _Fit:
+        names = [LEVEL, *(f"slope along {axis.upper()}" for axis in LINEAR_LETTERS)]
+        columns = np.column_stack([np.ones(len(values)), tilt])
+        kept = [0, *(j for j in range(1, columns.shape[1]) if np.ptp(columns[:, j]) > 0)]
+        if len(kept) >= len(values):
+            kept = [0]
+        inverse = np.linalg.pinv(columns[:, kept])
+        found = inverse @ values
+        left = values - columns[:, kept] @ found
+        return cls(
+            tuple(names[j] for j in kept),
+            inverse,
+            found,
+            float(np.sum(left**2)),
+            len(values) - len(kept),
+        )
+
+    def numbers(self, variance: float, maps: SparseArray, is_zeroed: bool) -> list[VisitNumber]:
+        """Give each number with its scatter by observations; of an unknown zero not the level."""
+        scatter = variance * np.sum(self.inverse**2, axis=1)
+        known = np.sum(np.asarray(self.inverse @ maps) ** 2, axis=1)
+        return [
+            VisitNumber(name, *(float(x) for x in numbers))
+            for name, *numbers in zip(self.names, self.values, scatter, known, strict=True)
+            if not (is_zeroed and name == LEVEL)
+        ]
+
+
+def _judgement(state: WatchState, judged: bool, visits: int, model_version: int) -> Judgement:
+    is_beyond = state.beyond_since_s is not None
+    told = state.all_followed()[:MOST_NAMED] if is_beyond else []
+    changed = [one for one in told if one.evidence >= LIMIT] or told[:1]
+    return Judgement(
+        model_version,
+        "beyond" if is_beyond else "within" if judged else "not-judged",
+        state.evidence(),
+        LIMIT,
+        FALSE_ALARM,
+        _sentence(changed, judged, is_first=not any(any(s.setups) for s in state.streams.values())),
+        tuple(changed),
+        visits,
+    )
+
+
+def _sentence(changed: Sequence[Followed], judged: bool, *, is_first: bool) -> str:
+    if not changed and not judged:
+        return (
+            "It could not be judged: nothing is known yet of how much these measurements scatter. "
+            "State repeatability_um, or measure more."
+        )
+    if not changed and is_first:
+        return (
+            "The watch begins here: nothing is so far off that a first visit shows it, and there "
+            "is nothing yet to compare it with."
+        )
+    if not changed:
+        return (
+            "The machine is as its model says, within the scatter of measurement, set-up and maps."
+        )
+    one = changed[0]
+    return (
+        f"The machine is no longer as its model says: the {one.what} of {one.component} is off by "
+        f"{one.deviation:.2g} {one.unit}, where ±{one.expected_sd:.2g} {one.unit} were expected "
+        f"(by chance in at most {FALSE_ALARM:.0%} of all unchanged machines, ever)."
+    )

@@ -1,0 +1,204 @@
+"""Whether something is left that no term explains."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from scipy.special import fdtrc
+
+from app.arrays import BoolArray
+from app.search.draws import Draws
+from app.search.findings import HeldOut, Unexplained
+from app.search.joint_fit import Fit
+from app.search.noise import ENOUGH_REPLICATES, pure_error, repeatability
+from app.search.problem import Problem, Term
+from app.search.scan import Scan
+from app.search.selection import Selector
+from app.search.threshold import threshold, upper_tail
+from app.search.visit_scatter import FEWEST_VISITS, multipliers
+
+TESTS: Final = 4
+"""So many tests share the false-alarm probability."""
+
+OVER_FLOOR: Final = 1.3
+"""Held-out RMS over the noise floor from which something is missing."""
+
+SURELY: Final = 1.15
+"""So much of it must hold at the lower end of its interval: there are many components."""
+
+OF_ONE_FAMILY: Final = 3
+"""So many terms of one family on one channel imitate something unknown."""
+
+ORDINARY: Final = 16.0
+"""Multiple of the assumed variance up to which undeclared set-ups scatter: two repeatabilities."""
+
+LEADS: Final = 3
+"""So many leads of the generic test are named."""
+
+
+def adequacy(
+    selector: Selector,
+    terms: Sequence[Term],
+    fit: Fit,
+    use: BoolArray,
+    draws: Draws,
+    held_out: Mapping[int, HeldOut],
+) -> list[Unexplained]:
+    """Ask all tests whether something is left.
+
+    Parameters
+    ----------
+    selector
+        Holds the library and the false-alarm level.
+    terms, fit
+        What was found.
+    use : ndarray, shape (n,)
+        Rows that take part.
+    draws
+        Draws of noise.
+    held_out
+        Figures on held-out visits.
+
+    Returns
+    -------
+    list of Unexplained
+    """
+    problem, level = selector.library.problem, selector.false_alarm / TESTS
+    return [
+        *_generic(selector, terms, draws, level),
+        *_lack_of_fit(problem, fit, use, level),
+        *_visit_variance(selector, terms, level),
+        *_far_off(selector, terms, level),
+        *_above_floor(problem, use, held_out),
+        *_imitation(terms),
+    ]
+
+
+def _generic(
+    selector: Selector, terms: Sequence[Term], draws: Draws, level: float
+) -> list[Unexplained]:
+    """The largest of all smooth shapes, against its distribution under noise."""
+    candidates, entries = selector.library.candidates, selector.library.entries
+    generic = np.array([candidates[e.candidate].generic for e in entries])
+    if not generic.any():
+        return []
+    found = selector.scan(terms, draws, generic=True)
+    rank = found.rank * generic
+    limit = threshold(Scan(found.ratio, found.noise, rank), selector.groups, level)
+    surprises = limit.of(Scan(found.ratio, found.noise, rank))
+    leads = [i for i in np.argsort(-surprises, kind="stable") if surprises[i] >= limit.surprise]
+    return [
+        Unexplained(
+            "generic",
+            _channel_of(selector, int(i)),
+            candidates[entries[i].candidate].key,
+        )
+        for i in leads[:LEADS]
+    ]
+
+
+def _channel_of(selector: Selector, entry: int) -> int | None:
+    for batch in selector.library.batches:
+        if entry in batch.entries:
+            return batch.channels[0] if len(batch.channels) == 1 else None
+    return None
+
+
+def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> list[Unexplained]:
+    """What is left within visits, against what replicates differ by (F test)."""
+    found = []
+    for c, fixed in problem.fixed.items():
+        pure, freedom = pure_error(problem.rows, c, use)
+        n = len(fixed.channel.rows)
+        spent = fixed.channel.nuisance.shape[1] + len(fixed.channel.starts)
+        if freedom < ENOUGH_REPLICATES or pure <= 0 or n - spent <= freedom:
+            continue
+        left = fit.scatter[c] * fixed.channel.scale**2 * n
+        ratio = (left - pure * freedom) / max(n - freedom, 1) / pure
+        p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
+        if p * len(problem.fixed) < level:
+            found.append(Unexplained("lack-of-fit", c, None))
+    return found
+
+
+def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> list[Unexplained]:
+    """Visits that scatter more than was declared: an unknown cause changes between them."""
+    problem = selector.library.problem
+    declared = [
+        c for c in problem.fixed if (n := problem.rows.noise.get(c)) and n.setup_shift is not None
+    ]
+    found = []
+    states = selector.given(terms) if declared else {}
+    for c in declared:
+        channel, null = states[c].fixed.channel, states[c].null - states[c].fixed.channel.prior
+        ratio = 2.0 * float(null.max() - null[: channel.declared + 1].max())
+        p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
+        if p * len(declared) < level:
+            found.append(Unexplained("visit-variance", c, None))
+    return found
+
+
+def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Unexplained]:
+    """Few visits, further from the model than set-ups are: too few to say why."""
+    few = {
+        c: s
+        for c, s in selector.given(terms).items()
+        if len(s.fixed.channel.starts) < FEWEST_VISITS
+    }
+    found = []
+    for c, state in few.items():
+        channel, null = state.fixed.channel, state.null - state.fixed.channel.prior
+        tilts = channel.shapes.shape[1] - 1
+        usual = (multipliers(tilts, not bool(channel.free.all())) <= ORDINARY).all(axis=1)
+        ratio = 2.0 * float(null.max() - null[usual].max())
+        if 0.5 * upper_tail(ratio, 2.0) * len(few) < level:
+            found.append(Unexplained("far-off", c, None))
+    return found
+
+
+def _above_floor(
+    problem: Problem, use: BoolArray, held_out: Mapping[int, HeldOut]
+) -> list[Unexplained]:
+    found = []
+    for c, h in held_out.items():
+        if h.floor > 0 and h.visits >= FEWEST_VISITS:
+            floor = h.floor * _allowance(problem, use, c)
+            if h.after.low > SURELY * floor and h.after.rms > OVER_FLOOR * floor:
+                found.append(Unexplained("held-out", c, None))
+    return found
+
+
+def _allowance(problem: Problem, use: BoolArray, channel: int) -> float:
+    """How much too low a floor may be whose repeatability was only estimated (two sigma)."""
+    known = repeatability(problem.rows, channel, use)
+    if known.origin != "replicates":
+        return 1.0
+    _, freedom = pure_error(problem.rows, channel, use)
+    return 1.0 + 2.0 / float(np.sqrt(2.0 * freedom))
+
+
+def _imitation(terms: Sequence[Term]) -> list[Unexplained]:
+    """Many terms on the same channels: one family's, or whatever fits a bit."""
+    families = Counter((t.candidate.family, c) for t in terms for c in t.channels)
+    places = Counter(t.channels for t in terms)
+    twice = Counter((t.candidate.family, t.channels) for t in terms if t.candidate.only_once)
+    return (
+        [
+            Unexplained("many-of-one-family", c, family)
+            for (family, c), count in families.items()
+            if count >= OF_ONE_FAMILY
+        ]
+        + [
+            Unexplained("many-of-one-family", channels[0], family)
+            for (family, channels), count in twice.items()
+            if 1 < count < OF_ONE_FAMILY
+        ]
+        + [
+            Unexplained("many-at-one-place", channels[0], None)
+            for channels, count in places.items()
+            if count >= OF_ONE_FAMILY
+        ]
+    )

@@ -1,0 +1,119 @@
+"""What is left of every entry's information beside visits and maps, on one set of visits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.search.library import Batch, Library
+from app.search.state import State
+
+NOTHING_LEFT: Final = 1e-5
+"""A direction is not tested if maps and given terms take up all but this share of it."""
+
+NOTHING_SEEN: Final = 1e-7
+"""Nor if the visits' free constants take up all but this share."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseGram:
+    """A batch's information in one channel, without given terms.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (L, g, k, k)
+        At each set of visit variances.
+    floor : ndarray, shape (L, g)
+        Information below which a direction counts as not seen.
+    """
+
+    gram: FloatArray
+    floor: FloatArray
+
+
+class BaseGrams:
+    """Base grams of a library on one set of cells, each computed when it is first asked for.
+
+    They are the costly part of a scan and do not depend on the values or on given terms.
+
+    Parameters
+    ----------
+    library
+        The entries.
+    states
+        Channel to state on these cells, without terms.
+    """
+
+    def __init__(self, library: Library, states: Mapping[int, State]) -> None:
+        self._states = states
+        self._library = library
+        self._known: dict[tuple[int, int], BaseGram] = {}
+
+    @property
+    def cells(self) -> BoolArray:
+        """The cells that take part."""
+        return next(iter(self._states.values())).cells
+
+    def of(self, number: int, channel: int) -> BaseGram:
+        """Give a batch's information in one channel.
+
+        Parameters
+        ----------
+        number
+            The batch's number in the library.
+        channel
+            One of its channels.
+
+        Returns
+        -------
+        BaseGram
+        """
+        key = (number, channel)
+        if key not in self._known:
+            self._known[key] = _base_gram(self._library.batches[number], self._states[channel])
+        return self._known[key]
+
+
+def blocks(columns: FloatArray, k: int) -> FloatArray:
+    """Multiply each entry's k columns with each other.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, g k)
+    k
+        Columns of each entry.
+
+    Returns
+    -------
+    ndarray, shape (g, k, k)
+
+    Examples
+    --------
+    >>> blocks(np.array([[1.0, 2.0], [0.0, 3.0]]), 2).tolist()
+    [[[1.0, 2.0], [2.0, 13.0]]]
+    """
+    found = np.empty((columns.shape[1] // k, k, k))
+    for i in range(k):
+        for j in range(i, k):
+            product = np.einsum("ng,ng->g", columns[:, i::k], columns[:, j::k])
+            found[:, i, j] = found[:, j, i] = product
+    return found
+
+
+def _base_gram(batch: Batch, state: State) -> BaseGram:
+    sheet, k = batch.sheets[state.fixed.channel.number], batch.size
+    with_nuisance = sheet.moments.nuisance[state.cells].sum(axis=0).T
+    own = sheet.own[state.cells].sum(axis=0)
+    reduced = sheet.moments.reduced[state.blocks]
+    grams, floors = [], []
+    for level in state.levels:
+        mine = level.shadow(with_nuisance, reduced)
+        visits = np.sum(mine[: len(level.turned)] ** 2, axis=0).reshape(-1, k).sum(axis=1)
+        seen = np.trace(own, axis1=1, axis2=2) - visits
+        floors.append(np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN))
+        grams.append(own - blocks(mine, k))
+    return BaseGram(np.stack(grams), np.stack(floors))

@@ -1,0 +1,238 @@
+"""How small an effect could be and still be seen and told from its best rival: no values needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from app.arrays import FloatArray
+from app.search.base_grams import NOTHING_SEEN, blocks
+from app.search.findings import Detectable
+from app.search.joint_fit import inverse
+from app.search.library import Batch, Library
+from app.search.moments import moments_of
+from app.search.rivals import HARDLY
+from app.search.selection import penalties
+from app.search.small_inverse import inverse_roots
+from app.search.state import State
+
+POWER: Final = 1.2816
+"""Standard normal quantile of nine times in ten."""
+
+TELLING: Final = (POWER + float(np.sqrt(POWER**2 + HARDLY))) ** 2
+"""Expected evidence between two explanations that exceeds HARDLY nine times in ten."""
+
+SAME: Final = 1e-6
+"""If less than this of an effect is its own, nothing tells it from its rival."""
+
+
+class Overlap(NamedTuple):
+    """Which entry imitates another best, and how much of it."""
+
+    share: float
+    rival: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What the rows say about one entry, at one set of variances.
+
+    Parameters
+    ----------
+    own : ndarray, shape (k, k)
+        Information about its amplitudes beside visits and maps.
+    metric : ndarray, shape (k, k)
+        Products of its columns.
+    rows
+        How many rows it acts on.
+    """
+
+    own: FloatArray
+    metric: FloatArray
+    rows: int
+
+
+def smallest_effects(
+    library: Library,
+    states: Mapping[int, State],
+    level: Mapping[int, int],
+    scatter: Mapping[int, float],
+    allowed: np.ndarray,
+    limit: float,
+    rivals: bool = True,
+) -> list[Detectable]:
+    """Give the smallest effects at known visit variances.
+
+    Parameters
+    ----------
+    library
+        All entries.
+    states
+        Channel to state, without terms.
+    level, scatter
+        Channel to its visit variances, and to the variance of one observation.
+    allowed : ndarray, shape (entries,)
+        Which entries count.
+    limit
+        Probability that one entry must stay below to count as found.
+    rivals
+        Whether each is also held against its rivals, which takes much longer.
+
+    Returns
+    -------
+    list of Detectable
+    """
+    known = informations(library, states, level, scatter)
+    chosen = [i for i in _middles(library, allowed) if i in known]
+    overlaps: dict[int, Overlap] = {}
+    if rivals and chosen:
+        overlaps = _overlaps(library, states, level, scatter, known, chosen)
+    cost = penalties(library, sum(s.count for s in states.values()))
+    found = []
+    for entry in chosen:
+        size = library.entries[entry].size
+        needed = (np.sqrt(max(chdtri(size, limit), cost[entry])) + POWER) ** 2
+        one = _one(library, entry, known[entry], float(needed), overlaps.get(entry))
+        if one is not None:
+            found.append(one)
+    return found
+
+
+def _middles(library: Library, allowed: np.ndarray) -> list[int]:
+    """Take each candidate at the middle of its grid."""
+    members: dict[int, list[int]] = {}
+    for i, entry in enumerate(library.entries):
+        if allowed[i] and entry.excited:
+            members.setdefault(entry.candidate, []).append(i)
+    return [m[len(m) // 2] for m in members.values()]
+
+
+def _one(
+    library: Library, number: int, known: Information, needed: float, overlap: Overlap | None
+) -> Detectable | None:
+    entry = library.entries[number]
+    if np.trace(known.own) < NOTHING_SEEN * entry.size:
+        return None
+    spread = float(np.trace(inverse(known.own) @ known.metric)) / entry.size
+    if spread <= 0 or not np.isfinite(spread):
+        return None
+    candidate = library.candidates[entry.candidate]
+    smallest = float(np.sqrt(needed * spread / known.rows))
+    rival, told = None, smallest
+    if overlap is not None:
+        if overlap.rival is not None:
+            rival = library.candidates[library.entries[overlap.rival].candidate].key
+        apart = 1.0 - overlap.share
+        told = float(np.sqrt(TELLING * spread / known.rows / apart)) if apart > SAME else np.inf
+    return Detectable(
+        candidate.key,
+        candidate.family,
+        entry.theta,
+        smallest,
+        max(smallest, told),
+        rival,
+        None if overlap is None else overlap.share,
+    )
+
+
+def informations(
+    library: Library,
+    states: Mapping[int, State],
+    level: Mapping[int, int],
+    scatter: Mapping[int, float],
+) -> dict[int, Information]:
+    """Say what some visits tell about every entry, at known visit variances.
+
+    Parameters
+    ----------
+    library
+        All entries.
+    states
+        Channel to state on those visits, without terms.
+    level, scatter
+        Channel to its visit variances, and to the variance of one observation.
+
+    Returns
+    -------
+    dict
+        Entry to information; entries that nothing excites are left out.
+    """
+    found = {}
+    for batch in (b for b in library.batches if not b.generic):
+        if not all(c in states for c in batch.channels):
+            continue
+        g, k = len(batch.entries), batch.size
+        own, metric = np.zeros((g, k, k)), np.zeros((g, k, k))
+        for c in batch.channels:
+            products = batch.sheets[c].own[states[c].cells].sum(axis=0)
+            own += (products - blocks(_shadow(states[c], level[c], batch), k)) / scatter[c]
+            metric += products
+        rows = sum(states[c].count for c in batch.channels)
+        for i, entry in enumerate(batch.entries):
+            found[entry] = Information(own[i], metric[i], rows)
+    return found
+
+
+def _shadow(state: State, level: int, batch: Batch) -> FloatArray:
+    moments = batch.sheets[state.fixed.channel.number].moments
+    return state.levels[level].shadow(
+        moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
+    )
+
+
+def _overlaps(
+    library: Library,
+    states: Mapping[int, State],
+    level: Mapping[int, int],
+    scatter: Mapping[int, float],
+    known: Mapping[int, Information],
+    chosen: Sequence[int],
+) -> dict[int, Overlap]:
+    """Find for each chosen entry the chosen one of another family that imitates it best.
+
+    The share is that of the entry's whitened columns that lies in the rival's span, on average
+    over its amplitudes.
+    """
+    terms = [library.term(i) for i in chosen]
+    sizes = np.array([t.size for t in terms])
+    starts = np.cumsum([0, *sizes[:-1]])
+    products = np.zeros((int(sizes.sum()), int(sizes.sum())), dtype=np.float32)
+    for c, state in states.items():
+        here = [i for i, t in enumerate(terms) if c in t.columns]
+        if here:
+            columns = np.hstack([terms[i].columns[c] for i in here])
+            at = np.concatenate([np.arange(starts[i], starts[i] + sizes[i]) for i in here])
+            whitened = _whitened(state, level[c], columns) / scatter[c]
+            products[np.ix_(at, at)] += whitened
+    for i, entry in enumerate(chosen):
+        # Each entry's own columns become orthonormal: what is left are cosines.
+        part = slice(starts[i], starts[i] + sizes[i])
+        root = inverse_roots(known[entry].own[None], np.full(1, NOTHING_SEEN))[0][0]
+        products[part] = root.T @ products[part]
+        products[:, part] = products[:, part] @ root
+    shares = np.add.reduceat(np.add.reduceat(products**2, starts, axis=0), starts, axis=1)
+    families = np.array([t.candidate.family for t in terms])
+    shares[families[:, None] == families[None, :]] = 0.0
+    shares = (shares / sizes[:, None]).clip(0.0, 1.0)
+    best = shares.argmax(axis=1)
+    return {
+        entry: Overlap(float(shares[i, best[i]]), chosen[best[i]] if shares[i, best[i]] else None)
+        for i, entry in enumerate(chosen)
+    }
+
+
+def _whitened(state: State, level: int, columns: FloatArray) -> NDArray[np.float32]:
+    """Multiply columns with each other beside visits and maps, in short numbers: (m, m)."""
+    moments = moments_of(state.fixed.channel, columns, state.fixed.cells)
+    taken = state.levels[level].shadow(
+        moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
+    )
+    here = state.cells[state.fixed.channel.cells][state.fixed.channel.block]
+    own, shadow = columns[here].astype(np.float32), taken.astype(np.float32)
+    found: NDArray[np.float32] = own.T @ own - shadow.T @ shadow
+    return found

@@ -1,0 +1,172 @@
+"""Noise as the null model would make it: the same draws throughout a search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.arrays import FloatArray
+from app.search.channel import Channel
+from app.search.moments import Fixed, Moments, moments_of
+from app.search.state import State
+
+WORD: Final = 2**32
+"""Seeds are not negative; numbers of channels may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Draws of the values in one channel, whose likelihood is asked for.
+
+    Parameters
+    ----------
+    with_nuisance : ndarray, shape (p, m)
+        Nuisance and given columns times the values.
+    reduced : ndarray, shape (b, 1 + q, m)
+        Shapes times the values, each visit.
+    square : ndarray, shape (m,)
+        Sums of squares.
+    shift : ndarray, shape (b, 1 + q, m)
+        The visits' drawn shifts and tilts.
+    maps : ndarray, shape (p, m)
+        The drawn errors of the maps, in their standard deviations.
+    size : ndarray, shape (m,)
+        The drawn repeatability, in scales.
+    """
+
+    with_nuisance: FloatArray
+    reduced: FloatArray
+    square: FloatArray
+    shift: FloatArray
+    maps: FloatArray
+    size: FloatArray
+
+
+@dataclass(eq=False)
+class Draws:
+    """Unit draws of everything that scatters, from one seed.
+
+    Parameters
+    ----------
+    seed
+        Of the draws.
+    count
+        How many.
+    """
+
+    seed: int
+    count: int
+    _moments: dict[int, tuple[Moments, FloatArray]] = field(default_factory=dict)
+    _noise: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+
+    def noise(self, fixed: Fixed) -> NDArray[np.float32]:
+        """Draw the repeatability of each row of a channel, once; in short numbers.
+
+        Parameters
+        ----------
+        fixed
+            The channel.
+
+        Returns
+        -------
+        ndarray, shape (n, B)
+        """
+        number = fixed.channel.number
+        if number not in self._noise:
+            random = np.random.default_rng([self.seed, 0, number % WORD])
+            shape = (len(fixed.channel.rows), self.count)
+            self._noise[number] = random.standard_normal(shape, dtype=np.float32)
+        return self._noise[number]
+
+    def products(self, fixed: Fixed, columns: FloatArray) -> FloatArray:
+        """Multiply columns with the drawn noise.
+
+        Parameters
+        ----------
+        fixed
+            The channel.
+        columns : ndarray, shape (n, m)
+
+        Returns
+        -------
+        ndarray, shape (m, B)
+        """
+        return np.asarray(columns.T.astype(np.float32) @ self.noise(fixed), dtype=np.float64)
+
+    def response(self, state: State) -> Response:
+        """Scale the unit draws to what the null model says of a channel.
+
+        The visit variances of each draw are themselves drawn from their profile
+        likelihood: with few visits they are known poorly, and a threshold from the best
+        fit alone would be too low whenever that fit happens to be small.
+
+        Parameters
+        ----------
+        state
+            The channel, on all cells.
+
+        Returns
+        -------
+        Response
+        """
+        fixed, channel = state.fixed, state.fixed.channel
+        random = np.random.default_rng([self.seed, 1, channel.number % WORD])
+        shape = (len(channel.starts), channel.shapes.shape[1], self.count)
+        level = _drawn_levels(state.null, random.random(self.count))
+        root = np.sqrt(channel.variances[level]).transpose(1, 2, 0)
+        root[channel.free, 0] = 0.0
+        shift = random.standard_normal(shape) * root
+        maps = self._maps(channel, random.standard_normal((channel.nuisance.shape[1], self.count)))
+        size = np.sqrt(state.scatter(state.rss))[level]
+        return self._combined(state, fixed, shift, maps, size)
+
+    def _maps(self, channel: Channel, own: FloatArray) -> FloatArray:
+        """Draw the maps' errors: where channels share a map, one and the same for all."""
+        if not channel.shared.nnz:
+            return own
+        random = np.random.default_rng([self.seed, 2])
+        of_entries = random.standard_normal((channel.shared.shape[0], self.count))
+        drawn = np.asarray(channel.shared.T @ of_entries)
+        is_shared = np.bincount(channel.shared.indices, minlength=channel.shared.shape[1]) > 0
+        return np.where(is_shared[:, None], drawn, own)
+
+    def _combined(
+        self, state: State, fixed: Fixed, shift: FloatArray, maps: FloatArray, size: FloatArray
+    ) -> Response:
+        noise, square = self._noise_moments(fixed)
+        channel = fixed.channel
+        own, crossed = fixed.nuisance.nuisance.sum(axis=0), fixed.nuisance.reduced
+        visits = channel.gram @ shift
+        taken_up = np.einsum("bqp,bqm->pm", crossed, shift)
+        with_nuisance = noise.nuisance.sum(axis=0).T + taken_up + own @ maps
+        reduced = noise.reduced + visits + crossed @ maps
+        squares = (
+            square
+            + np.sum(shift * (2.0 * noise.reduced + visits), axis=(0, 1))
+            + np.sum(
+                maps * (2.0 * noise.nuisance.sum(axis=0).T + own @ maps + 2.0 * taken_up), axis=0
+            )
+        )
+        if state.given is not None:
+            columns = state.given.columns
+            given = moments_of(channel, columns, fixed.cells)
+            lower = columns.T @ self.noise(fixed) + given.nuisance.sum(axis=0) @ maps
+            lower += np.einsum("bqg,bqm->gm", given.reduced, shift)
+            with_nuisance = np.vstack([with_nuisance, lower])
+        return Response(with_nuisance * size, reduced * size, squares * size**2, shift, maps, size)
+
+    def _noise_moments(self, fixed: Fixed) -> tuple[Moments, FloatArray]:
+        number = fixed.channel.number
+        if number not in self._moments:
+            noise = self.noise(fixed).astype(np.float64)
+            found = moments_of(fixed.channel, noise, fixed.cells)
+            self._moments[number] = (found, np.sum(noise**2, axis=0))
+        return self._moments[number]
+
+
+def _drawn_levels(null: FloatArray, uniform: FloatArray) -> np.ndarray:
+    weights = np.exp(null - null.max())
+    return np.searchsorted(np.cumsum(weights) / weights.sum(), uniform).clip(max=len(null) - 1)

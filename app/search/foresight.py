@@ -1,0 +1,199 @@
+"""What a model learned on some visits says of others: residuals, and a slope for each term."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from app.arrays import BoolArray, FloatArray
+from app.search.findings import Slope
+from app.search.joint_fit import Fit, fit_terms
+from app.search.problem import Problem, Term
+from app.search.state import Given, State
+from app.search.visit_scatter import factors
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A model fitted on some visits.
+
+    Parameters
+    ----------
+    terms
+        Its terms.
+    fit
+        Their fit.
+    states
+        Channel to state on the visits that taught it, without terms.
+    """
+
+    terms: Sequence[Term]
+    fit: Fit
+    states: Mapping[int, State]
+
+    def effect(self, channel: int) -> FloatArray:
+        """Predict what the terms alone do to all rows of a channel, in repeatabilities.
+
+        Parameters
+        ----------
+        channel
+            The channel.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        count = len(self.states[channel].fixed.channel.rows)
+        return effect_of(self.terms, self.fit, channel, count)
+
+    def prediction(self, channel: int) -> FloatArray:
+        """Predict all rows of a channel: refitted maps and terms, in repeatabilities.
+
+        Parameters
+        ----------
+        channel
+            The channel.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        state = self.states[channel]
+        effect = self.effect(channel)
+        level = state.levels[self.fit.level[channel]]
+        own = state.fixed.channel
+        if not own.nuisance.shape[1]:
+            return effect
+        left = (own.values - effect)[:, None]
+        seen = own.by_cell(own.nuisance, left, state.fixed.cells)[state.cells].sum(axis=0)
+        lower = level.shadow(seen, own.reduce(left)[state.blocks])[-len(seen) :]
+        entries = solve_triangular(level.root, lower, lower=True, trans=1)
+        return np.asarray(effect + own.nuisance @ entries[:, 0])
+
+
+def learn(states: Mapping[int, State], terms: Sequence[Term]) -> Learned:
+    """Fit terms on some visits.
+
+    Parameters
+    ----------
+    states
+        Channel to state on those visits, without terms.
+    terms
+        The terms.
+
+    Returns
+    -------
+    Learned
+    """
+    return Learned(terms, fit_terms(states, terms), states)
+
+
+def effect_of(terms: Sequence[Term], fit: Fit, channel: int, count: int) -> FloatArray:
+    """Add up what terms do to a channel.
+
+    Parameters
+    ----------
+    terms
+        The terms.
+    fit
+        Their amplitudes.
+    channel
+        The channel.
+    count
+        Its number of rows.
+
+    Returns
+    -------
+    ndarray, shape (n,), in repeatabilities
+    """
+    found, start = np.zeros(count), 0
+    for term in terms:
+        if channel in term.columns:
+            found += term.columns[channel] @ fit.amplitudes[start : start + term.size]
+        start += term.size
+    return found
+
+
+def calibration_slope(problem: Problem, learned: Learned, number: int, held: BoolArray) -> Slope:
+    """Regress what held-out visits show of a term on what was predicted of it.
+
+    The predicted contribution is what the term changes in the whole prediction, with the
+    maps refitted on either side: maps that make room for a false effect cancel it, and a
+    slope taken beside them would confirm anything. Maps and other terms keep the
+    uncertainty that the teaching visits left them.
+
+    Parameters
+    ----------
+    problem
+        The campaign.
+    learned
+        The model.
+    number
+        Which of its terms.
+    held : ndarray, shape (cells,)
+        Which cells were held out.
+
+    Returns
+    -------
+    Slope
+        With information 0 where the held-out visits do not excite the term.
+    """
+    others = [t for i, t in enumerate(learned.terms) if i != number]
+    touched = {c for t in learned.terms for c in t.columns}
+    without = learn({c: s for c, s in learned.states.items() if c in touched}, others)
+    measured = information = 0.0
+    for channel in without.states:
+        if held[problem.fixed[channel].channel.cells].any():
+            change = learned.prediction(channel) - without.prediction(channel)
+            seen = _seen(without, channel, change, held)
+            measured, information = measured + seen[0], information + seen[1]
+    if information <= 1e-9:
+        return Slope(0.0, float("inf"), 0.0)
+    return Slope(measured / information, float(information**-0.5), information)
+
+
+def _seen(
+    without: Learned, channel: int, change: FloatArray, held: BoolArray
+) -> tuple[float, float]:
+    """Give f'Ω⁻¹q and f'Ω⁻¹f of one channel: predicted change f, what is left without it q."""
+    state = _beside(without, channel)
+    fixed, level = state.fixed.channel, without.fit.level[channel]
+    columns = fixed.nuisance
+    if state.given is not None:
+        columns = np.hstack([columns, state.given.columns])
+    left = fixed.values - without.prediction(channel)
+    inner = _whitened_products(state, level, np.column_stack([change, left, columns]), held)
+    root = state.levels[level].root
+    taken = np.zeros((2, 2))
+    if len(root):
+        stiff = cho_factor(root @ root.T + inner[2:, 2:])
+        taken = inner[2:, :2].T @ cho_solve(stiff, inner[2:, :2])
+    product = (inner[:2, :2] - taken) / without.fit.scatter[channel]
+    return float(product[0, 1]), float(product[0, 0])
+
+
+def _beside(without: Learned, channel: int) -> State:
+    """Look at a channel with the other terms free: they too are known but so well."""
+    state = without.states[channel]
+    mine = [t.columns[channel] for t in without.terms if channel in t.columns]
+    if not mine:
+        return state
+    columns = np.hstack(mine)
+    given = Given(columns, np.zeros(columns.shape[1]), np.zeros(len(columns)))
+    return State(state.fixed, state.cells, given)
+
+
+def _whitened_products(
+    state: State, level: int, columns: FloatArray, held: BoolArray
+) -> FloatArray:
+    """Multiply columns over the held-out rows, each visit weighted by its own scatter."""
+    channel = state.fixed.channel
+    blocks = held[channel.cells]
+    factor, _ = factors(channel.gram[blocks], channel.variances[level][blocks])
+    turned = (factor @ channel.reduce(columns)[blocks]).reshape(-1, columns.shape[1])
+    kept = columns[blocks[channel.block]]
+    found: FloatArray = kept.T @ kept - turned.T @ turned
+    return found

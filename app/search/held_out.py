@@ -1,0 +1,113 @@
+"""What is left on visits that the prediction has not seen, beside the noise floor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.search.channel import Channel
+from app.search.figures import figure
+from app.search.findings import HeldOut
+from app.search.joint_fit import Fit
+from app.search.problem import Problem
+from app.search.state import State
+from app.search.validation import Validation
+
+MOST_SAY: Final = 6.0
+"""Log likelihood by which one channel may speak against a common set-up scatter."""
+
+
+def held_out_figures(
+    problem: Problem, fit: Fit, typical: Mapping[int, int], checked: Validation, seed: int
+) -> dict[int, HeldOut]:
+    """Sum up what is left of every channel, in its unit.
+
+    Where a visit's zero is unknown, its mean is taken off.
+
+    Parameters
+    ----------
+    problem
+        The campaign.
+    fit
+        The final model: its scatter is the floor where none was declared.
+    typical
+        Channel to the set-up scatter that is usual in this campaign (`typical_level`).
+    checked
+        Predictions for held-out rows.
+    seed
+        Of the intervals.
+
+    Returns
+    -------
+    dict
+        Channel to figures; empty where nothing was held out.
+    """
+    found: dict[int, HeldOut] = {}
+    for c, fixed in problem.fixed.items():
+        channel = fixed.channel
+        seen = np.isfinite(checked.after[channel.rows])
+        if not seen.any():
+            continue
+        left = channel.scale * _left(channel, checked.after[channel.rows])[seen]
+        visit = channel.visits[channel.block][seen]
+        floor = channel.scale**2 * _floor(problem, channel, fit, typical[c])[seen]
+        found[c] = HeldOut(
+            rows=len(visit),
+            visits=len(np.unique(visit)),
+            after=figure(left, visit, seed),
+            floor=float(np.sqrt(np.mean(floor))),
+        )
+    return found
+
+
+def _left(channel: Channel, predicted: FloatArray) -> FloatArray:
+    left = channel.values - predicted
+    counts = np.diff(np.append(channel.starts, len(left)))
+    means = np.add.reduceat(left, channel.starts) / counts
+    return np.asarray(left - np.where(channel.free, means, 0.0)[channel.block])
+
+
+def typical_level(states: Mapping[int, State]) -> dict[int, int]:
+    """Find the set-up scatter that most channels agree on, each in its repeatabilities.
+
+    One channel whose visits scatter much more than those of all others does so for a cause;
+    its own fit would take that for its set-up.
+
+    Parameters
+    ----------
+    states
+        Channel to state, with the found terms.
+
+    Returns
+    -------
+    dict
+        Channel to its set of visit variances.
+    """
+    found: dict[int, int] = {}
+    for size in {len(s.levels) for s in states.values()}:
+        same = {c: s for c, s in states.items() if len(s.levels) == size}
+        # No channel may outvote the others by more than so much.
+        votes = sum(np.maximum(s.null - s.null.max(), -MOST_SAY) for s in same.values())
+        found |= dict.fromkeys(same, int(np.argmax(votes)))
+    return found
+
+
+def _floor(problem: Problem, channel: Channel, fit: Fit, typical: int) -> FloatArray:
+    """Give each row's variance from repeatability and set-up alone, in scales squared."""
+    declared = problem.rows.noise.get(channel.number)
+    known = declared is not None and declared.setup_shift is not None
+    level = channel.declared if known else typical
+    variances = np.where(
+        channel.free[:, None] & (np.arange(channel.shapes.shape[1]) == 0),
+        0.0,
+        channel.variances[level],
+    )
+    # Beside a stated repeatability the fitted one may hide what is unexplained.
+    stated = declared is not None and declared.repeatability is not None
+    scatter = 1.0 if known or stated else fit.scatter[channel.number]
+    return np.asarray(
+        scatter * (1.0 + np.sum(channel.shapes**2 * variances[channel.block], axis=1))
+    )

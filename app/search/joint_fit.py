@@ -1,0 +1,204 @@
+"""All chosen terms at once, in all channels: amplitudes, their covariance, the likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.search.problem import Term
+from app.search.state import State
+
+ROUNDS: Final = 25
+REST: Final = 1e-7
+"""The log likelihood rests when it rises by less."""
+
+RANK: Final = 1e-9
+"""Directions with less information than this, relative, are not fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Terms fitted together.
+
+    Parameters
+    ----------
+    log_likelihood
+        Over all channels, visit variances and repeatabilities profiled.
+    amplitudes : ndarray, shape (k,)
+        For columns of unit length, all terms one after the other.
+    covariance : ndarray, shape (k, k)
+        Their covariance.
+    level
+        Channel to the set of visit variances that fits best.
+    scatter
+        Channel to the variance of one observation, over the square of its scale.
+    """
+
+    log_likelihood: float
+    amplitudes: FloatArray
+    covariance: FloatArray
+    level: Mapping[int, int]
+    scatter: Mapping[int, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """What one channel says about the amplitudes, for each set of visit variances."""
+
+    state: State
+    index: IntArray
+    gram: FloatArray
+    slope: FloatArray
+
+    def best(self, amplitudes: FloatArray) -> tuple[float, int, float]:
+        """Profile visit variances and repeatability at given amplitudes."""
+        a = amplitudes[self.index]
+        rss = self.state.rss - 2.0 * self.slope @ a + (self.gram @ a) @ a
+        found = np.array([self.state.log_likelihood(i, r) for i, r in enumerate(rss)])
+        level = int(found.argmax())
+        return float(found[level]), level, float(self.state.scatter(rss[level]))
+
+    def alone(self) -> tuple[int, float]:
+        """Profile with this channel's own amplitudes."""
+        gains = np.einsum("li,lij,lj->l", self.slope, inverse(self.gram), self.slope)
+        rss = self.state.rss - gains
+        found = np.array([self.state.log_likelihood(i, r) for i, r in enumerate(rss)])
+        level = int(found.argmax())
+        return level, float(self.state.scatter(rss[level]))
+
+
+def fit_terms(states: Mapping[int, State], terms: Sequence[Term]) -> Fit:
+    """Fit terms together by maximum likelihood.
+
+    Parameters
+    ----------
+    states
+        Channel to its state, without given terms.
+    terms
+        The terms; none: the null model.
+
+    Returns
+    -------
+    Fit
+
+    Notes
+    -----
+    Amplitudes by generalised least squares at the current visit variances and
+    repeatabilities, then those at the current amplitudes, until the likelihood rests.
+    Started from each channel's own best and from the null model: with one channel for
+    each term the first start is the answer already.
+    """
+    shares = {
+        c: share_of(s, terms) for c, s in states.items() if any(c in t.columns for t in terms)
+    }
+    null = {c: _null(s) for c, s in states.items()}
+    width = sum(t.size for t in terms)
+    alone = {c: s.alone() for c, s in shares.items()}
+    starts = [alone]
+    if any(len(t.columns) > 1 for t in terms):
+        starts.append({c: null[c][1:] for c in shares})
+    fits = [_rest(shares, width, s) for s in starts]
+    best = max(fits, key=lambda f: f.log_likelihood)
+    rest = {c: n for c, n in null.items() if c not in shares}
+    return Fit(
+        best.log_likelihood + sum(n[0] for n in rest.values()),
+        best.amplitudes,
+        best.covariance,
+        {c: best.level[c] if c in shares else null[c][1] for c in states},
+        {c: best.scatter[c] if c in shares else null[c][2] for c in states},
+    )
+
+
+def _null(state: State) -> tuple[float, int, float]:
+    level = int(state.null.argmax())
+    return float(state.null[level]), level, float(state.scatter(state.rss[level]))
+
+
+def share_of(state: State, terms: Sequence[Term]) -> Share:
+    """Gather what one channel says about the amplitudes of terms.
+
+    Parameters
+    ----------
+    state
+        The channel.
+    terms
+        All terms, also those that do not act on it.
+
+    Returns
+    -------
+    Share
+    """
+    fixed, number = state.fixed, state.fixed.channel.number
+    offsets = np.cumsum([0, *(t.size for t in terms)])
+    mine = [(o, t) for o, t in zip(offsets, terms, strict=False) if number in t.columns]
+    levels = len(state.levels)
+    if not mine:
+        return Share(state, np.zeros(0, np.intp), np.zeros((levels, 0, 0)), np.zeros((levels, 0)))
+    index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
+    columns = np.hstack([t.columns[number] for _, t in mine])
+    parts = [t.moments(fixed) for _, t in mine]
+    square = fixed.channel.by_cell(columns, columns, fixed.cells)[state.cells].sum(axis=0)
+    nuisance = np.hstack([m.nuisance[state.cells].sum(axis=0).T for m in parts])
+    values = np.concatenate([m.values[state.cells].sum(axis=0) for m in parts])
+    reduced = np.concatenate([m.reduced[state.blocks] for m in parts], axis=2)
+    shadows = [level.shadow(nuisance, reduced) for level in state.levels]
+    gram = np.stack([square - s.T @ s for s in shadows])
+    slope = np.stack(
+        [values - (s.T @ y)[:, 0] for s, y in zip(shadows, state.shadows, strict=True)]
+    )
+    return Share(state, index, gram, slope)
+
+
+def inverse(gram: FloatArray) -> FloatArray:
+    """Invert information matrices on what they inform about.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (..., k, k)
+
+    Returns
+    -------
+    ndarray, shape (..., k, k)
+
+    Examples
+    --------
+    >>> inverse(np.array([[4.0, 0.0], [0.0, 0.0]])).tolist()
+    [[0.25, 0.0], [0.0, 0.0]]
+    """
+    if not gram.size:
+        return gram
+    values, vectors = np.linalg.eigh(gram)
+    keep = values > RANK * np.maximum(values.max(axis=-1, keepdims=True), 1e-30)
+    scale = np.where(keep, 1.0 / np.where(keep, values, 1.0), 0.0)
+    found: FloatArray = (vectors * scale[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return found
+
+
+def _rest(shares: Mapping[int, Share], width: int, start: Mapping[int, tuple[int, float]]) -> Fit:
+    """Alternate until the likelihood rests."""
+    setting, before = dict(start), -np.inf
+    for _ in range(ROUNDS):
+        information, slope = np.zeros((width, width)), np.zeros(width)
+        for c, share in shares.items():
+            level, scatter = setting[c]
+            information[np.ix_(share.index, share.index)] += share.gram[level] / scatter
+            slope[share.index] += share.slope[level] / scatter
+        covariance = inverse(information) if width else information
+        amplitudes = covariance @ slope
+        found = {c: s.best(amplitudes) for c, s in shares.items()}
+        total = sum(f[0] for f in found.values())
+        setting = {c: f[1:] for c, f in found.items()}
+        if total - before < REST:
+            break
+        before = total
+    return Fit(
+        total,
+        amplitudes,
+        covariance,
+        {c: s[0] for c, s in setting.items()},
+        {c: s[1] for c, s in setting.items()},
+    )

@@ -1,0 +1,99 @@
+"""Products of columns with everything that is fixed in a channel: the rows are read once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.search.channel import Channel
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Products of some columns A with the nuisance J, the values y and the visits' shapes Z.
+
+    Parameters
+    ----------
+    nuisance : ndarray, shape (cells, m, p)
+        A'J within each cell.
+    values : ndarray, shape (cells, m)
+        A'y within each cell.
+    reduced : ndarray, shape (b, 1 + q, m)
+        Z'A within each visit.
+    """
+
+    nuisance: FloatArray
+    values: FloatArray
+    reduced: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """A channel and the products among what no candidate changes.
+
+    Parameters
+    ----------
+    channel
+        The channel.
+    cells
+        How many cells there are.
+    nuisance
+        Products of J; its own `nuisance` is J'J.
+    values
+        Products of y, as a single column.
+    square : ndarray, shape (cells,)
+        y'y within each cell.
+    """
+
+    channel: Channel
+    cells: int
+    nuisance: Moments
+    values: Moments
+    square: FloatArray
+
+
+def moments_of(channel: Channel, columns: FloatArray, cells: int) -> Moments:
+    """Multiply columns with everything that is fixed in a channel.
+
+    Parameters
+    ----------
+    channel
+        The channel.
+    columns : ndarray, shape (n, m)
+        In its order of rows, in repeatabilities.
+    cells
+        How many cells there are.
+
+    Returns
+    -------
+    Moments
+    """
+    right = np.column_stack([channel.nuisance, channel.values])
+    products = channel.by_cell(columns, right, cells)
+    return Moments(products[..., :-1], products[..., -1], channel.reduce(columns))
+
+
+def fixed_of(channel: Channel, cells: int) -> Fixed:
+    """Multiply what no candidate changes with itself.
+
+    Parameters
+    ----------
+    channel
+        The channel.
+    cells
+        How many cells there are.
+
+    Returns
+    -------
+    Fixed
+    """
+    y = channel.values[:, None]
+    return Fixed(
+        channel,
+        cells,
+        moments_of(channel, channel.nuisance, cells),
+        moments_of(channel, y, cells),
+        channel.by_cell(y, y, cells)[:, 0, 0],
+    )

@@ -1,0 +1,131 @@
+"""Repeatability of a channel: declared, from replicates, or from what the residuals leave."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
+from app.search.figures import rms
+from app.search.rows import DeclaredNoise, Rows
+
+ENOUGH_REPLICATES: Final = 5
+"""Degrees of freedom below which replicates say too little about the scatter."""
+
+LEANT: Final = 20
+"""So many degrees of freedom the replicates of channels that are alike count for at most."""
+
+NORMAL: Final = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+class Repeatability(NamedTuple):
+    """Scatter of one observation, where it comes from, and what it counts for."""
+
+    value: float
+    origin: str
+    weight: float
+
+
+def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
+    """Find the repeatability of one channel.
+
+    Parameters
+    ----------
+    rows
+        The residuals.
+    channel
+        The channel.
+    use : ndarray, shape (n,)
+        Which rows take part.
+
+    Returns
+    -------
+    Repeatability
+        Origin is `declared`, `replicates` or `residuals`.
+    """
+    declared = rows.noise.get(channel, DeclaredNoise()).repeatability
+    if declared is not None:
+        return Repeatability(declared, "declared", DECLARED_WEIGHT)
+    variance, freedom = pure_error(rows, channel, use)
+    if freedom >= ENOUGH_REPLICATES and variance > 0:
+        return _leaning(rows, channel, use, variance, freedom)
+    return Repeatability(_within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT)
+
+
+def _leaning(
+    rows: Rows, channel: int, use: BoolArray, variance: float, freedom: int
+) -> Repeatability:
+    """Let few replicates lean on those of the channels that are alike."""
+    name = rows.alike.get(channel)
+    others = [c for c, n in rows.alike.items() if n == name and c != channel] if name else []
+    pooled = [pure_error(rows, c, use) for c in others]
+    count = sum(f for _, f in pooled)
+    if not count:
+        return Repeatability(float(np.sqrt(variance)), "replicates", ESTIMATED_WEIGHT)
+    common = sum(v * f for v, f in pooled) / count
+    leant = min(LEANT, count)
+    value = (variance * freedom + common * leant) / (freedom + leant)
+    return Repeatability(float(np.sqrt(value)), "replicates", POOLED_WEIGHT)
+
+
+def pure_error(rows: Rows, channel: int, use: BoolArray) -> tuple[float, int]:
+    """Pool the variance of replicates about their means.
+
+    Parameters
+    ----------
+    rows
+        The residuals.
+    channel
+        The channel.
+    use : ndarray, shape (n,)
+        Which rows take part.
+
+    Returns
+    -------
+    variance : float
+        In the channel's unit, squared; 0 without replicates.
+    freedom : int
+        Its degrees of freedom.
+    """
+    mine = use & (rows.channel == channel) & (rows.replicate >= 0)
+    if not mine.any():
+        return 0.0, 0
+    keys = np.column_stack([rows.visit[mine], rows.replicate[mine]])
+    _, group = np.unique(keys, axis=0, return_inverse=True)
+    left = deviations(rows.values[mine], group.ravel())
+    freedom = int(mine.sum() - (group.max() + 1))
+    return (float(np.sum(left**2)) / freedom if freedom else 0.0), freedom
+
+
+def deviations(values: FloatArray, group: np.ndarray) -> FloatArray:
+    """Take the mean of its group off each value.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    group : ndarray, shape (n,)
+        Numbers of the groups, from 0.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> deviations(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 1]))
+    array([-1.,  1.,  0.])
+    """
+    counts = np.maximum(np.bincount(group), 1)
+    return np.asarray(values - (np.bincount(group, weights=values) / counts)[group])
+
+
+def _within_visits(rows: Rows, channel: int, use: BoolArray) -> float:
+    """Take a first guess, robustly; the fit of the maps refines it."""
+    mine = use & (rows.channel == channel)
+    _, group = np.unique(rows.visit[mine], return_inverse=True)
+    left = deviations(rows.values[mine], group.ravel())
+    guess = NORMAL * float(np.median(np.abs(left)))
+    return guess or rms(left) or rms(rows.values[mine]) or 1.0

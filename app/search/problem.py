@@ -1,0 +1,222 @@
+"""The whole campaign made ready: its channels, its cells of visits, and candidates as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.errors import InvalidContent
+from app.search.candidate import Candidate, Part
+from app.search.channel import Channel, prepare
+from app.search.moments import Fixed, Moments, fixed_of, moments_of
+from app.search.noise import repeatability
+from app.search.rows import Nuisance, Rows
+from app.search.state import State
+
+
+@dataclass(eq=False)
+class Term:
+    """A candidate at one value of its nonlinear parameter, as columns of unit length.
+
+    Parameters
+    ----------
+    candidate
+        The candidate.
+    theta
+        Its nonlinear parameter.
+    columns
+        Channel to columns, shape (n, k), in repeatabilities, divided by `norms`.
+    norms : ndarray, shape (k,)
+        Length of each column over all channels; 0: nothing excites it.
+    theta_error
+        Standard error of theta; None where theta stays on the grid.
+    """
+
+    candidate: Candidate
+    theta: float | None
+    columns: Mapping[int, FloatArray]
+    norms: FloatArray
+    theta_error: float | None = None
+    _moments: dict[int, Moments] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """How many amplitudes it has."""
+        return len(self.norms)
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """The channels it acts on."""
+        return tuple(sorted(self.columns))
+
+    def moments(self, fixed: Fixed) -> Moments:
+        """Multiply its columns in one channel, once.
+
+        Parameters
+        ----------
+        fixed
+            The channel.
+
+        Returns
+        -------
+        Moments
+        """
+        number = fixed.channel.number
+        if number not in self._moments:
+            self._moments[number] = moments_of(fixed.channel, self.columns[number], fixed.cells)
+        return self._moments[number]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A campaign ready to be searched.
+
+    Parameters
+    ----------
+    rows
+        As the caller gave them.
+    fixed
+        Channel to its products.
+    cells
+        How many cells of visits there are.
+    place : ndarray, shape (n,)
+        Where each of the caller's rows stands in its channel; −1: takes no part.
+    """
+
+    rows: Rows
+    fixed: Mapping[int, Fixed]
+    cells: int
+    place: IntArray
+    _origins: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """How many rows take part."""
+        return int((self.place >= 0).sum())
+
+    def states(self, cells: BoolArray) -> dict[int, State]:
+        """Look at every channel on some cells, without terms.
+
+        Parameters
+        ----------
+        cells : ndarray, shape (cells,)
+            Which cells take part.
+
+        Returns
+        -------
+        dict
+            Channel to state; channels without rows in these cells are left out.
+        """
+        return {c: State(f, cells) for c, f in self.fixed.items() if cells[f.channel.cells].any()}
+
+    def term(self, candidate: Candidate, theta: float | None) -> Term:
+        """Evaluate a candidate on all rows that take part.
+
+        Parameters
+        ----------
+        candidate
+            The candidate.
+        theta
+            Its nonlinear parameter.
+
+        Returns
+        -------
+        Term
+        """
+        columns: dict[int, FloatArray] = {}
+        for part in candidate.columns(theta):
+            if part.channel not in self.fixed:
+                continue
+            own = self._laid_out(candidate, part) / self.fixed[part.channel].channel.scale
+            known = columns.get(part.channel)
+            columns[part.channel] = own if known is None else known + own
+        return _unit_length(candidate, theta, columns)
+
+    def _laid_out(self, candidate: Candidate, part: Part) -> FloatArray:
+        """Put a part's rows where they stand in its channel; most parts have the same rows."""
+        rows, origin = self._origins.get(part.channel, (None, None))
+        if rows is not part.rows or origin is None:
+            origin = self._origin(candidate, part)
+            self._origins[part.channel] = part.rows, origin
+        absent = len(part.rows)
+        if origin.max(initial=0) < absent:
+            return part.columns[origin]
+        return np.vstack([part.columns, np.zeros((1, part.columns.shape[1]))])[origin]
+
+    def _origin(self, candidate: Candidate, part: Part) -> IntArray:
+        """Say which row of a part each row of its channel is; the one after its last: none."""
+        if (self.rows.channel[part.rows] != part.channel).any():
+            raise InvalidContent.of_field(
+                candidate.key, f"expected rows of channel {part.channel}, came rows of others"
+            )
+        found = np.full(len(self.fixed[part.channel].channel.rows), len(part.rows), dtype=np.intp)
+        here = self.place[part.rows]
+        found[here[here >= 0]] = np.flatnonzero(here >= 0)
+        return found
+
+
+def make_problem(
+    rows: Rows,
+    nuisance: Sequence[Nuisance],
+    use: BoolArray,
+    cell_of: dict[int, int],
+    cells: int,
+) -> Problem:
+    """Make a campaign ready.
+
+    Parameters
+    ----------
+    rows, nuisance
+        As the caller gives them.
+    use : ndarray, shape (n,)
+        Which rows take part.
+    cell_of
+        Visit to cell.
+    cells
+        How many cells there are.
+
+    Returns
+    -------
+    Problem
+    """
+    fixed: dict[int, Fixed] = {}
+    place = np.full(len(rows.values), -1, dtype=np.intp)
+    for number in np.unique(rows.channel[use]).tolist():
+        channel = _prepared(rows, nuisance, number, use, cell_of)
+        fixed[number] = fixed_of(channel, cells)
+        place[channel.rows] = np.arange(len(channel.rows))
+    return Problem(rows, fixed, cells, place)
+
+
+def _prepared(
+    rows: Rows, nuisance: Sequence[Nuisance], number: int, use: BoolArray, cell_of: dict[int, int]
+) -> Channel:
+    """Scale by the repeatability; one that is only guessed is guessed again from the fit."""
+    known = repeatability(rows, number, use)
+    channel = prepare(rows, nuisance, number, known.value, known.weight, use, cell_of)
+    if known.origin != "residuals":
+        return channel
+    state = State(
+        fixed_of(channel, 1 + max(cell_of.values())), np.ones(1 + max(cell_of.values()), bool)
+    )
+    best = int(np.argmax(state.null))
+    value = known.value * float(np.sqrt(state.scatter(state.rss[best])))
+    return prepare(rows, nuisance, number, value, known.weight, use, cell_of)
+
+
+def _unit_length(candidate: Candidate, theta: float | None, columns: dict[int, FloatArray]) -> Term:
+    if not columns:
+        return Term(candidate, theta, {}, np.zeros(1))
+    sizes = {c.shape[1] for c in columns.values()}
+    if len(sizes) > 1:
+        raise InvalidContent.of_field(
+            candidate.key, f"expected equally many columns in all channels, came {sorted(sizes)}"
+        )
+    norms = np.sqrt(sum(np.sum(c**2, axis=0) for c in columns.values()))
+    safe = np.where(norms > 0, norms, 1.0)
+    return Term(
+        candidate, theta, {n: c / safe for n, c in sorted(columns.items())}, np.asarray(norms)
+    )

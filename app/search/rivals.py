@@ -1,0 +1,126 @@
+"""What else could explain a term: the best of every family, and whether the rows can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from app.search.findings import Rival
+from app.search.joint_fit import fit_terms, inverse, share_of
+from app.search.problem import Term
+from app.search.selection import Selector, best_entries
+
+HARDLY: Final = 6.0
+"""2 ln B below which evidence is hardly more than positive (Kass and Raftery 1995)."""
+
+SAME_SIGNAL: Final = 0.95
+"""Share of a signal above which a rival is tied up to twice HARDLY."""
+
+OF_A_FAMILY: Final = 3
+"""Members of a family that are looked at closely."""
+
+REACH: Final = 40.0
+"""A coarse grid may hide so much evidence."""
+
+
+def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[tuple[Rival, Term]]:
+    """Compare one term with the best of every family in its place.
+
+    Parameters
+    ----------
+    selector
+        Holds the library and the rows that take part.
+    terms
+        All terms.
+    number
+        Which of them.
+
+    Returns
+    -------
+    list of (Rival, Term)
+        The closest first; of the term's own family only members that are tied.
+    """
+    term, others = terms[number], [t for i, t in enumerate(terms) if i != number]
+    score = np.where(selector.allowed, selector.scan(others).ratio - selector.penalty, -np.inf)
+    base = selector.fit(others).log_likelihood
+    own = selector.evidence(term, others, base)
+    found = []
+    for candidate in _candidates(selector, term, score, own):
+        rival = selector.library.term(candidate)
+        if score[candidate] > own - REACH - 0.5 * abs(own):
+            rival = selector.refined(rival, others)
+        behind = own - selector.evidence(rival, others, base)
+        share = alias_share(selector, term, rival, others)
+        found.append((_rival(rival, behind, share), rival))
+    same = term.candidate.family
+    kept = [f for f in _best_of_families(found) if f[0].tied or f[0].family != same]
+    return sorted(kept, key=lambda f: f[0].behind)
+
+
+def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Term]) -> float:
+    """Give the share of a term's fitted signal that a rival reproduces.
+
+    Parameters
+    ----------
+    selector
+        Holds the rows that take part.
+    term
+        The term.
+    rival
+        The rival.
+    others
+        Terms that stay in the model.
+
+    Returns
+    -------
+    float
+        0: nothing; 1: the rows cannot tell them apart at all.
+    """
+    near = {c: s for c, s in selector.states.items() if c in term.columns or c in rival.columns}
+    fit = fit_terms(near, [*others, term])
+    first, k = sum(t.size for t in others), term.size
+    size = first + k + rival.size
+    information = np.zeros((size, size))
+    for c, state in near.items():
+        share = share_of(state, [*others, term, rival])
+        at = np.ix_(share.index, share.index)
+        information[at] += share.gram[fit.level[c]] / fit.scatter[c]
+    crossed = information[:first, first:]
+    left = information[first:, first:] - crossed.T @ inverse(information[:first, :first]) @ crossed
+    a = fit.amplitudes[first:]
+    signal = float(a @ left[:k, :k] @ a)
+    reach = left[k:, :k] @ a
+    reproduced = float(reach @ inverse(left[k:, k:]) @ reach)
+    return float(np.clip(reproduced / signal, 0.0, 1.0)) if signal > 0 else 0.0
+
+
+def _candidates(selector: Selector, term: Term, score: np.ndarray, own: float) -> list[int]:
+    """List the best members of each family, but for the term's own candidate."""
+    library, taken = selector.library, dict[str, int]()
+    chosen = []
+    for entry in best_entries(score, selector.groups, -1e300):
+        candidate = library.candidates[library.entries[entry].candidate]
+        if candidate is term.candidate:
+            continue
+        count = taken.get(candidate.family, 0)
+        close = score[entry] > own - 2 * HARDLY - 0.2 * abs(own)
+        if count == 0 or (count < OF_A_FAMILY and close):
+            taken[candidate.family] = count + 1
+            chosen.append(entry)
+    return chosen
+
+
+def _rival(rival: Term, behind: float, share: float) -> Rival:
+    tied = behind < HARDLY or (behind < 2 * HARDLY and share > SAME_SIGNAL)
+    candidate = rival.candidate
+    return Rival(candidate.key, candidate.family, rival.theta, behind, share, tied)
+
+
+def _best_of_families(found: list[tuple[Rival, Term]]) -> list[tuple[Rival, Term]]:
+    """Keep each family's best, and everything that is tied."""
+    best: dict[str, float] = {}
+    for rival, _ in found:
+        best[rival.family] = min(best.get(rival.family, np.inf), rival.behind)
+    return [f for f in found if f[0].tied or f[0].behind <= best[f[0].family]]

@@ -1,0 +1,300 @@
+"""How much each entry would raise the likelihood: for measured values and for draws of noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.search.base_grams import BaseGrams, blocks
+from app.search.draws import Draws, Response
+from app.search.library import Batch, Library
+from app.search.small_inverse import inverse_roots
+from app.search.state import State
+
+ROUNDS: Final = 3
+"""Alternations between a fingerprint's amplitudes and the channels' variances."""
+
+ROUNDS_OF_NOISE: Final = 1
+"""Noise hardly moves the variances: more rounds change a threshold by less than 0.1 %."""
+
+BELIEVABLE: Final = 12.0
+"""Log likelihood below the best by which visit variances are not tried on draws of noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What a scan found.
+
+    Parameters
+    ----------
+    ratio : ndarray, shape (entries,)
+        Twice the rise of the log likelihood (LR).
+    noise : ndarray, shape (entries, B)
+        The same for draws of the null model.
+    rank : ndarray, shape (entries,)
+        Amplitudes that can be told from visits, maps and given terms; 0: not testable.
+    """
+
+    ratio: FloatArray
+    noise: FloatArray
+    rank: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """One channel's values, or draws of them, ready to be multiplied with any entry.
+
+    What is left of X'V⁻¹y beside visits, maps and given terms is
+    X'y − (Z'X)'`on_visits` − (J'X)'`on_nuisance`: the weights say how much of y the visits
+    and the nuisance have taken up.
+
+    Parameters
+    ----------
+    state
+        The channel, with the given terms.
+    levels : ndarray of int, shape (l,)
+        Which sets of visit variances are tried.
+    squares : ndarray, shape (l, m)
+        Squares that are left of each of the m values.
+    on_visits : ndarray, shape (b (1 + q), l m)
+        Weights of the visits' sums.
+    on_nuisance : ndarray, shape (p + given, l m)
+        Weights of the products with nuisance and given terms.
+    draws
+        What the draws are made of; None for measured values.
+    """
+
+    state: State
+    levels: IntArray
+    squares: FloatArray
+    on_visits: FloatArray
+    on_nuisance: FloatArray
+    draws: Response | None
+
+    @property
+    def null(self) -> FloatArray:
+        """Log likelihood without any entry, shape (l, m)."""
+        return self.log_likelihood(self.squares)
+
+    def log_likelihood(self, squares: FloatArray) -> FloatArray:
+        """Profile the repeatability at each of the levels; squares of shape (l, ..., m)."""
+        pairs = zip(self.levels.tolist(), squares, strict=True)
+        return np.stack([self.state.log_likelihood(i, s) for i, s in pairs])
+
+
+def scan(
+    library: Library,
+    states: Mapping[int, State],
+    draws: Draws | None = None,
+    generic: bool = False,
+    base: BaseGrams | None = None,
+    before: tuple[Mapping[int, State], Scan] | None = None,
+) -> Scan:
+    """Scan all entries, either those with a physical meaning or the generic ones.
+
+    Parameters
+    ----------
+    library
+        The entries.
+    states
+        Channel to state, with the given terms.
+    draws
+        Draws of noise (only with all cells); None: the measured values alone.
+    generic
+        Whether the generic entries are scanned, or all the others.
+    base
+        Base grams of the same cells, kept from scan to scan; computed without it.
+    before
+        States and findings of an earlier scan: entries whose channels have the same states
+        are not computed again. Without draws only.
+
+    Returns
+    -------
+    Scan
+    """
+    if base is None:
+        base = BaseGrams(library, {c: s.without_given() for c, s in states.items()})
+    count = draws.count if draws else 0
+    ratio, rank = np.zeros(len(library.entries)), np.zeros(len(library.entries))
+    noise = np.zeros((len(library.entries), count))
+    values = {c: _target(state) for c, state in states.items()}
+    drawn = {c: _drawn_target(state, draws) for c, state in states.items()} if draws else {}
+    for number, batch in enumerate(library.batches):
+        if before is not None and all(states.get(c) is before[0].get(c) for c in batch.channels):
+            ratio[batch.entries] = before[1].ratio[batch.entries]
+            rank[batch.entries] = before[1].rank[batch.entries]
+        elif batch.generic == generic and all(c in values for c in batch.channels):
+            own = [_products(library, base, number, values[c]) for c in batch.channels]
+            found, ranks = _ratios(own)
+            ratio[batch.entries], rank[batch.entries] = found[:, 0], ranks
+            if draws:
+                own = [_products(library, base, number, drawn[c]) for c in batch.channels]
+                noise[batch.entries] = _ratios(own, ROUNDS_OF_NOISE)[0]
+    return Scan(np.maximum(ratio, 0.0), np.maximum(noise, 0.0), rank)
+
+
+def _target(state: State) -> Target:
+    levels = np.arange(len(state.levels))
+    return _weighed(state, levels, state.shadows, state.rss[:, None], None)
+
+
+def _drawn_target(state: State, draws: Draws) -> Target:
+    """Draws come from believable visit variances, and are judged by those alone."""
+    levels = np.flatnonzero(state.null > state.null.max() - BELIEVABLE)
+    response = draws.response(state)
+    shadows = [
+        state.levels[i].shadow(response.with_nuisance, response.reduced) for i in levels.tolist()
+    ]
+    squares = np.stack([response.square - np.sum(s**2, axis=0) for s in shadows])
+    return _weighed(state, levels, shadows, squares, response)
+
+
+def _weighed(
+    state: State,
+    levels: IntArray,
+    shadows: Sequence[FloatArray],
+    squares: FloatArray,
+    draws: Response | None,
+) -> Target:
+    pairs = [state.levels[i].weights(s) for i, s in zip(levels.tolist(), shadows, strict=True)]
+    return Target(
+        state,
+        levels,
+        squares,
+        np.hstack([visits for visits, _ in pairs]),
+        np.hstack([nuisance for _, nuisance in pairs]),
+        draws,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """A batch in one channel: what is left of its information and its slopes at each level."""
+
+    gram: FloatArray
+    slope: FloatArray
+    floor: FloatArray
+    target: Target
+
+
+def _products(library: Library, base: BaseGrams, number: int, target: Target) -> _Products:
+    """Give gram (l, g, k, k), slope (l, g, k, m) and floor (l, g) of one batch."""
+    state, batch = target.state, library.batches[number]
+    channel = state.fixed.channel.number
+    sheet, k = batch.sheets[channel], batch.size
+    known = base.of(number, channel)
+    moments = sheet.moments
+    reduced = moments.reduced[state.blocks].reshape(-1, moments.reduced.shape[2])
+    with_nuisance = moments.nuisance[state.cells].sum(axis=0)
+    gram, floor = known.gram[target.levels], known.floor[target.levels]
+    with_given, with_values = _given_products(library, batch, target)
+    if with_given is not None:
+        with_nuisance = np.hstack([with_nuisance, with_given])
+        gram = gram - _taken(target, reduced, with_nuisance, k)
+    taken = reduced.T @ target.on_visits + with_nuisance @ target.on_nuisance
+    count = len(target.levels)
+    slope = with_values[:, None, :] - taken.reshape(len(taken), count, -1)
+    shaped = slope.transpose(1, 0, 2).reshape(count, -1, k, slope.shape[2])
+    return _Products(gram, shaped, floor, target)
+
+
+def _given_products(
+    library: Library, batch: Batch, target: Target
+) -> tuple[FloatArray | None, FloatArray]:
+    """Give products with given terms (g k, given), None without, and with the values (g k, m)."""
+    state, use = target.state, target.state.cells
+    sheet = batch.sheets[state.fixed.channel.number]
+    values = sheet.moments.values[use].sum(axis=0)[:, None]
+    with_given = None
+    if state.given is not None:
+        channel = state.fixed.channel
+        right = np.column_stack([state.given.columns, state.given.offset])
+        right = right * use[channel.cells][channel.block][:, None]
+        products = library.columns(batch, channel.number).T @ right
+        with_given, values = products[:, :-1], values - products[:, -1:]
+    if target.draws is None:
+        return with_given, values
+    drawn = target.draws
+    noise = sheet.noise + np.tensordot(sheet.moments.reduced, drawn.shift, ((0, 1), (0, 1)))
+    noise += sheet.moments.nuisance.sum(axis=0) @ drawn.maps
+    return with_given, noise * drawn.size
+
+
+def _taken(target: Target, reduced: FloatArray, with_nuisance: FloatArray, k: int) -> FloatArray:
+    """Give what given terms take of the information, shape (l, g, k, k)."""
+    given = target.state.given
+    assert given is not None
+    found = []
+    for i in target.levels.tolist():
+        visits, nuisance = target.state.levels[i].rows_of_last(given.columns.shape[1])
+        found.append(blocks(visits @ reduced + nuisance @ with_nuisance.T, k))
+    return np.stack(found)
+
+
+def _ratios(products: list[_Products], rounds: int = ROUNDS) -> tuple[FloatArray, FloatArray]:
+    return _alone(products[0]) if len(products) == 1 else _together(products, rounds)
+
+
+def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
+    """Profile the visit variances of entries that act on one channel, exactly."""
+    target, rank = products.target, np.zeros(products.gram.shape[1])
+    squares = []
+    for i, (gram, slope) in enumerate(zip(products.gram, products.slope, strict=True)):
+        root, ranks = inverse_roots(gram, products.floor[i])
+        squares.append(target.squares[i] - np.sum((root.transpose(0, 2, 1) @ slope) ** 2, axis=1))
+        rank = np.maximum(rank, ranks)
+    best = target.log_likelihood(np.stack(squares)).max(axis=0)
+    return 2.0 * (best - target.null.max(axis=0)), rank
+
+
+def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, FloatArray]:
+    """Fit one set of amplitudes to several channels, alternating with their variances."""
+    nulls = [p.target.null for p in products]
+    g = products[0].gram.shape[1]
+    level = [np.broadcast_to(n.argmax(axis=0), (g, n.shape[1])) for n in nulls]
+    scatter = [
+        p.target.state.scatter(np.take_along_axis(p.target.squares, at[:1], 0)) * np.ones((g, 1))
+        for p, at in zip(products, level, strict=True)
+    ]
+    total = np.zeros(0)
+    rank = np.zeros(g)
+    for _ in range(rounds):
+        amplitudes, rank = _amplitudes(products, level, scatter)
+        found = [_best(p, amplitudes) for p in products]
+        level, scatter = [f[1] for f in found], [f[2] for f in found]
+        total = np.sum([f[0] for f in found], axis=0)
+    return 2.0 * (total - np.sum([n.max(axis=0) for n in nulls], axis=0)), rank
+
+
+def _amplitudes(
+    products: list[_Products], level: list[IntArray], scatter: list[FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Solve for every entry and draw; shape (g, m, k)."""
+    g, m = level[0].shape
+    k = products[0].slope.shape[2]
+    information, slope, floor = np.zeros((g, m, k, k)), np.zeros((g, m, k)), np.zeros((g, m))
+    each, all_m = np.arange(g)[:, None], np.arange(m)[None, :]
+    for p, at, size in zip(products, level, scatter, strict=True):
+        information += p.gram[at, each] / size[..., None, None]
+        floor += p.floor[at, each] / size
+        slope += p.slope[at, each, :, all_m] / size[..., None]
+    root, ranks = inverse_roots(information.reshape(g * m, k, k), floor.ravel())
+    solved = root @ (root.transpose(0, 2, 1) @ slope.reshape(g * m, k, 1))
+    return solved.reshape(g, m, k), ranks.reshape(g, m)[:, 0]
+
+
+def _best(p: _Products, amplitudes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Profile one channel's variances at given amplitudes; each of shape (g, m)."""
+    squares = []
+    for i, (gram, slope) in enumerate(zip(p.gram, p.slope, strict=True)):
+        pull = (amplitudes @ gram) - 2.0 * slope.transpose(0, 2, 1)
+        squares.append(p.target.squares[i] + np.sum(pull * amplitudes, axis=2))
+    stacked = np.stack(squares)
+    found = p.target.log_likelihood(stacked)
+    level = found.argmax(axis=0)
+    left = np.take_along_axis(stacked, level[None], 0)[0]
+    return found.max(axis=0), level, p.target.state.scatter(left)

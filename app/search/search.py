@@ -1,0 +1,326 @@
+"""The search: what the residuals hold beside noise, how sure that is, and what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.errors import InvalidContent
+from app.search.adequacy import adequacy
+from app.search.candidate import Candidate
+from app.search.detectability import smallest_effects
+from app.search.draws import Draws
+from app.search.findings import (
+    ChannelNoise,
+    Detectable,
+    Excluded,
+    Findings,
+    FoundTerm,
+    HeldOut,
+    Unexplained,
+    Untested,
+    Verdict,
+)
+from app.search.foresight import learn
+from app.search.held_out import held_out_figures, typical_level
+from app.search.joint_fit import Fit
+from app.search.leverage import leverage
+from app.search.library import Library, read_library
+from app.search.noise import repeatability
+from app.search.problem import Problem, Term, make_problem
+from app.search.refinement import refine
+from app.search.rivals import find_rivals
+from app.search.rows import Nuisance, Rows
+from app.search.screening import screen
+from app.search.selection import Selection, Selector
+from app.search.splits import Splits, split_visits
+from app.search.validation import Rivals, Validation, status_of, validate
+from app.search.visit_scatter import FEWEST_VISITS
+
+FALSE_ALARM: Final = 0.01
+"""Accepted probability that anything is found in noise."""
+
+DRAWS: Final = 200
+"""Draws of noise behind the threshold."""
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(eq=False)
+class _Course:
+    """Tells how far the search is, never backwards."""
+
+    progress: Progress | None
+    share: float = 0.0
+
+    def __call__(self, share: float, words: str) -> None:
+        self.share = max(self.share, min(share, 1.0))
+        if self.progress is not None:
+            self.progress(self.share, words)
+
+
+def search(
+    rows: Rows,
+    nuisance: Sequence[Nuisance],
+    candidates: Sequence[Candidate],
+    *,
+    holdout_fraction: float,
+    seed: int = 0,
+    false_alarm: float = FALSE_ALARM,
+    most_terms: int = 4,
+    progress: Progress | None = None,
+) -> Findings:
+    """Search residuals for the effects that a model lacks.
+
+    All visits together decide what is found; then the whole search is repeated with
+    every fold of visits held out in turn, which gives the figures before and after, the
+    calibration slopes and how often each term is found again.
+
+    Parameters
+    ----------
+    rows
+        Residuals: measured minus predicted.
+    nuisance
+        The maps' own freedom.
+    candidates
+        What may be lacking; generic ones only say that something is left.
+    holdout_fraction
+        Share of the visits held out each time: one fold for each 1/share.
+    seed
+        Of all draws; the same rows, candidates and seed give the same findings.
+    false_alarm
+        Accepted probability that anything is found in noise.
+    most_terms
+        Most terms.
+    progress
+        Told the share done, 0 to 1, never falling, and what is being done.
+
+    Returns
+    -------
+    Findings
+
+    Raises
+    ------
+    InvalidContent
+        If two candidates have one key, or a share is not between 0 and 1.
+    """
+    _refuse(candidates, holdout_fraction, false_alarm)
+    course = _Course(progress)
+    course(0.0, "screening rows")
+
+    def choose(use: BoolArray) -> tuple[Splits, Draws, Selector, Selection]:
+        draws = Draws(seed, DRAWS)
+        splits = split_visits(rows.visit[use], rows.channel[use], holdout_fraction)
+        problem = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
+        library = read_library(
+            problem, candidates, draws, lambda s: course(0.02 + 0.33 * s, "reading candidates")
+        )
+        everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
+        selector = Selector(
+            library, everything, allowed, false_alarm, most_terms, lambda: course(0.35, "searching")
+        )
+        return splits, draws, selector, selector.select(draws)
+
+    use, excluded = screen(rows, nuisance)
+    splits, draws, selector, main = choose(use)
+    # What an effect had hidden, by making all values scatter, shows beside it.
+    left = replace(rows, values=rows.values - _explained(selector, main.terms))
+    closer, excluded_closer = screen(left, nuisance) if main.terms else (use, excluded)
+    if (use & ~closer).any():
+        use, excluded = closer, excluded_closer
+        splits, draws, selector, main = choose(use)
+    library, allowed, problem = selector.library, selector.allowed, selector.library.problem
+    course(0.55, "comparing rivals")
+    main.terms = _in_order(selector, main.terms)
+    rivals = [find_rivals(selector, main.terms, i) for i in range(len(main.terms))]
+    course(0.65, "holding visits out")
+    checked = validate(
+        library,
+        splits,
+        main,
+        allowed,
+        rivals,
+        lambda s: course(0.65 + 0.25 * s, "holding visits out"),
+    )
+    course(0.9, "looking for what is left")
+    fit = selector.fit(main.terms)
+    typical = typical_level(selector.given(main.terms))
+    held_out = held_out_figures(problem, fit, typical, checked, seed)
+    remains = adequacy(selector, main.terms, fit, use, draws, held_out)
+    course(0.95, "summing up")
+    outcome = _Outcome(selector, main, fit, rivals, checked)
+    answer = _answer(outcome, use, excluded, held_out, remains)
+    course(1.0, "done")
+    return answer
+
+
+def _explained(selector: Selector, terms: Sequence[Term]) -> FloatArray:
+    """Say what terms explain of each of the caller's rows, in the channels' own units."""
+    learned = learn(selector.states, terms)
+    found = np.zeros(len(selector.library.problem.place))
+    for c, state in learned.states.items():
+        channel = state.fixed.channel
+        found[channel.rows] = learned.effect(c) * channel.scale
+    return found
+
+
+class _Outcome(NamedTuple):
+    """What was chosen on all visits, with its rivals, and what held-out visits say of it."""
+
+    selector: Selector
+    main: Selection
+    fit: Fit
+    rivals: Rivals
+    checked: Validation
+
+
+def _answer(
+    outcome: _Outcome,
+    use: BoolArray,
+    excluded: Sequence[Excluded],
+    held_out: Mapping[int, HeldOut],
+    left: Sequence[Unexplained],
+) -> Findings:
+    """Write everything down, in the channels' own units."""
+    selector, main, fit, _, checked = outcome
+    library = selector.library
+    terms = tuple(_found(outcome, number) for number in range(len(main.terms)))
+    return Findings(
+        verdict=Verdict.UNEXPLAINED if left else Verdict.FOUND if terms else Verdict.NOTHING,
+        terms=terms,
+        unexplained=tuple(left),
+        noise=_noise(library.problem, fit, use),
+        held_out=held_out,
+        global_p=main.stages[0].global_p,
+        excluded=tuple(excluded),
+        untested=tuple(_untested(library, main.stages[0].rank)),
+        detectable=tuple(_detectable(selector, fit, main)),
+        predicted=_in_own_unit(library.problem, checked.after),
+        adopted=_in_own_unit(library.problem, checked.adopted),
+    )
+
+
+def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alarm: float) -> None:
+    keys = [c.key for c in candidates]
+    twice = sorted({k for k in keys if keys.count(k) > 1}) if len(set(keys)) < len(keys) else []
+    if twice:
+        raise InvalidContent.of_field(
+            "candidates", f"expected different keys, came twice: {twice[0]}"
+        )
+    for name, share in (("holdout_fraction", holdout_fraction), ("false_alarm", false_alarm)):
+        if not 0 < share < 1:
+            raise InvalidContent.of_field(name, f"expected a share between 0 and 1, came {share:g}")
+
+
+def _testable(library: Library) -> BoolArray:
+    """Say which entries may be chosen: with few visits only what one visit excites."""
+    visits = _visits_of_entries(library)
+    allowed = np.zeros(len(library.entries), dtype=bool)
+    for i, entry in enumerate(library.entries):
+        candidate = library.candidates[entry.candidate]
+        enough = candidate.within_visit or visits[i] >= FEWEST_VISITS
+        allowed[i] = entry.excited and enough and not candidate.generic
+    return allowed
+
+
+def _untested(library: Library, rank: FloatArray) -> list[Untested]:
+    """List candidates that no value of their grid could be tested for, and why."""
+    visits = _visits_of_entries(library)
+    most: dict[int, tuple[float, int]] = {}
+    for i, entry in enumerate(library.entries):
+        known = most.get(entry.candidate, (0.0, 0))
+        most[entry.candidate] = (max(known[0], rank[i]), max(known[1], int(visits[i])))
+    found = []
+    for number, (testable, count) in most.items():
+        candidate = library.candidates[number]
+        few = count < FEWEST_VISITS and not candidate.within_visit
+        if not testable and not candidate.generic:
+            found.append(Untested(candidate.key, "not-excited"))
+        elif few and not candidate.generic:
+            found.append(Untested(candidate.key, "few-visits", FEWEST_VISITS, count))
+    return found
+
+
+def _visits_of_entries(library: Library) -> IntArray:
+    """Count the visits behind every entry: the most of any channel it acts on."""
+    found = np.zeros(len(library.entries), dtype=np.intp)
+    for batch in library.batches:
+        counts = [len(library.problem.fixed[c].channel.starts) for c in batch.channels]
+        found[batch.entries] = max(counts)
+    return found
+
+
+def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
+    """Put the strongest first, with the standard errors of nonlinear parameters."""
+    strength = [-selector.evidence(t, terms[:i] + terms[i + 1 :]) for i, t in enumerate(terms)]
+    order = [terms[i] for i in np.argsort(strength, kind="stable")]
+    return [
+        refine(
+            selector.library.problem, selector.states, t, order[:i] + order[i + 1 :], errors=True
+        )
+        for i, t in enumerate(order)
+    ]
+
+
+def _found(outcome: _Outcome, number: int) -> FoundTerm:
+    selector, main, fit, rivals, checked = outcome
+    term = main.terms[number]
+    others = main.terms[:number] + main.terms[number + 1 :]
+    start = sum(t.size for t in main.terms[:number])
+    part = slice(start, start + term.size)
+    norms = np.where(term.norms > 0, term.norms, np.inf)
+    ratio = 2.0 * (fit.log_likelihood - selector.fit(others).log_likelihood)
+    strongest, share = leverage(selector, main.terms, number)
+    slope, inclusion = checked.slope(number), checked.inclusion(number)
+    return FoundTerm(
+        key=term.candidate.key,
+        family=term.candidate.family,
+        channels=term.channels,
+        theta=term.theta,
+        theta_error=term.theta_error,
+        amplitudes=fit.amplitudes[part] / norms,
+        covariance=fit.covariance[part, part] / np.outer(norms, norms),
+        likelihood_ratio=ratio,
+        degrees_of_freedom=term.size + term.candidate.nonlinear,
+        evidence=ratio - selector.cost(term),
+        global_p=main.stages[min(number, len(main.stages) - 1)].global_p,
+        rivals=tuple(r for r, _ in rivals[number]),
+        slope=slope,
+        forward_slope=checked.forward[number],
+        inclusion=inclusion,
+        status=status_of(slope, checked.forward[number], inclusion, ratio, share),
+        strongest_visits=strongest,
+        leverage=share,
+    )
+
+
+def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise]:
+    found = {}
+    for c, fixed in problem.fixed.items():
+        channel, known = fixed.channel, repeatability(problem.rows, c, use)
+        found[c] = ChannelNoise(
+            repeatability=channel.scale,
+            origin=known.origin,
+            fitted=channel.scale * float(np.sqrt(fit.scatter[c])),
+            visits=len(channel.starts),
+            rows=len(channel.rows),
+        )
+    return found
+
+
+def _detectable(selector: Selector, fit: Fit, main: Selection) -> list[Detectable]:
+    limit = 10.0 ** -main.stages[0].limit.surprise
+    known = (selector.library, selector.states, fit.level, fit.scatter, selector.allowed)
+    return smallest_effects(*known, limit, rivals=False)
+
+
+def _in_own_unit(problem: Problem, predicted: FloatArray) -> FloatArray:
+    found = np.full(len(predicted), np.nan)
+    for fixed in problem.fixed.values():
+        rows = fixed.channel.rows
+        found[rows] = predicted[rows] * fixed.channel.scale
+    return found

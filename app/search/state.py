@@ -1,0 +1,253 @@
+"""One channel on some of the visits: what is left of any columns after maps and visits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from app.arrays import BoolArray, FloatArray
+from app.search.moments import Fixed, moments_of
+from app.search.visit_scatter import factors
+
+JITTER = 1e-10
+"""Keeps two equal given columns from breaking the factorisation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Terms that are in the model already, as columns beside the nuisance.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, g)
+        Their columns in one channel.
+    precision : ndarray, shape (g,)
+        0: entirely free; else 1/variance of what is still open about their amplitudes.
+    offset : ndarray, shape (n,)
+        What they explain already.
+    """
+
+    columns: FloatArray
+    precision: FloatArray
+    offset: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A channel under one set of visit variances.
+
+    For any two sets of columns A and B, what is left of A'V⁻¹B once nuisance and given
+    terms are fitted is A'B − shadow(A)'shadow(B).
+    """
+
+    factor: FloatArray
+    turned: FloatArray
+    root: FloatArray
+    inverse_root: FloatArray
+    constant: float
+
+    def shadow(self, with_nuisance: FloatArray, reduced: FloatArray) -> FloatArray:
+        """Give the part of columns that visits and nuisance can take up.
+
+        Parameters
+        ----------
+        with_nuisance : ndarray, shape (p, m)
+            Nuisance and given columns times the columns.
+        reduced : ndarray, shape (b, 1 + q, m)
+            Shapes times the columns, each visit.
+
+        Returns
+        -------
+        ndarray, shape (b (1 + q) + p, m)
+        """
+        turned = self.turn(reduced)
+        return np.vstack([turned, self.inverse_root @ (with_nuisance - self.turned.T @ turned)])
+
+    def weights(self, shadow: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Say how a shadow enters products with other columns' shadows.
+
+        shadow(X)'shadow(y) = (Z'X)'`visits` + (J'X)'`nuisance`: the costly part, X's own
+        shadow, need not be formed.
+
+        Parameters
+        ----------
+        shadow : ndarray, shape (b (1 + q) + p, m)
+
+        Returns
+        -------
+        visits : ndarray, shape (b (1 + q), m)
+        nuisance : ndarray, shape (p, m)
+        """
+        first = len(self.turned)
+        nuisance = self.inverse_root.T @ shadow[first:]
+        return self._turned_back(shadow[:first] - self.turned @ nuisance), nuisance
+
+    def rows_of_last(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Give the last rows of the shadow as weights of sums over visits and of products.
+
+        Parameters
+        ----------
+        count
+            How many.
+
+        Returns
+        -------
+        visits : ndarray, shape (count, b (1 + q))
+        nuisance : ndarray, shape (count, p)
+        """
+        nuisance = self.inverse_root[len(self.inverse_root) - count :]
+        return -self._turned_back(self.turned @ nuisance.T).T, nuisance
+
+    def _turned_back(self, turned: FloatArray) -> FloatArray:
+        """Apply the transposed factors, visit by visit."""
+        blocks, shapes, _ = self.factor.shape
+        split = turned.reshape(blocks, shapes, -1)
+        return np.asarray(self.factor.transpose(0, 2, 1) @ split).reshape(turned.shape)
+
+    def turn(self, reduced: FloatArray) -> FloatArray:
+        """Apply the visits' factors to sums over the visits.
+
+        Parameters
+        ----------
+        reduced : ndarray, shape (b, 1 + q, m)
+
+        Returns
+        -------
+        ndarray, shape (b (1 + q), m)
+        """
+        return _turn(self.factor, reduced)
+
+
+@dataclass(eq=False)
+class State:
+    """One channel on some cells of visits, with the terms that are given.
+
+    Parameters
+    ----------
+    fixed
+        The channel with its products.
+    cells : ndarray, shape (cells,)
+        Which cells take part.
+    given
+        Terms in the model already.
+    """
+
+    fixed: Fixed
+    cells: BoolArray
+    given: Given | None = None
+    blocks: BoolArray = field(init=False)
+    count: int = field(init=False)
+    levels: list[Level] = field(init=False)
+    rss: FloatArray = field(init=False)
+    shadows: list[FloatArray] = field(init=False)
+
+    def __post_init__(self) -> None:
+        channel = self.fixed.channel
+        self.blocks = self.cells[channel.cells]
+        sizes = np.diff(np.append(channel.starts, len(channel.rows)))
+        self.count = int(sizes[self.blocks].sum())
+        with_nuisance, reduced, square = self._products_of_values()
+        own, own_reduced, precision = self._products_of_nuisance()
+        self.levels = [
+            self._level(i, own, own_reduced, precision) for i in range(len(channel.prior))
+        ]
+        self.shadows = [level.shadow(with_nuisance, reduced) for level in self.levels]
+        self.rss = np.array([square - float(np.sum(s**2)) for s in self.shadows])
+
+    def without_given(self) -> State:
+        """Look at the same channel and cells without given terms."""
+        return self if self.given is None else State(self.fixed, self.cells)
+
+    @property
+    def freedom(self) -> float:
+        """Rows, and what the repeatability counts for by itself."""
+        return self.count + self.fixed.channel.weight
+
+    @cached_property
+    def null(self) -> FloatArray:
+        """Log likelihood at each set of visit variances, shape (L,)."""
+        return np.array([self.log_likelihood(i, rss) for i, rss in enumerate(self.rss)])
+
+    def log_likelihood(self, level: int, rss: FloatArray) -> FloatArray:
+        """Profile the repeatability out of the likelihood.
+
+        Parameters
+        ----------
+        level
+            Which visit variances.
+        rss : ndarray, shape (...)
+            Squares that are left.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
+        scale = np.maximum(rss + self.fixed.channel.weight, 1e-12) / self.freedom
+        found: FloatArray = -0.5 * self.freedom * np.log(scale) + self.levels[level].constant
+        return found
+
+    def scatter(self, rss: FloatArray) -> FloatArray:
+        """Estimate the variance of one observation, over the square of the scale.
+
+        Parameters
+        ----------
+        rss : ndarray, shape (...)
+            Squares that are left.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
+        found: FloatArray = np.maximum(rss + self.fixed.channel.weight, 1e-12) / self.freedom
+        return found
+
+    def _products_of_nuisance(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        fixed, use = self.fixed, self.cells
+        own = fixed.nuisance.nuisance[use].sum(axis=0)
+        reduced = fixed.nuisance.reduced[self.blocks]
+        precision = np.ones(len(own))
+        if self.given is None:
+            return own, reduced, precision
+        columns = self.given.columns
+        extra = moments_of(fixed.channel, columns, fixed.cells)
+        corner = extra.nuisance[use].sum(axis=0)
+        square = fixed.channel.by_cell(columns, columns, fixed.cells)[use].sum(axis=0)
+        square = square + np.diag(np.diag(square) * JITTER + 1e-12)
+        return (
+            np.block([[own, corner.T], [corner, square]]),
+            np.concatenate([reduced, extra.reduced[self.blocks]], axis=2),
+            np.append(precision, self.given.precision),
+        )
+
+    def _products_of_values(self) -> tuple[FloatArray, FloatArray, float]:
+        fixed, use = self.fixed, self.cells
+        channel = fixed.channel
+        if self.given is None:
+            with_nuisance = fixed.values.nuisance[use].sum(axis=0).T
+            return with_nuisance, fixed.values.reduced[self.blocks], float(fixed.square[use].sum())
+        left = (channel.values - self.given.offset)[:, None]
+        both = np.column_stack([channel.nuisance, self.given.columns, left])
+        products = channel.by_cell(both, left, fixed.cells)[use].sum(axis=0)
+        return products[:-1], channel.reduce(left)[self.blocks], float(products[-1, 0])
+
+    def _level(self, i: int, own: FloatArray, reduced: FloatArray, precision: FloatArray) -> Level:
+        channel = self.fixed.channel
+        factor, log_det = factors(channel.gram[self.blocks], channel.variances[i][self.blocks])
+        turned = _turn(factor, reduced)
+        root = np.asarray(
+            np.linalg.cholesky(own - turned.T @ turned + np.diag(precision)), dtype=np.float64
+        )
+        p = channel.nuisance.shape[1]
+        half_log_det = 0.5 * log_det.sum() + np.log(np.diag(root)[:p]).sum()
+        inverse_root: FloatArray = np.zeros_like(root)
+        if len(root):
+            inverse_root[:] = solve_triangular(root, np.eye(len(root)), lower=True)
+        return Level(factor, turned, root, inverse_root, float(channel.prior[i] - half_log_det))
+
+
+def _turn(factor: FloatArray, reduced: FloatArray) -> FloatArray:
+    blocks, shapes, columns = reduced.shape
+    return np.asarray(factor @ reduced).reshape(blocks * shapes, columns)

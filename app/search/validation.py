@@ -1,0 +1,245 @@
+"""The whole search again without each fold of visits: honest figures, slopes, how often found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.search.findings import Rival, Slope, Status
+from app.search.foresight import Learned, calibration_slope, learn
+from app.search.library import Library
+from app.search.problem import Term
+from app.search.selection import Selection, Selector
+from app.search.splits import Splits
+
+SURE: Final = 2.33
+"""Standard errors that a slope must lie above 0: one per cent, one-sided."""
+
+COMPATIBLE: Final = 3.0
+"""Standard errors within which a slope must lie around 1."""
+
+NEAR: Final = 10.0
+"""Likelihood ratio on all visits below which no fold would choose an entry."""
+
+OFTEN_FOUND: Final = 0.5
+ON_FEW_VISITS: Final = 0.8
+"""Leverage from which leaving out a fold may leave nothing to find."""
+
+Rivals = Sequence[Sequence[tuple[Rival, Term]]]
+"""For each term, its rivals."""
+
+
+@dataclass(eq=False)
+class Validation:
+    """What held-out visits say.
+
+    Parameters
+    ----------
+    after, adopted : ndarray, shape (n,)
+        Predicted part of each of the caller's rows, in repeatabilities; nan: not held out.
+        `after` has the terms and refitted maps, `adopted` the terms alone.
+    slopes
+        For each term, one slope for every fold that found it again.
+    folds
+        How many folds there were.
+    forward
+        For each term, the slope on the last visits; None: not found on the earlier ones.
+    """
+
+    after: FloatArray
+    adopted: FloatArray
+    slopes: list[list[Slope]]
+    folds: int
+    forward: list[Slope | None] = field(default_factory=list)
+
+    def slope(self, number: int) -> Slope | None:
+        """Pool a term's slopes, each by its information.
+
+        Parameters
+        ----------
+        number
+            Which term.
+
+        Returns
+        -------
+        Slope or None
+        """
+        slopes = self.slopes[number]
+        information = sum(s.information for s in slopes)
+        if information <= 0:
+            return None
+        value = sum(s.value * s.information for s in slopes) / information
+        return Slope(value, information**-0.5, information)
+
+    def inclusion(self, number: int) -> float | None:
+        """Give the share of folds that found a term again."""
+        return len(self.slopes[number]) / self.folds if self.folds else None
+
+
+def validate(
+    library: Library,
+    splits: Splits,
+    main: Selection,
+    allowed: BoolArray,
+    rivals: Rivals,
+    step: Callable[[float], None],
+) -> Validation:
+    """Hold out every fold in turn, and the last visits where a term is a trend.
+
+    Thresholds are those of the whole campaign: the library is the same.
+
+    Parameters
+    ----------
+    library
+        All entries.
+    splits
+        The folds.
+    main
+        What all visits together say.
+    allowed : ndarray, shape (entries,)
+        Which entries may be chosen.
+    rivals
+        For each term, its rivals: a fold that finds a tied one has found the same thing.
+    step
+        Told how far it is.
+
+    Returns
+    -------
+    Validation
+    """
+    n = len(library.problem.rows.values)
+    found = Validation(
+        after=np.full(n, np.nan),
+        adopted=np.full(n, np.nan),
+        slopes=[[] for _ in main.terms],
+        folds=splits.folds,
+    )
+    library = _near(library, main)
+    for fold in range(splits.folds):
+        step(fold / (splits.folds + 1))
+        held = splits.fold(fold)
+        learned = _learned(library, ~held, main, allowed)
+        for number, match in enumerate(_matches(learned.terms, main.terms, rivals)):
+            if match is not None:
+                slope = calibration_slope(library.problem, learned, match, held)
+                found.slopes[number].append(slope)
+        for c, state in learned.states.items():
+            channel = state.fixed.channel
+            mine = held[channel.cells][channel.block]
+            found.after[channel.rows[mine]] = learned.prediction(c)[mine]
+            found.adopted[channel.rows[mine]] = learned.effect(c)[mine]
+    found.forward = _forward(library, splits, main, allowed, rivals)
+    return found
+
+
+def status_of(
+    slope: Slope | None,
+    forward: Slope | None,
+    inclusion: float | None,
+    evidence: float,
+    leverage: float,
+) -> Status:
+    """Judge a term by what held-out visits show of it.
+
+    Parameters
+    ----------
+    slope
+        Pooled over the folds; None: never found again.
+    forward
+        On the last visits, for a trend.
+    inclusion
+        Share of folds that found it again; None: there were no folds.
+    evidence
+        Its likelihood ratio: how well its size itself is known.
+    leverage
+        Share of its evidence on two visits.
+
+    Returns
+    -------
+    Status
+
+    Examples
+    --------
+    >>> status_of(Slope(0.95, 0.1, 100.0), None, 1.0, 120.0, 0.2)
+    <Status.CONFIRMED: 'confirmed'>
+    >>> status_of(Slope(0.1, 0.1, 100.0), None, 1.0, 120.0, 0.2)
+    <Status.SUSPECTED: 'suspected'>
+    >>> status_of(Slope(0.0, 1.0, 1.0), None, 1.0, 120.0, 0.2)
+    <Status.NOT_CONFIRMABLE: 'not-confirmable'>
+    """
+    if slope is None or slope.information < SURE**2:
+        excited = inclusion is not None and slope is None and leverage < ON_FEW_VISITS
+        return Status.SUSPECTED if excited else Status.NOT_CONFIRMABLE
+    judged = [slope]
+    if forward is not None and forward.information >= SURE**2:
+        judged.append(forward)
+    held = all(_holds(s, evidence) for s in judged) and (inclusion or 0.0) >= OFTEN_FOUND
+    return Status.CONFIRMED if held else Status.SUSPECTED
+
+
+def _holds(slope: Slope, evidence: float) -> bool:
+    error = np.sqrt(slope.error**2 + 1.0 / max(evidence, 1.0))
+    return slope.value > SURE * slope.error and abs(slope.value - 1.0) < COMPATIBLE * error
+
+
+def _near(library: Library, main: Selection) -> Library:
+    """Keep the entries that a part of the visits could ever choose.
+
+    What falls short by far on all visits does not pass a threshold on fewer.
+    """
+    largest = np.max([stage.ratio for stage in main.stages], axis=0)
+    return library.take(largest >= NEAR)
+
+
+def _learned(library: Library, train: BoolArray, main: Selection, allowed: BoolArray) -> Learned:
+    if not main.terms:
+        return learn(library.problem.states(train), [])
+    selector = Selector(library, train, allowed, 0.0, len(main.terms))
+    terms = selector.select(None, main.stages).terms
+    return learn(selector.states, terms)
+
+
+def _matches(terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals) -> list[int | None]:
+    """Find the terms that a fold found in the place of each term; none serves for two."""
+    tied = [{rival.key for rival, _ in own if rival.tied} for own in rivals]
+    pairs = sorted(
+        (unlikeness, i, number)
+        for number, term in enumerate(wanted)
+        for i, other in enumerate(terms)
+        if (unlikeness := _unlikeness(other, term, tied[number])) is not None
+    )
+    found: list[int | None] = [None] * len(wanted)
+    for _, i, number in pairs:
+        if found[number] is None and i not in found:
+            found[number] = i
+    return found
+
+
+def _unlikeness(other: Term, term: Term, tied: Collection[str]) -> tuple[int, float] | None:
+    """Order what may stand for a term: itself, by its nonlinear parameter, then ties, then kin."""
+    if other.candidate.key == term.candidate.key:
+        return 0, abs((other.theta or 0.0) - (term.theta or 0.0))
+    if other.candidate.key in tied:
+        return 1, 0.0
+    near = set(other.columns) & set(term.columns)
+    return (2, 0.0) if near and other.candidate.family == term.candidate.family else None
+
+
+def _forward(
+    library: Library, splits: Splits, main: Selection, allowed: BoolArray, rivals: Rivals
+) -> list[Slope | None]:
+    if splits.folds < 2 or not any(t.candidate.trending for t in main.terms):
+        return [None] * len(main.terms)
+    late = splits.late()
+    learned = _learned(library, ~late, main, allowed)
+    matches = _matches(learned.terms, main.terms, rivals)
+    return [
+        calibration_slope(library.problem, learned, match, late)
+        if match is not None and term.candidate.trending
+        else None
+        for term, match in zip(main.terms, matches, strict=True)
+    ]

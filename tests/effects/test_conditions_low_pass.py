@@ -1,0 +1,100 @@
+"""The first-order low-pass against its exact solution and scipy's filter."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
+
+from app.effects.low_pass import Hold, LagState, low_pass, low_pass_at
+
+TAU = 900.0
+
+
+def test_even_steps_held_agree_with_scipy():
+    rng = np.random.default_rng(1)
+    u = rng.normal(20.0, 3.0, 400)
+    a = np.exp(-60.0 / TAU)
+    # y[n] = a y[n−1] + (1 − a) u[n−1], at rest in the first reading.
+    found = low_pass(np.arange(400) * 60.0, u, TAU, Hold.PREVIOUS).outputs
+    shifted = lfilter([0.0, 1.0 - a], [1.0, -a], u - u[0]) + u[0]
+    np.testing.assert_allclose(found, shifted, rtol=1e-12)
+
+
+def test_even_steps_linear_agree_with_scipy():
+    rng = np.random.default_rng(2)
+    u = rng.normal(0.0, 1.0, 300)
+    h = 60.0
+    a, r = np.exp(-h / TAU), TAU / h * (1 - np.exp(-h / TAU))
+    # First-order hold: y[n] = a y[n−1] + (1 − r) u[n] + (r − a) u[n−1].
+    expected = lfilter([1.0 - r, r - a], [1.0, -a], u - u[0]) + u[0]
+    np.testing.assert_allclose(low_pass(np.arange(300) * h, u, TAU).outputs, expected, atol=1e-12)
+
+
+def test_step_and_ramp_are_exact_at_irregular_times():
+    times = np.array([0.0, 10.0, 200.0, 777.0, 3000.0])
+    ramp = low_pass(times, 0.01 * times, TAU).outputs
+    np.testing.assert_allclose(ramp, 0.01 * (times - TAU * (1 - np.exp(-times / TAU))), atol=1e-12)
+    step = low_pass(times, np.array([0.0, 1, 1, 1, 1]), TAU, Hold.PREVIOUS).outputs
+    after = np.maximum(times - 10.0, 0.0)
+    np.testing.assert_allclose(step, 1 - np.exp(-after / TAU), atol=1e-12)
+
+
+def test_irregular_readings_agree_with_an_integrator():
+    rng = np.random.default_rng(4)
+    times = np.cumsum(rng.uniform(20.0, 400.0, 40))
+    u = rng.normal(20.0, 2.0, 40)
+    found = low_pass(times, u, TAU)
+    wanted = np.sort(rng.uniform(times[0], times[-1], 30))
+    solution = solve_ivp(
+        lambda t, y: (np.interp(t, times, u) - y) / TAU,
+        (times[0], times[-1]),
+        [u[0]],
+        t_eval=wanted,
+        rtol=1e-10,
+        atol=1e-10,
+        max_step=20.0,
+    )
+    between = low_pass_at(found._replace(since_s=np.full(40, -1e9)), wanted, TAU)
+    np.testing.assert_allclose(between, solution.y[0], atol=1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(1.0, 500.0), min_size=2, max_size=30), st.sampled_from(list(Hold)))
+def test_the_live_filter_continues_the_recorded_one(steps, hold):
+    times = np.cumsum(steps)
+    u = np.cos(times / 300.0)
+    recorded = low_pass(times, u, TAU, hold, max_gap_s=600.0).outputs
+    state = LagState.start(TAU, times[0], u[0], hold)
+    for t, value, output in zip(times[1:], u[1:], recorded[1:], strict=True):
+        state = state.update(float(t), float(value), max_gap_s=600.0)
+        assert state.value == pytest.approx(output, abs=1e-12)
+
+
+def test_five_time_constants_are_needed():
+    times = np.arange(0.0, 6 * TAU, 60.0)
+    found = low_pass(times, np.ones(times.size), TAU)
+    late = low_pass_at(
+        found, np.array([5 * TAU - 1.0, 5 * TAU, times[-1] + 700.0]), TAU, max_gap_s=600.0
+    )
+    assert np.isnan(late).tolist() == [True, False, True]
+    state = LagState.start(TAU, 0.0, 1.0)
+    assert np.isnan(state.at(5 * TAU - 1.0))
+    assert state.at(5 * TAU) == 1.0
+
+
+def test_a_long_gap_begins_anew_and_a_short_one_is_bridged():
+    times = np.concatenate([np.arange(0.0, 10000.0, 60.0), np.arange(20000.0, 30000.0, 60.0)])
+    u = np.where(times < 15000.0, 0.0, 1.0)
+    found = low_pass(times, u, TAU, max_gap_s=600.0)
+    assert found.outputs[-1] == 1.0
+    assert found.since_s[-1] == 20000.0
+    bridged = low_pass(times, u, 50000.0, max_gap_s=600.0)
+    assert bridged.since_s[-1] == 0.0
+    assert 0.0 < bridged.outputs[-1] < 0.5
+
+
+def test_a_reading_that_is_not_newer_changes_nothing():
+    state = LagState.start(TAU, 100.0, 20.0)
+    assert state.update(100.0, 99.0) is state

@@ -1,0 +1,108 @@
+"""Conditions read off a record, and carried along live."""
+
+import numpy as np
+import pytest
+
+from app.effects.adopted.live_lags import LiveLags
+from app.effects.conditions import (
+    Conditions,
+    RecordedLags,
+    Signal,
+    recorded_conditions,
+)
+from app.thermal.machine import Sensor
+from app.thermal.temperature_history import TemperatureHistory
+
+SENSORS = {"a": Sensor("a", max_age_s=300.0), "b": Sensor("b", max_age_s=300.0)}
+
+
+def record(times_s, wanted_s, states=(), own=None):
+    a = 20.0 + np.sin(np.asarray(times_s) / 2000.0)
+    history = TemperatureHistory(np.asarray(times_s, dtype=float), {"a": a})
+    return recorded_conditions(SENSORS, history, states, np.asarray(wanted_s, dtype=float), own)
+
+
+def test_temperatures_are_interpolated_and_states_are_held():
+    found = record([0.0, 100.0], [50.0, 100.0], [(0.0, {"rpm": 1.0}), (100.0, {"rpm": 2.0})])
+    assert found.temperature("a")[0] == pytest.approx(20.0 + np.sin(0.05) / 2)
+    assert found.state("rpm").tolist() == [1.0, 2.0]
+    assert np.isnan(found.temperature("b")).all()
+    assert np.isnan(found.state("feed")).all()
+
+
+def test_a_state_beside_an_observation_goes_before_the_readings():
+    states = [(0.0, {"rpm": 1.0})]
+    found = record([0.0, 100.0], [50.0, 60.0], states, {"rpm": np.array([np.nan, 9.0])})
+    assert found.state("rpm").tolist() == [1.0, 9.0]
+
+
+def test_an_old_state_is_not_known():
+    found = record([0.0, 100.0], [299.0, 301.0], [(0.0, {"rpm": 1.0})])
+    assert np.isnan(found.state("rpm")).tolist() == [False, True]
+
+
+def test_rates_are_per_hour():
+    times = np.arange(0.0, 3601.0, 60.0)
+    history = TemperatureHistory(times, {"a": 20.0 + times / 3600.0 * 3.0})
+    found = recorded_conditions(SENSORS, history, [], np.array([1800.0]))
+    assert found.rates_c_per_h["a"].tolist() == pytest.approx([3.0])
+
+
+def test_live_filters_give_what_the_record_gives():
+    """At a reading both are the same number; a squared state is filtered squared."""
+    times = np.arange(0.0, 40000.0, 100.0)
+    rpm = [(t, {"rpm": 1000.0 * (t // 3000 % 3)}) for t in times.tolist()]
+    recorded = record(times, times, rpm)
+    signals = {(Signal("temperature", "a"), 1200.0), (Signal("state", "rpm", 2), 700.0)}
+    live = LiveLags(dict.fromkeys(signals), {("temperature", "a"): 300.0, ("state", "rpm"): 300.0})
+    a = 20.0 + np.sin(times / 2000.0)
+    for t, value, (_, state) in zip(times.tolist(), a.tolist(), rpm, strict=True):
+        live = live.update(t, {"a": value}, state)
+    now = Conditions.of_moment(times[-1], {"a": a[-1]}, rpm[-1][1], live)
+    for signal, tau in signals:
+        expected = recorded.lagged(signal, tau)[-1]
+        assert np.isfinite(expected)
+        assert now.lagged(signal, tau).tolist() == pytest.approx([expected], rel=1e-12)
+
+
+def test_a_live_filter_goes_stale():
+    live = LiveLags({(Signal("temperature", "a"), 10.0): None}, {("temperature", "a"): 300.0})
+    for t in range(0, 200, 10):
+        live = live.update(float(t), {"a": 20.0}, {})
+    signal = Signal("temperature", "a")
+    assert live.lagged(signal, 10.0, np.array([200.0, 600.0])).tolist() == [
+        20.0,
+        pytest.approx(np.nan, nan_ok=True),
+    ]
+
+
+def test_too_little_history_is_said_in_minutes():
+    found = record(np.arange(0.0, 3601.0, 60.0), [3600.0])
+    signal = Signal("temperature", "a")
+    assert np.isfinite(found.lagged(signal, 720.0)).all()
+    assert np.isnan(found.lagged(signal, 721.0)).all()
+    assert found.why_missing(signal, 2400.0) == (
+        "expected 200 min of readings of a before, five time constants, came 60 min"
+    )
+    assert found.why_missing(Signal("state", "rpm")) == "no state rpm (there are none)"
+
+
+def test_what_readings_state_but_not_at_that_time_is_not_said_to_be_lacking_altogether():
+    states = [(0.0, {"rpm": 1000.0})]
+    history = TemperatureHistory(np.array([0.0]), {"a": np.array([20.0])})
+    sensors = {"a": Sensor("a", max_age_s=300.0)}
+    found = recorded_conditions(sensors, history, states, np.array([1e6]))
+    assert np.isnan(found.state("rpm")).all()
+    told = found.why_missing(Signal("state", "rpm"))
+    assert told == "no reading states rpm at that time"
+    told = found.why_missing(Signal("temperature", "a"))
+    assert told == "no usable reading of a at that time"
+
+
+def test_rows_that_are_taken_share_the_past():
+    found = record(np.arange(0.0, 7200.0, 60.0), [3600.0, 5000.0, 7000.0])
+    some = found.take(np.array([2, 0]))
+    signal = Signal("temperature", "a")
+    np.testing.assert_array_equal(some.lagged(signal, 300.0), found.lagged(signal, 300.0)[[2, 0]])
+    assert isinstance(some.lags, RecordedLags)
+    assert len(some) == 2

@@ -1,0 +1,229 @@
+"""What holds for every kind of effect: training and live agree, storing loses nothing."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from app.effects.adopted.live_effects import LiveEffects, contributions, corrected_tables
+from app.effects.conditions import Conditions
+from app.effects.effect import effect_from_json
+from app.effects.hypothesis import Estimate
+from app.effects.observations import POINT_CHANNELS
+from app.effects.projection import sum_of_terms
+from app.effects.registry import KINDS, explain, repertoire, separating_measurement
+from app.effects.shape import Rising
+from app.geometry.components import COMPONENTS
+from app.geometry.error_field import ErrorField
+from app.geometry.error_table import Table
+from tests.effects.example_site import all_rows, site
+
+
+@cache
+def example():
+    return site()
+
+
+@cache
+def hypotheses():
+    return repertoire(example()).hypotheses
+
+
+def one_of_each():
+    """One hypothesis of every kind and variant, the last that is proposed."""
+    return {(h.kind, h.variant): h for h in hypotheses().values()}
+
+
+EACH = [f"{kind}|{variant}" for kind, variant in one_of_each()]
+
+
+def fitted(each, seed=5):
+    """An effect with amplitudes of about one."""
+    hypothesis = one_of_each()[tuple(each.split("|"))]
+    rng = np.random.default_rng(seed)
+    k = len(hypothesis.amplitudes)
+    theta = (
+        hypothesis.nonlinear.grid[len(hypothesis.nonlinear.grid) // 2]
+        if hypothesis.nonlinear
+        else None
+    )
+    spread = rng.normal(size=(k, k))
+    return hypothesis.fitted(
+        Estimate(
+            theta,
+            None if theta is None else 0.05 * theta,
+            rng.uniform(0.5, 1.5, k),
+            0.01 * spread @ spread.T,
+        )
+    )
+
+
+def moment_of(row):
+    conditions = example().conditions
+    return Conditions.of_moment(
+        float(conditions.times_s[row]),
+        {name: float(t[row]) for name, t in conditions.temperatures_c.items()},
+        {name: float(x[row]) for name, x in conditions.states.items()},
+        conditions.lags,
+    )
+
+
+def live_value(effect, row):
+    """What live tables make of an effect at one row, by the rule of the volumetric error."""
+    own, rows = example(), example().rows
+    moment = moment_of(row)
+    temperatures = {name: float(t[0]) for name, t in moment.temperatures_c.items()}
+    states = own.model.errors_at(temperatures)
+    found = corrected_tables(own.model, [effect], moment, states)
+    assert not found.missing
+    channel = rows.channels[rows.channel[row]]
+
+    def value(effects_then):
+        tables = {}
+        for table in all_rows(states, effects_then).values():
+            axis = table.component.axis
+            side = rows.directions[row]["xyz".index(axis)] if axis else 0
+            errors = table.errors
+            if table.backward_errors is not None and side < 0:
+                errors = table.backward_errors
+            elif table.backward_errors is not None and side == 0:
+                errors = (errors + table.backward_errors) / 2
+            tables[table.component.code] = (table.positions_mm, errors)
+        if channel in POINT_CHANNELS:
+            field = ErrorField.make(
+                own.machine.chain,
+                {c: Table(*t) for c, t in tables.items()},
+                own.model.measuring_lines,
+            )
+            errors, _ = field.at(rows.points_mm[row], rows.tool_offsets_mm[row])
+            return errors[0, POINT_CHANNELS.index(channel)]
+        positions, errors = tables[channel]
+        axis = COMPONENTS[channel].axis
+        at = rows.points_mm[row]["xyz".index(axis)] if axis else 0.0
+        return np.interp(at, positions, errors) if len(positions) > 1 else errors[0]
+
+    return value(found) - value(LiveEffects((), ()))
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_training_columns_equal_live_corrections(each):
+    effect = fitted(each)
+    trained = sum_of_terms(example().projection, effect.terms)
+    assert np.isfinite(trained).all()
+    moved = np.flatnonzero(trained)
+    assert moved.size, "the effect must show somewhere"
+    rng = np.random.default_rng(7)
+    largest = np.abs(trained).max()
+    # A live table is a polygon: of a sine 2 % may be lost, of all others nothing.
+    lost = 0.02 if effect.kind == "periodic" else 1e-9
+    for row in rng.choice(moved, size=min(12, moved.size), replace=False):
+        assert live_value(effect, row) == pytest.approx(trained[row], abs=lost * largest)
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_storing_loses_nothing(each):
+    effect = fitted(each)
+    stored = json.loads(json.dumps(effect.to_json(), allow_nan=False))
+    again = effect_from_json(stored)
+    assert again == effect
+    np.testing.assert_array_equal(
+        sum_of_terms(example().projection, again.terms),
+        sum_of_terms(example().projection, effect.terms),
+    )
+    assert explain(again) == explain(effect)
+
+
+@pytest.mark.parametrize("each", [e for e in EACH if e != "sensor-fault|bias"])
+def test_columns_are_linear_in_the_terms(each):
+    """The candidate's columns times the amplitudes are what the fitted effect adds."""
+    hypothesis = one_of_each()[tuple(each.split("|"))]
+    effect = fitted(each)
+    theta = (
+        hypothesis.nonlinear.grid[len(hypothesis.nonlinear.grid) // 2]
+        if hypothesis.nonlinear
+        else None
+    )
+    k = len(hypothesis.amplitudes)
+    coefficients = np.random.default_rng(5)
+    coefficients.normal(size=(k, k))
+    coefficients = coefficients.uniform(0.5, 1.5, k)
+    total = np.zeros(len(example().rows))
+    for part in hypothesis.candidate(example().projection).columns(theta):
+        assert set(example().rows.channel[part.rows].tolist()) == {part.channel}
+        total[part.rows] += part.columns @ coefficients
+    found = contributions(example().projection, [effect])
+    np.testing.assert_allclose(total, found.errors, atol=1e-12)
+
+
+def test_a_small_bias_is_what_the_search_took_for_it():
+    """Its column is the linear part: for a hundredth of a kelvin, all there is but at a map."""
+    (hypothesis, *_) = (h for h in hypotheses().values() if h.kind == "sensor-fault")
+    theta = hypothesis.nonlinear.grid[0]
+    effect = hypothesis.fitted(Estimate(theta, None, np.array([-0.01]), np.eye(1)))
+    projection = example().projection
+    expected = -0.01 * projection.columns(hypothesis.unit_terms(theta))[:, 0]
+    added = contributions(projection, [effect]).errors
+    assert effect.parameters["bias_k"] == 0.01
+    assert np.isclose(added, expected, rtol=1e-9).mean() > 0.98
+    np.testing.assert_allclose(added, expected, atol=0.05)
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_parameters_have_names_with_units_and_errors(each):
+    effect = fitted(each)
+    assert effect.parameters
+    units = ("_um", "_urad", "_per_m", "_per_k", "_per_k2", "_per_day", "_min", "_mm", "_deg", "_k")
+    others = ("share", "changed_at_unix_s")
+    for name in effect.parameters:
+        assert name.endswith(units) or name in others or "_per_spindle_rpm" in name, name
+    assert all(error >= 0 for error in effect.standard_errors.values())
+    assert set(effect.standard_errors) <= set(effect.parameters)
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_explanations_are_plain_sentences(each):
+    effect = fitted(each)
+    told = explain(effect)
+    assert any(
+        thing in told for thing in (*effect.components, effect.components[0].partition("^")[0])
+    )
+    assert all(sensor in told for sensor in effect.sensors)
+    assert "{" not in told
+    assert "nan" not in told
+    assert "\n" not in told
+
+
+@pytest.mark.parametrize("each", EACH)
+def test_an_explanation_says_where_its_number_holds_if_the_effect_changes_along_the_axis(each):
+    effect = fitted(each)
+    if any(isinstance(term.shape, Rising) for term in effect.terms):
+        assert " for each " in explain(effect) or "at the upper end of travel" in explain(effect)
+    else:
+        assert " for each " not in explain(effect)
+
+
+def test_every_pair_of_kinds_has_a_separating_measurement():
+    effects = [fitted(each) for each in EACH]
+    for one in effects:
+        for rival in effects:
+            told = separating_measurement(one, rival)
+            assert len(told) > 20
+            assert "{" not in told
+
+
+def test_the_fourteen_kinds_are_listed():
+    assert list(KINDS) == [
+        *("thermal-lag", "other-sensor", "additional-sensor", "sensor-gradient"),
+        *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
+        *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map"),
+    ]
+    assert {h.kind for h in hypotheses().values()} == set(KINDS)
+    assert all(kind.text and kind.shown_by for kind in KINDS.values())
+
+
+def test_keys_are_unique_and_flags_follow_the_kind():
+    proposals = [h for kind in KINDS.values() for h in kind.candidates(example()).hypotheses]
+    assert len({h.key for h in proposals}) == len(proposals)
+    for h in proposals:
+        assert h.is_trending == KINDS[h.kind].trending

@@ -1,0 +1,229 @@
+"""What each kind needs, and what it says where that is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.effects.conditions import Conditions, NoHistory
+from app.effects.kinds.periodic import aliases, common_step, why_no_pitch
+from app.effects.observations import Observation, Verification
+from app.effects.registry import KINDS, kind_of, repertoire
+from app.effects.site import Site
+from app.effects.term import term_from_json
+from app.errors import InvalidContent
+from app.search.rows import Datum
+from tests.effects.example_site import START_S, observations, site
+
+
+def refused(kind, where):
+    proposals = KINDS[kind].candidates(where)
+    return {n.on: n.reason for n in proposals.not_testable}
+
+
+@pytest.mark.parametrize("kind", ["angular", "nonrigid-slope"])
+def test_points_are_needed(kind):
+    where = site(with_points=False)
+    assert not KINDS[kind].candidates(where).hypotheses
+    assert "points" in refused(kind, where)[""]
+
+
+def test_one_visit_shows_only_what_acts_within_it():
+    where = site(verifications=observations()[:1])
+    found = {h.kind for h in repertoire(where).hypotheses.values() if h.is_within_visit}
+    assert {"backlash", "angular", "nonrigid-slope", "outdated-map"} <= found
+    assert refused("periodic", where)["EXX"] == "needs at least 12 different positions, came 8"
+    for kind in ("thermal-lag", "drift", "step", "sensor-fault", "temperature-curvature"):
+        assert refused(kind, where)[""] == "needs several visits, came one"
+
+
+def test_directions_are_needed():
+    one_way = [
+        Verification(
+            "one way",
+            [Observation(START_S + 90000.0 + 60.0 * i, (0.0,), "EXX", 10.0 * i) for i in range(30)],
+        )
+    ]
+    where = site(verifications=one_way)
+    assert refused("backlash", where)[""] == "needs observations approached from both directions"
+
+
+def test_an_axis_that_came_from_one_side_has_no_reversal():
+    assert refused("backlash", site())["EYX"] == "X was always approached from the same side"
+
+
+def test_states_that_do_not_change_cannot_be_tested():
+    assert "payload_kg did not change" in refused("state-variable", site())["payload_kg"]
+    where = site()
+    stateless = Conditions(where.conditions.times_s, where.conditions.temperatures_c)
+    bare = Site(where.model, where.maps, where.rows, stateless)
+    assert "needs the machine's state" in refused("state-variable", bare)[""]
+
+
+def test_without_history_nothing_is_late():
+    where = site()
+    bare = Site(
+        where.model,
+        where.maps,
+        where.rows,
+        Conditions(where.conditions.times_s, where.conditions.temperatures_c, lags=NoHistory()),
+    )
+    assert refused("thermal-lag", bare)["x-middle"] == "the history of x-middle is not known here"
+
+
+def test_a_short_history_cuts_the_time_constants():
+    where = site()
+    (longest,) = {h.nonlinear.grid[-1] for h in KINDS["thermal-lag"].candidates(where).hypotheses}
+    # 24 h of readings before the first observation are 288 min five times.
+    assert longest == 160.0 * 60.0
+    # 75 min are 15 min five times.
+    early = observations()
+    shifted = [
+        Verification(v.label, [o_at(o, -86400.0 + 4500.0) for o in v.observations])
+        for v in early[:2]
+    ]
+    cut = site(verifications=shifted)
+    grids = {h.nonlinear.grid[-1] for h in KINDS["thermal-lag"].candidates(cut).hypotheses}
+    assert grids == {10.0 * 60.0}
+
+
+def o_at(observation, seconds):
+    return replace(observation, time_s=observation.time_s + seconds)
+
+
+def test_a_sensor_that_stood_still_drives_nothing():
+    where = site()
+    still = {**where.conditions.temperatures_c, "spindle": np.full(len(where.rows), 40.0)}
+    calm = Site(
+        where.model,
+        where.maps,
+        where.rows,
+        Conditions(where.conditions.times_s, still, where.conditions.states, where.conditions.lags),
+    )
+    assert "spindle did not change" in refused("additional-sensor", calm)["spindle"]
+    sensors = {s for h in repertoire(calm).hypotheses.values() for s in h.sensors}
+    assert "spindle" not in sensors
+
+
+def test_a_sensor_that_maps_do_not_state_cannot_replace_another():
+    where = site()
+    bare = [
+        replace(m, temperatures_c={k: t for k, t in m.temperatures_c.items() if k != "spindle"})
+        for m in where.maps
+    ]
+    lacking = Site(where.model, bare, where.rows, where.conditions)
+    assert "'Run #1' does not state" in refused("other-sensor", lacking)["x-middle by spindle"]
+
+
+def test_rotations_that_maps_have_are_not_lacking():
+    codes = {c for h in KINDS["angular"].candidates(site()).hypotheses for c in h.components}
+    assert "EBX" in codes
+    with_ebx = site(with_rotations=True)
+    codes = {c for h in KINDS["angular"].candidates(with_ebx).hypotheses for c in h.components}
+    assert "EBX" not in codes
+    assert "EBX" in with_ebx.components
+
+
+def test_fingerprints_hold_all_components_of_a_sensor():
+    found = {h.components for h in KINDS["thermal-lag"].candidates(site()).hypotheses}
+    assert ("EXX", "EYX", "EYY", "SXY") in found
+    assert ("EZZ",) in found
+    (bias,) = [
+        h for h in KINDS["sensor-fault"].candidates(site()).hypotheses if h.sensors == ("x-middle",)
+    ]
+    assert bias.components == ("EXX", "EYX", "EYY", "SXY")
+
+
+def test_a_constant_bias_is_said_to_be_an_outdated_map():
+    assert "outdated map" in refused("sensor-fault", site())["constant bias"]
+
+
+def test_even_positions_cannot_show_a_pitch():
+    told = why_no_pitch(np.arange(0.0, 501.0, 25.0))
+    assert "multiples of one step of 25 mm" in told
+    assert "75 mm looks the same as 37.5, 18.8, 15, 10.7 mm" in told
+    rng = np.random.default_rng(1)
+    assert why_no_pitch(rng.uniform(0.0, 500.0, 60)) == ""
+    assert "at least 12" in why_no_pitch(rng.uniform(0.0, 500.0, 5))
+
+
+def test_aliases_are_alike_at_the_positions():
+    at = 25.0 * np.arange(40)
+    for pitch in (75.0, 61.7, 13.0):
+        seen = np.cos(2 * np.pi * at / pitch)
+        for other in aliases(pitch, 25.0, 6):
+            np.testing.assert_allclose(np.cos(2 * np.pi * at / other), seen, atol=1e-9)
+
+
+def test_common_step_of_random_positions_is_their_resolution():
+    rng = np.random.default_rng(2)
+    assert common_step(rng.uniform(0.0, 500.0, 50)) == 0.001
+
+
+def test_steps_are_sought_at_the_beginnings_of_visits():
+    where = site()
+    grid = KINDS["step"].candidates(where).hypotheses[0].nonlinear.grid
+    begins = [v.observations[0].time_s for v in observations()][1:]
+    np.testing.assert_allclose(grid, begins)
+
+
+def test_many_visits_are_thinned_and_refined():
+    many = observations(with_points=False, visits_a_day=12)
+    nonlinear = KINDS["step"].candidates(site(verifications=many)).hypotheses[0].nonlinear
+    assert len(nonlinear.grid) == 40
+    assert nonlinear.bounds == (nonlinear.grid[0], nonlinear.grid[-1])
+
+
+def test_unknown_kinds_and_parts_are_refused():
+    with pytest.raises(InvalidContent, match="thermal-lag"):
+        kind_of("hysteresis")
+    with pytest.raises(InvalidContent, match="expected a driver among always"):
+        term_from_json(
+            {
+                "component": "EXX",
+                "coefficient": 1.0,
+                "reversing": False,
+                "driver": {"name": "moon"},
+                "shape": {"name": "everywhere"},
+            }
+        )
+
+
+def with_datum(datum, verifications):
+    return [replace(v, datum=datum) for v in verifications]
+
+
+def test_what_lasts_is_hidden_where_each_visit_has_a_zero_of_its_own():
+    """At one position nothing is left of a drift; along a line its slope is."""
+    at_one_place = [
+        replace(
+            v,
+            datum=Datum.FIRST,
+            observations=[o for o in v.observations if o.component == "EXX"][:1] * 3,
+        )
+        for v in observations(with_points=False)
+    ]
+    where = site(verifications=at_one_place)
+    for kind, subject in (("drift", "EXX"), ("step", "EXX"), ("sensor-fault", "x-middle")):
+        proposals = KINDS[kind].candidates(where)
+        assert not [h for h in proposals.hypotheses if "EXX" in h.components]
+        assert "each visit has a zero of its own" in refused(kind, where)[subject]
+
+
+@pytest.mark.parametrize(("kind", "stem"), [("drift", "drift"), ("step", "step")])
+def test_along_a_line_the_slope_of_what_lasts_is_left(kind, stem):
+    lines = with_datum(Datum.FREE, observations(with_points=False))
+    where = site(verifications=lines)
+    (one, *_) = [h for h in KINDS[kind].candidates(where).hypotheses if h.components == ("EXX",)]
+    assert [a.name.startswith(f"{stem}_rise") for a in one.amplitudes] == [True]
+    # Where two visits share a zero, the shift shows as well.
+    shared = with_datum(Datum.FREE, lines[:1]) + with_datum(Datum.ABSOLUTE, lines[1:])
+    where = site(verifications=shared)
+    (one, *_) = [h for h in KINDS[kind].candidates(where).hypotheses if h.components == ("EXX",)]
+    assert len(one.amplitudes) == 2
+
+
+def test_a_fault_shows_in_the_slopes_of_lines_with_free_zeros():
+    lines = with_datum(Datum.FREE, observations(with_points=False))
+    found = KINDS["sensor-fault"].candidates(site(verifications=lines)).hypotheses
+    assert "x-middle" in [h.sensors[0] for h in found]

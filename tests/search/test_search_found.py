@@ -1,0 +1,188 @@
+"""Planted effects are found, named, measured and confirmed; what cannot be told apart is tied."""
+
+import numpy as np
+import pytest
+
+from app.search.findings import Status, Verdict
+from app.search.rows import Datum
+from app.search.search import search
+from tests.search.search_campaigns import (
+    fingerprint,
+    make_campaign,
+    make_library,
+    single,
+    waves,
+)
+
+
+def found_in(campaign, candidates=None, **how):
+    how = {"seed": 1} | how
+    candidates = candidates or make_library(campaign)
+    how = {"holdout_fraction": 0.2} | how
+    return search(campaign.rows, campaign.nuisance, candidates, **how)
+
+
+def scaled(effect, campaign, channel, size):
+    """Bring an effect on one channel to a standard deviation of `size`."""
+    here = campaign.on(channel)
+    return effect * here * size / np.std(effect[here])
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize(
+    ("key", "effect"),
+    [
+        ("reversal-1", lambda c: c.direction),
+        ("bend-1", lambda c: c.temperature**2),
+        ("drift-1", lambda c: c.time),
+        ("periodic-1", lambda c: waves(c, 0.29)[:, 0]),
+    ],
+)
+def test_effect_at_twice_the_noise_is_found_with_its_amplitude(key, effect, seed):
+    campaign = make_campaign(seed, visits=20)
+    planted = scaled(effect(campaign), campaign, 1, 2.0)
+    found = found_in(campaign.plus(planted))
+    before = campaign.rows.values + planted
+    assert [t.key for t in found.terms] == [key]
+    term = found.terms[0]
+    shape = effect(campaign)[campaign.on(1)]
+    amplitude = (planted[campaign.on(1)] @ shape) / (shape @ shape)
+    assert abs(term.amplitudes[0] - amplitude) < 3 * np.sqrt(term.covariance[0, 0])
+    assert term.status is Status.CONFIRMED
+    assert abs(term.slope.value - 1) < 3 * term.slope.error
+    assert term.inclusion == 1.0
+    assert found.verdict is Verdict.FOUND
+    held = found.held_out[1]
+    assert held.after.rms < 0.7 * np.sqrt(np.mean(before[campaign.on(1)] ** 2))
+    assert held.after.rms < 1.2 * held.floor
+    assert held.after.low < held.after.rms < held.after.high
+
+
+@pytest.mark.slow
+def test_pitch_within_its_error():
+    campaign = make_campaign(21, visits=20)
+    for pitch in (0.21, 0.4):
+        planted = scaled(waves(campaign, pitch) @ [0.6, 0.8], campaign, 0, 1.0)
+        (term,) = found_in(campaign.plus(planted)).terms
+        assert term.key == "periodic-0"
+        assert abs(term.theta - pitch) < 3.5 * term.theta_error
+        assert 0 < term.theta_error < 0.01
+
+
+@pytest.mark.slow
+def test_change_time_stays_on_its_grid_between_the_right_visits():
+    campaign = make_campaign(22, visits=20)
+    planted = 2.0 * ((campaign.time > 0.47) & campaign.on(0))
+    (term,) = found_in(campaign.plus(planted)).terms
+    assert term.key == "step-0"
+    assert 0.45 - 1e-6 <= term.theta < 0.5
+    assert term.theta_error is None
+
+
+@pytest.mark.slow
+def test_fingerprint_is_one_parameter_on_two_channels():
+    campaign = make_campaign(23, visits=20)
+    part = {p.channel: p for p in fingerprint(campaign).columns(None)}
+    planted = np.zeros(len(campaign.time))
+    for p in part.values():
+        planted[p.rows] += 2.0 * p.columns[:, 0]
+    found = found_in(campaign.plus(planted))
+    assert [t.key for t in found.terms] == ["fingerprint"]
+    assert found.terms[0].channels == (0, 1)
+    assert abs(found.terms[0].amplitudes[0] - 2.0) < 3 * found.terms[0].covariance[0, 0] ** 0.5
+
+
+@pytest.mark.slow
+def test_two_effects_on_one_channel():
+    campaign = make_campaign(24, visits=20)
+    planted = scaled(campaign.direction, campaign, 0, 1.5)
+    planted = planted + scaled(campaign.temperature**2, campaign, 0, 2.0)
+    found = found_in(campaign.plus(planted))
+    assert {t.key for t in found.terms} == {"reversal-0", "bend-0"}
+    evidence = [t.evidence for t in found.terms]
+    assert evidence == sorted(evidence, reverse=True)
+
+
+@pytest.mark.slow
+def test_a_fingerprint_and_an_effect_on_one_of_its_channels():
+    campaign = make_campaign(25, visits=20)
+    planted = scaled(campaign.direction, campaign, 1, 1.5)
+    for p in fingerprint(campaign).columns(None):
+        planted[p.rows] += 3.0 * p.columns[:, 0]
+    found = found_in(campaign.plus(planted))
+    assert {t.key for t in found.terms} == {"reversal-1", "fingerprint"}
+
+
+@pytest.mark.slow
+def test_nearly_equal_candidates_are_tied():
+    campaign = make_campaign(26, visits=20)
+    other = campaign.speed + 0.02 * campaign.temperature
+    candidates = [
+        *make_library(campaign),
+        single(campaign, "other-load", "load", 0, lambda _: other),
+        single(campaign, "other-speed", "speed", 0, lambda _: 3.0 * campaign.speed + 0.01),
+    ]
+    planted = scaled(campaign.speed, campaign, 0, 2.0)
+    found = found_in(campaign.plus(planted), candidates)
+    (term,) = found.terms
+    tied = {r.key: r for r in term.rivals if r.tied}
+    everything = {term.key, *tied}
+    assert {"speed-0", "other-load", "other-speed"} <= everything
+    assert "reversal-0" not in everything
+    assert all(t.alias_share > 0.9 for k, t in tied.items() if k.startswith("other"))
+
+
+@pytest.mark.slow
+def test_rivals_of_every_family_come_with_evidence():
+    campaign = make_campaign(27, visits=20)
+    found = found_in(campaign.plus(scaled(campaign.direction, campaign, 0, 2.0)))
+    (term,) = found.terms
+    assert {r.family for r in term.rivals} == {
+        "speed", "bend", "sensor", "drift", "step", "periodic", "fingerprint",
+    }  # fmt: skip
+    assert all(r.behind > 50 for r in term.rivals)
+    assert term.global_p < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("datum", [Datum.FIRST, Datum.FREE])
+def test_without_a_zero_only_what_changes_within_a_visit_is_seen(datum):
+    campaign = make_campaign(28, visits=20, datum=datum)
+    offset = 40.0 * np.sin(1.0 + 3.0 * campaign.rows.visit)
+    planted = scaled(campaign.direction, campaign, 0, 1.5) + offset
+    found = found_in(campaign.plus(planted))
+    assert [t.key for t in found.terms] == ["reversal-0"]
+    assert {u.key: u.reason for u in found.untested}["speed-0"] == "not-excited"
+    assert found.held_out[0].after.rms < 3.0
+
+
+@pytest.mark.slow
+def test_trend_is_also_judged_forward_in_time():
+    campaign = make_campaign(29, visits=24)
+    (term,) = found_in(campaign.plus(scaled(campaign.time, campaign, 0, 3.0))).terms
+    assert term.key == "drift-0"
+    assert abs(term.forward_slope.value - 1) < 3 * term.forward_slope.error
+    assert term.status is Status.CONFIRMED
+
+
+@pytest.mark.slow
+def test_effect_of_two_visits_cannot_be_confirmed_without_them():
+    campaign = make_campaign(30, visits=20)
+    rare = np.isin(campaign.rows.visit, [4, 9]) * 1.0
+    candidates = [*make_library(campaign), single(campaign, "rare", "rare", 0, lambda _: rare)]
+    found = found_in(campaign.plus(6.0 * rare * campaign.on(0)), candidates)
+    term = next(t for t in found.terms if t.key == "rare")
+    assert set(term.strongest_visits) == {4, 9}
+    assert term.leverage > 0.8
+
+
+@pytest.mark.slow
+def test_effect_of_one_visit_is_not_confirmable():
+    campaign = make_campaign(31, visits=20)
+    once = (campaign.rows.visit == 7) * campaign.position
+    candidates = [*make_library(campaign), single(campaign, "once", "once", 0, lambda _: once)]
+    found = found_in(campaign.plus(8.0 * once * campaign.on(0)), candidates)
+    term = next(t for t in found.terms if t.key == "once")
+    assert term.status is Status.NOT_CONFIRMABLE
+    assert term.slope is None or term.slope.information < 5.0
+    assert term.strongest_visits[0] == 7

@@ -1,0 +1,116 @@
+"""Held-out visits: every channel has some in every fold, and each term has its own evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.search.findings import Status, Verdict
+from app.search.rows import DeclaredNoise
+from app.search.search import search
+from app.search.splits import split_visits
+from tests.search.search_campaigns import make_campaign, make_library, single, smooth
+
+
+def in_turn(campaign):
+    """Only one channel in each visit: the first in even ones, the second in odd ones."""
+    kept = campaign.rows.channel == campaign.rows.visit % 2
+    own = campaign.rows
+    rows = replace(
+        own,
+        values=own.values[kept],
+        visit=own.visit[kept],
+        channel=own.channel[kept],
+        tilt=own.tilt[kept],
+        replicate=own.replicate[kept],
+    )
+    names = ("position", "direction", "temperature", "twin", "speed", "time")
+    columns = {name: getattr(campaign, name)[kept] for name in names}
+    return replace(campaign, rows=rows, nuisance=[], **columns)
+
+
+@pytest.mark.parametrize("folds", [2, 3, 5])
+def test_channels_that_are_measured_in_turn_are_in_every_fold(folds):
+    visit = np.arange(30)
+    for together in (1, 2, 3):
+        splits = split_visits(visit, visit % together, 1.0 / folds)
+        for channel in range(together):
+            own = visit[visit % together == channel]
+            counts = np.bincount([splits.cell_of[v] // 2 for v in own.tolist()], minlength=folds)
+            assert np.ptp(counts) <= 1
+
+
+def test_an_effect_is_confirmed_where_components_are_measured_in_turn():
+    campaign = in_turn(make_campaign(61, visits=36))
+    campaign = campaign.plus(2.0 * campaign.direction * campaign.on(0))
+    for share in (0.3, 0.5):
+        found = search(
+            campaign.rows,
+            [],
+            [single(campaign, "reversal", "backlash", 0, lambda _: campaign.direction)],
+            holdout_fraction=share,
+        )
+        (term,) = found.terms
+        assert (term.status, term.inclusion) == (Status.CONFIRMED, 1.0)
+        assert term.slope.value == pytest.approx(1.0, abs=0.2)
+        assert set(found.held_out) == {0, 1}
+
+
+@pytest.mark.slow
+def test_a_second_wave_is_not_confirmed_by_the_first():
+    """The first is everywhere; the second in the visits of one fold of three only."""
+    campaign = make_campaign(3, visits=16)
+    first = 2.5 * np.sin(2.0 * np.pi * campaign.position / 0.6)
+    second = 3.0 * np.sin(2.0 * np.pi * campaign.position / 0.31) * (campaign.rows.visit % 3 == 0)
+    campaign = campaign.plus((first + second) * campaign.on(0))
+    found = search(campaign.rows, campaign.nuisance, make_library(campaign), holdout_fraction=0.3)
+    waves = {round(t.theta, 1): t for t in found.terms if t.key == "periodic-0"}
+    assert set(waves) == {0.6, 0.3}
+    assert waves[0.6].status is Status.CONFIRMED
+    assert waves[0.3].status is not Status.CONFIRMED
+    assert waves[0.3].slope is None or waves[0.3].slope.value != waves[0.6].slope.value
+
+
+# What has just changed, and what came once.
+
+
+def test_the_last_visit_is_never_left_out_as_a_slip():
+    campaign = make_campaign(62, visits=16)
+    changed = campaign.rows.visit == 15
+    campaign = campaign.plus(30.0 * changed * campaign.on(0))
+    found = search(campaign.rows, campaign.nuisance, make_library(campaign), holdout_fraction=0.3)
+    assert not [one for one in found.excluded if one.visit is not None]
+    assert found.verdict is not Verdict.NOTHING
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(0.5, Verdict.NOTHING), (15.0, Verdict.UNEXPLAINED)])
+def test_a_few_visits_far_from_the_model_are_not_called_nothing(off, verdict):
+    campaign = make_campaign(63, visits=2)
+    declared = {c: DeclaredNoise(1.0) for c in range(2)}
+    rows = replace(campaign.rows, noise=declared)
+    campaign = replace(campaign, rows=rows).plus(off * campaign.on(0))
+    reversal = single(
+        campaign, "reversal", "backlash", 0, lambda _: campaign.direction, within_visit=True
+    )
+    leads = single(campaign, "time", "generic", 0, lambda _: smooth(campaign.time), generic=True)
+    found = search(campaign.rows, [], [reversal, leads], holdout_fraction=0.3)
+    assert found.verdict is verdict
+    far = [one.channel for one in found.unexplained if one.test == "far-off"]
+    assert far == ([0] if verdict is Verdict.UNEXPLAINED else [])
+
+
+@pytest.mark.slow
+def test_an_effect_hides_no_outliers():
+    """A reversal of ±6 repeatabilities makes all values scatter; five are 14 off beside it."""
+    campaign = make_campaign(64, visits=16)
+    wrong = np.flatnonzero(campaign.on(0))[[3, 40, 77, 110, 150]]
+    slips = np.zeros(len(campaign.rows.values))
+    slips[wrong] = 14.0 * campaign.direction[wrong]
+    campaign = campaign.plus(6.0 * campaign.direction * campaign.on(0) + slips)
+    found = search(campaign.rows, campaign.nuisance, make_library(campaign), holdout_fraction=0.3)
+    gone = {row for one in found.excluded if one.visit is None for row in one.rows}
+    assert gone >= set(wrong.tolist())
+    assert len(gone) <= 8
+    assert [term.key for term in found.terms] == ["reversal-0"]
+    assert found.terms[0].amplitudes == pytest.approx([6.0], abs=0.4)
+    assert found.verdict is Verdict.FOUND

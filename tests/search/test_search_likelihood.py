@@ -1,0 +1,153 @@
+"""The profile likelihood against a dense computation and against statsmodels' mixed model."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from app.search.channel import prepare
+from app.search.draws import Draws
+from app.search.joint_fit import fit_terms
+from app.search.library import read_library
+from app.search.moments import fixed_of
+from app.search.problem import make_problem
+from app.search.rows import Datum
+from app.search.scan import scan
+from app.search.state import Given, State
+from tests.search.search_campaigns import make_campaign, make_library
+
+
+def make_small(seed=3, datum=Datum.ABSOLUTE, cells=2, **how):
+    campaign = make_campaign(seed, visits=9, targets=3, datum=datum)
+    use = np.ones(len(campaign.rows.values), dtype=bool)
+    cell_of = {v: v % cells for v in range(9)}
+    return campaign, make_problem(campaign.rows, campaign.nuisance, use, cell_of, cells)
+
+
+def covariance(channel, level):
+    """Noise, shifts and tilts of visits, and the maps' freedom, as one dense matrix."""
+    found = np.eye(len(channel.rows)) + channel.nuisance @ channel.nuisance.T
+    for number, variances in enumerate(channel.variances[level]):
+        shapes = channel.shapes * (channel.block == number)[:, None]
+        found += (shapes * variances) @ shapes.T
+    return found
+
+
+def dense_profile(channel, columns):
+    """Profile repeatability and visit variances by brute force."""
+    found = []
+    for level, prior in enumerate(channel.prior):
+        dense = covariance(channel, level)
+        inverse = np.linalg.inv(dense)
+        left = channel.values
+        if columns.shape[1]:
+            normal = columns.T @ inverse @ columns
+            left = left - columns @ np.linalg.solve(normal, columns.T @ inverse @ left)
+        freedom = len(left) + channel.weight
+        scatter = (left @ inverse @ left + channel.weight) / freedom
+        log_det = np.linalg.slogdet(dense)[1]
+        found.append(prior - 0.5 * freedom * np.log(scatter) - 0.5 * log_det)
+    return max(found)
+
+
+@pytest.mark.parametrize("datum", [Datum.ABSOLUTE, Datum.FREE])
+def test_ratio_of_every_candidate_against_dense_covariances(datum):
+    campaign, problem = make_small(datum=datum)
+    library = read_library(problem, make_library(campaign, pitches=4), None)
+    states = problem.states(np.ones(2, dtype=bool))
+    found = scan(library, states)
+    null = {
+        c: dense_profile(f.channel, np.zeros((len(f.channel.rows), 0)))
+        for c, f in problem.fixed.items()
+    }
+    compared = 0
+    for i in range(len(library.entries)):
+        term = library.term(i)
+        if len(term.columns) == 1 and found.rank[i] == term.size:
+            ((c, columns),) = term.columns.items()
+            dense = 2 * (dense_profile(problem.fixed[c].channel, columns) - null[c])
+            assert found.ratio[i] == pytest.approx(dense, abs=1e-5)
+            compared += 1
+    assert compared > 20
+
+
+def test_marginal_density_is_the_multivariate_normals():
+    """At repeatability 1 the constant and the squares give the dense log density."""
+    _, problem = make_small()
+    for fixed in problem.fixed.values():
+        state, channel = State(fixed, np.ones(2, dtype=bool)), fixed.channel
+        for level in (0, 2, 6):
+            dense = multivariate_normal(cov=covariance(channel, level)).logpdf(channel.values)
+            ours = state.levels[level].constant - channel.prior[level] - 0.5 * state.rss[level]
+            assert ours - 0.5 * state.count * np.log(2 * np.pi) == pytest.approx(dense)
+
+
+def test_fingerprint_in_the_scan_agrees_with_the_joint_fit():
+    campaign, problem = make_small()
+    library = read_library(problem, make_library(campaign, pitches=4), None)
+    states = problem.states(np.ones(2, dtype=bool))
+    entry = len(library.entries) - 1
+    term = library.term(entry)
+    assert len(term.columns) == 2
+    exact = 2 * (fit_terms(states, [term]).log_likelihood - fit_terms(states, []).log_likelihood)
+    assert scan(library, states).ratio[entry] == pytest.approx(exact, abs=1e-3)
+
+
+def test_part_of_the_visits_is_as_if_the_others_had_never_been():
+    campaign, problem = make_small(cells=3)
+    some = np.array([True, False, True])
+    keep = np.isin(campaign.rows.visit % 3, [0, 2])
+    alone = make_problem(campaign.rows, campaign.nuisance, keep, dict.fromkeys(range(9), 0), 1)
+    whole = alone.states(np.ones(1, dtype=bool))
+    for c, state in problem.states(some).items():
+        np.testing.assert_allclose(state.null, whole[c].null, rtol=1e-10)
+
+
+def test_draws_of_the_null_have_the_ratio_of_noise():
+    """Draw rows by hand with the dense covariance: the mean ratio is the same."""
+    campaign, problem = make_small()
+    candidates = [c for c in make_library(campaign, pitches=2) if c.key in ("speed-0", "twin-0")]
+    states = problem.states(np.ones(2, dtype=bool))
+    library = read_library(problem, candidates, Draws(1, 400))
+    found = scan(library, states, Draws(1, 400))
+    mean = found.noise.mean(axis=1) / found.rank
+    assert (mean > 0.6).all()
+    assert (mean < 1.6).all()
+
+
+def test_against_statsmodels_mixed_model():
+    """Random shift and tilt of each visit, uncorrelated, no maps, by maximum likelihood."""
+    mixed = pytest.importorskip("statsmodels.regression.mixed_linear_model")
+    campaign = make_campaign(8, visits=30, targets=5).declaring()
+    mine = campaign.on(0)
+    position = campaign.position[mine]
+    design = np.column_stack([np.ones(mine.sum()), position, campaign.speed[mine]])
+    shapes = np.column_stack([np.ones(mine.sum()), position])
+    model = mixed.MixedLM(
+        campaign.rows.values[mine], design, campaign.rows.visit[mine], exog_re=shapes
+    )
+    uncorrelated = mixed.MixedLMParams.from_components(np.ones(3), np.eye(2))
+    theirs = model.fit(reml=False, free=uncorrelated)
+
+    everything = np.ones(len(mine), dtype=bool)
+    channel = prepare(
+        campaign.rows,
+        [],
+        0,
+        float(np.sqrt(theirs.scale)),
+        0.0,
+        everything,
+        dict.fromkeys(range(30), 0),
+    )
+    level = channel.declared
+    grid = State(fixed_of(channel, 1), np.ones(1, dtype=bool))
+    channel.variances[level] = np.diag(theirs.cov_re) / theirs.scale
+    columns = design[np.searchsorted(np.flatnonzero(mine), channel.rows)]
+    given = Given(columns, np.zeros(3), np.zeros(len(columns)))
+    state = State(fixed_of(channel, 1), np.ones(1, dtype=bool), given)
+    per_row = 1 + np.log(2 * np.pi * theirs.scale)
+    ours = state.null - 0.5 * state.count * per_row
+    assert ours[level] == pytest.approx(theirs.llf, abs=1e-3)
+    assert ours.max() < theirs.llf + 1e-3
+    assert grid.count == mine.sum()
+    amplitudes = np.linalg.solve(state.levels[level].root.T, state.shadows[level][-3:])[:, 0]
+    np.testing.assert_allclose(amplitudes * channel.scale, theirs.fe_params, atol=1e-3)

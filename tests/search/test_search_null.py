@@ -1,0 +1,76 @@
+"""On pure noise nothing is found, where taking points as independent always finds something."""
+
+import numpy as np
+import pytest
+
+from app.search.draws import Draws
+from app.search.findings import Verdict
+from app.search.library import read_library
+from app.search.problem import make_problem
+from app.search.search import search
+from app.search.selection import Selector
+from tests.search.search_campaigns import (
+    REPEATABILITY,
+    make_campaign,
+    make_library,
+)
+
+CAMPAIGNS = 60
+
+
+@pytest.mark.slow
+def test_noise_with_visit_scatter_is_nothing():
+    """At one per cent a false finding in 60 campaigns is expected 0.6 times."""
+    false = unexplained = 0
+    for seed in range(CAMPAIGNS):
+        campaign = make_campaign(seed, visits=12, targets=4)
+        candidates = make_library(campaign, pitches=12)
+        found = search(
+            campaign.rows, campaign.nuisance, candidates, holdout_fraction=0.2, seed=seed
+        )
+        false += bool(found.terms)
+        unexplained += found.verdict is Verdict.UNEXPLAINED
+    assert false <= 2
+    assert unexplained <= 4
+
+
+def chosen_in(campaign, seed):
+    """Choose terms as the search does, without anything after it."""
+    use = np.ones(len(campaign.rows.values), dtype=bool)
+    cell_of = dict.fromkeys(np.unique(campaign.rows.visit).tolist(), 0)
+    problem = make_problem(campaign.rows, campaign.nuisance, use, cell_of, 1)
+    draws = Draws(seed, 100)
+    library = read_library(problem, make_library(campaign, pitches=4), draws)
+    allowed = np.array([not library.candidates[e.candidate].generic for e in library.entries])
+    return Selector(library, np.ones(1, dtype=bool), allowed, 0.01, 1).select(draws).terms
+
+
+@pytest.mark.slow
+def test_points_taken_as_independent_alarm_always():
+    """The same search told that visits do not scatter: the mistake that it is there to avoid.
+
+    Same likelihood, same threshold by draws, same prior; only the visits' part is missing.
+    """
+    naive = honest = 0
+    for seed in range(10):
+        campaign = make_campaign(seed, visits=12, targets=15)
+        blind = campaign.declaring(repeatability=REPEATABILITY, setup_shift=0.0, setup_tilt=0.0)
+        naive += bool(chosen_in(blind, seed))
+        honest += bool(chosen_in(campaign, seed))
+    assert naive == 10
+    assert honest <= 1
+
+
+def test_nothing_found_says_what_would_have_been_seen():
+    campaign = make_campaign(5)
+    candidates = make_library(campaign)
+    found = search(campaign.rows, campaign.nuisance, candidates, holdout_fraction=0.2)
+    assert found.verdict is Verdict.NOTHING
+    assert found.global_p > 0.01
+    smallest = {d.key: d for d in found.detectable}
+    assert smallest.keys() == {c.key for c in candidates if not c.generic}
+    assert 0.1 < smallest["reversal-0"].smallest < 1.0
+    assert smallest["twin-0"].distinguishable >= smallest["twin-0"].smallest
+    noise = found.noise[0]
+    assert (noise.origin, noise.repeatability) == ("declared", REPEATABILITY)
+    assert 0.85 < noise.fitted < 1.15
