@@ -2,6 +2,7 @@
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -159,7 +160,10 @@ def test_where_no_script_runs_a_sentence_says_why_nothing_is_drawn(plotly_js):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+@pytest.mark.skipif(
+    CHROMIUM is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
+    reason="there is no Chromium",
+)
 @pytest.mark.parametrize(("plotly_js", "is_drawn"), [("inline", True), (ADDRESS, False)])
 def test_a_browser_draws_the_file_or_shows_the_sentence(tmp_path, plotly_js, is_drawn):
     file = tmp_path / "picture.html"
