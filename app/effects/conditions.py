@@ -6,7 +6,7 @@ moment of a live table: what drives an effect is asked of it and of nothing else
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, Protocol
 
@@ -155,6 +155,27 @@ class RecordedLags:
 
 
 @dataclass(frozen=True, eq=False)
+class SomeRows(Mapping[str, FloatArray]):
+    """Some rows of every signal, picked out when they are asked for.
+
+    Each of some eighty components looks at other rows: copies of all signals for each of them
+    would be most of what a large campaign takes.
+    """
+
+    signals: Mapping[str, FloatArray]
+    rows: IntArray
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.signals[name][self.rows]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.signals)
+
+    def __len__(self) -> int:
+        return len(self.signals)
+
+
+@dataclass(frozen=True, eq=False)
 class Conditions:
     """Temperatures, states and their past at n times.
 
@@ -224,13 +245,24 @@ class Conditions:
         return self.lags.lagged(signal, time_constant_s, self.times_s)
 
     def take(self, rows: IntArray) -> Conditions:
-        """Keep some rows; the past is shared."""
+        """Keep some rows; the past is shared, and so are all values until they are asked for."""
+        places: dict[int, IntArray] = {}
+
+        def some(signals: Mapping[str, FloatArray]) -> SomeRows:
+            """Of rows that were picked out already, pick out of the same whole."""
+            if not isinstance(signals, SomeRows):
+                return SomeRows(signals, rows)
+            own = id(signals.rows)
+            if own not in places:
+                places[own] = signals.rows[rows]
+            return SomeRows(signals.signals, places[own])
+
         return Conditions(
             self.times_s[rows],
-            {name: values[rows] for name, values in self.temperatures_c.items()},
-            {name: values[rows] for name, values in self.states.items()},
+            some(self.temperatures_c),
+            some(self.states),
             self.lags,
-            {name: values[rows] for name, values in self.rates_c_per_h.items()},
+            some(self.rates_c_per_h),
         )
 
     def why_missing(self, signal: Signal, time_constant_s: float | None = None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -9,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
+from app.errors import InvalidContent
 from app.search.candidate import Candidate
 from app.search.draws import Draws
 from app.search.moments import Fixed, Moments, moments_of
@@ -22,6 +24,14 @@ FINGERPRINT_WIDTH: Final = 192
 
 KEPT_BYTES: Final = 300_000_000
 """Columns are kept up to this size, and evaluated again beyond it."""
+
+WAITING_BYTES: Final = 200_000_000
+"""Columns may wait for their batch to be full up to this size: there are dozens of batches."""
+
+GB: Final = 1_000_000_000
+
+MOST_BYTES: Final = 4 * GB
+"""Size of the products: they grow as candidates times visits, and times entries of the maps."""
 
 
 Key = tuple[tuple[int, ...], int, bool]
@@ -67,6 +77,13 @@ class Sheet:
     moments: Moments
     noise: FloatArray
     columns: FloatArray | None
+
+    @property
+    def bytes_of_products(self) -> int:
+        """Size of all but the columns."""
+        moments = self.moments
+        parts = (self.own, self.noise, moments.nuisance, moments.values, moments.reduced)
+        return sum(part.nbytes for part in parts)
 
 
 @dataclass(eq=False)
@@ -196,21 +213,19 @@ def read_library(
     Returns
     -------
     Library
+
+    Raises
+    ------
+    InvalidContent
+        If the products would take more memory than is stated.
     """
     library = Library(problem, candidates)
-    waiting: dict[Key, list[tuple[int, Term]]] = {}
-    kept = 0
+    gathering = _Gathering(library, draws)
     for share, entry, term in _terms(problem, library, candidates):
         step(share)
-        if not library.entries[entry].excited:
-            continue
-        key = (term.channels, term.size, term.candidate.generic)
-        waiting.setdefault(key, []).append((entry, term))
-        limit = WIDTH if len(term.columns) == 1 else FINGERPRINT_WIDTH
-        if len(waiting[key]) * term.size >= limit:
-            kept += _add_batch(library, key, waiting.pop(key), draws, kept)
-    for key, terms in sorted(waiting.items(), key=lambda item: item[0]):
-        kept += _add_batch(library, key, terms, draws, kept)
+        if library.entries[entry].excited:
+            gathering.add(entry, term)
+    gathering.finish()
     return library
 
 
@@ -224,25 +239,67 @@ def _terms(
             yield number / len(candidates), len(library.entries) - 1, term
 
 
-def _add_batch(
-    library: Library,
-    key: Key,
-    terms: Sequence[tuple[int, Term]],
-    draws: Draws | None,
-    kept: int,
-) -> int:
-    """Gather a batch's products; return how many bytes of columns were kept."""
-    channels, size, generic = key
-    batch = Batch(channels, size, generic, [entry for entry, _ in terms])
-    added = 0
-    for number in channels:
-        columns = np.hstack([term.columns[number] for _, term in terms])
-        keep = kept + added + columns.nbytes <= KEPT_BYTES
-        fixed = library.problem.fixed[number]
-        batch.sheets[number] = _sheet(fixed, columns, size, draws, keep)
-        added += columns.nbytes if keep else 0
-    library.batches.append(batch)
-    return added
+@dataclass(eq=False)
+class _Gathering:
+    """Entries on their way into batches.
+
+    Those with the same key wait for each other until they fill a batch. What waits is of as
+    many rows as there are observations: where it grows too large, the largest goes early.
+    """
+
+    library: Library
+    draws: Draws | None
+    waiting: dict[Key, list[tuple[int, Term]]] = field(default_factory=lambda: defaultdict(list))
+    waiting_bytes: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
+    kept_bytes: int = 0
+    product_bytes: int = 0
+
+    def add(self, entry: int, term: Term) -> None:
+        """Let an entry wait for its batch."""
+        key = (term.channels, term.size, term.candidate.generic)
+        self.waiting[key].append((entry, term))
+        self.waiting_bytes[key] += term.size_bytes
+        limit = WIDTH if len(term.columns) == 1 else FINGERPRINT_WIDTH
+        if len(self.waiting[key]) * term.size >= limit:
+            self._add_batch(key)
+        elif sum(self.waiting_bytes.values()) > WAITING_BYTES:
+            self._add_batch(max(self.waiting_bytes, key=lambda key: (self.waiting_bytes[key], key)))
+
+    def finish(self) -> None:
+        """Let those go that still wait."""
+        for key in sorted(self.waiting):
+            self._add_batch(key)
+
+    def _add_batch(self, key: Key) -> None:
+        """Gather a batch's products."""
+        channels, size, generic = key
+        terms = self.waiting.pop(key)
+        del self.waiting_bytes[key]
+        batch = Batch(channels, size, generic, [entry for entry, _ in terms])
+        for number in channels:
+            columns = np.hstack([term.columns[number] for _, term in terms])
+            keep = self.kept_bytes + columns.nbytes <= KEPT_BYTES
+            fixed = self.library.problem.fixed[number]
+            sheet = _sheet(fixed, columns, size, self.draws, keep)
+            batch.sheets[number] = sheet
+            self.kept_bytes += columns.nbytes if keep else 0
+            self.product_bytes += sheet.bytes_of_products
+        self.library.batches.append(batch)
+        self._expect_to_fit()
+
+    def _expect_to_fit(self) -> None:
+        """Stop before more memory is taken than is stated."""
+        if self.product_bytes <= MOST_BYTES:
+            return
+        channels = [fixed.channel for fixed in self.library.problem.fixed.values()]
+        visits = max(len(channel.starts) for channel in channels)
+        directions = max(channel.nuisance.shape[1] for channel in channels)
+        raise InvalidContent(
+            f"expected a search whose candidates take at most {MOST_BYTES / GB:g} GB, came more, "
+            f"of {visits:,} visits and {directions:,} ways in which the maps may be wrong: analyse "
+            "fewer verifications at once, name the kinds of effects to be tested, or store maps "
+            "with fewer positions"
+        )
 
 
 def _sheet(fixed: Fixed, columns: FloatArray, size: int, draws: Draws | None, keep: bool) -> Sheet:

@@ -52,6 +52,11 @@ class Term:
         """The channels it acts on."""
         return tuple(sorted(self.columns))
 
+    @property
+    def size_bytes(self) -> int:
+        """Size of its columns."""
+        return sum(columns.nbytes for columns in self.columns.values())
+
     def moments(self, fixed: Fixed) -> Moments:
         """Multiply its columns in one channel, once.
 

@@ -132,6 +132,7 @@ def search(
     closer, excluded_closer = screen(left, nuisance) if main.terms else (use, excluded)
     if (use & ~closer).any():
         use, excluded = closer, excluded_closer
+        del splits, draws, selector, main  # all their products, before others take as much
         splits, draws, selector, main = choose(use)
     library, allowed, problem = selector.library, selector.allowed, selector.library.problem
     course(0.55, "comparing rivals")

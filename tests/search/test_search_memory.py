@@ -1,0 +1,64 @@
+"""A large campaign takes no more memory than is stated, and its answer does not depend on it."""
+
+import numpy as np
+import pytest
+
+from app.errors import InvalidContent
+from app.search import library as libraries
+from app.search.draws import Draws
+from app.search.library import read_library
+from app.search.problem import make_problem
+from app.search.scan import scan
+from tests.search.search_campaigns import make_campaign, make_library
+
+SMALL = 20_000
+
+
+def read(draws=None):
+    campaign = make_campaign(3, visits=12)
+    visits = np.unique(campaign.rows.visit).tolist()
+    problem = make_problem(
+        campaign.rows,
+        campaign.nuisance,
+        np.ones(len(campaign.rows.values), dtype=bool),
+        {visit: i % 2 for i, visit in enumerate(visits)},
+        2,
+    )
+    return read_library(problem, make_library(campaign), draws)
+
+
+def ratios(library):
+    return scan(library, library.problem.states(np.ones(2, dtype=bool))).ratio
+
+
+def test_columns_that_wait_for_their_batch_are_limited(monkeypatch):
+    whole = read()
+    longest = []
+    add = libraries._Gathering.add
+
+    def watched(gathering, entry, term):
+        add(gathering, entry, term)
+        waiting = [one for terms in gathering.waiting.values() for _, one in terms]
+        sizes = [columns.nbytes for one in waiting for columns in one.columns.values()]
+        assert sum(gathering.waiting_bytes.values()) == sum(sizes)
+        longest.append(sum(sizes))
+
+    monkeypatch.setattr(libraries._Gathering, "add", watched)
+    monkeypatch.setattr(libraries, "WAITING_BYTES", SMALL)
+    parted = read()
+    assert 0 < max(longest) <= SMALL
+    assert len(parted.batches) > 2 * len(whole.batches)
+    assert sorted(i for b in parted.batches for i in b.entries) == sorted(
+        i for b in whole.batches for i in b.entries
+    )
+    np.testing.assert_allclose(ratios(parted), ratios(whole), rtol=1e-9, atol=1e-9)
+
+
+def test_what_would_take_too_much_is_refused_with_what_to_do(monkeypatch):
+    whole = read(Draws(1, 10))
+    size = sum(s.bytes_of_products for b in whole.batches for s in b.sheets.values())
+    monkeypatch.setattr(libraries, "MOST_BYTES", size)
+    read(Draws(1, 10))
+    monkeypatch.setattr(libraries, "MOST_BYTES", size - 1)
+    with pytest.raises(InvalidContent, match=r"12 visits and .* analyse fewer verifications"):
+        read(Draws(1, 10))
