@@ -43,12 +43,18 @@ LOADS = {
 """Name to server, kind of bodies, and number of requests a round."""
 
 
+def free_port() -> int:
+    """Find a port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
 @contextmanager
 def server(arguments: list[str], environment: dict[str, str]) -> Iterator[int]:
     """Run uvicorn with one worker on a free port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [sys.executable, "-m", "uvicorn", *arguments, "--port", str(port)]
     command += ["--no-access-log", "--log-level", "warning"]
     process = subprocess.Popen(command, env=os.environ | environment)

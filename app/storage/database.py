@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
 from time import monotonic
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import psycopg
 from sqlalchemy import URL, Connection, Engine, make_url, text
 from sqlalchemy.exc import (
     ArgumentError,
@@ -29,8 +28,10 @@ from app.errors import (
     StorageUnavailable,
 )
 from app.storage.limits import UNLIMITED, Limits
-from app.storage.postgresql import APPLICATION_NAME, PostgresqlConnections
 from app.storage.sqlite import SqliteConnections
+
+if TYPE_CHECKING:
+    from app.storage.postgresql import PostgresqlConnections
 
 MOMENT: Final = Limits(lock_s=0.2)
 """To see whether something can be written at all."""
@@ -40,8 +41,9 @@ ALONE: Final = Limits(statement_s=None)
 
 _OTHERS: Final = text(
     "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
-    "AND application_name = :name AND pid <> pg_backend_pid()"
+    "AND application_name = current_setting('application_name') AND pid <> pg_backend_pid()"
 )
+"""Connections of other processes of ours."""
 
 
 class Database:
@@ -188,7 +190,7 @@ class Database:
                         raise StorageUnavailable(f"the database is away: {error}") from error
         else:
             with self.reading() as session:
-                if not session.execute(_OTHERS, {"name": APPLICATION_NAME}).scalar_one():
+                if not session.execute(_OTHERS).scalar_one():
                     return
         raise Conflict(f"a service is running on the database {self.name}: stop it first")
 
@@ -242,7 +244,7 @@ def _connections(
     if url.drivername in ("postgresql", "postgres"):
         url = url.set(drivername="postgresql+psycopg")
     if url.get_backend_name() == "postgresql":
-        return PostgresqlConnections(url, limits)
+        return _of_postgresql(url, limits)
     if url.get_backend_name() != "sqlite":
         raise InvalidContent.of_field(
             "database_url",
@@ -256,6 +258,18 @@ def _connections(
     return SqliteConnections(url, limits, may_be_new=may_be_new)
 
 
+def _of_postgresql(url: URL, limits: Limits) -> PostgresqlConnections:
+    try:
+        from app.storage.postgresql import PostgresqlConnections
+    except ImportError as error:
+        raise InvalidContent.of_field(
+            "database_url",
+            "PostgreSQL needs its driver, which is not installed: "
+            'pip install "thermap[postgresql]", or from a checkout pip install ".[postgresql]"',
+        ) from error
+    return PostgresqlConnections(url, limits)
+
+
 def _parse(url: str) -> URL:
     try:
         return make_url(url)
@@ -267,14 +281,12 @@ def _parse(url: str) -> URL:
         ) from None
 
 
-_WAITED_IN_VAIN: Final = (
-    psycopg.errors.LockNotAvailable,
-    psycopg.errors.QueryCanceled,
-)
-"""What PostgreSQL says where it is there, but others hold what is needed."""
+_WAITED_IN_VAIN: Final = {"55P03", "57014"}
+"""SQLSTATE of PostgreSQL where it is there, but others hold what is needed: lock not available,
+query cancelled."""
 
-_OVERTAKEN: Final = (psycopg.errors.DeadlockDetected, psycopg.errors.SerializationFailure)
-"""What it says to the one of several transactions that has to give way."""
+_OVERTAKEN: Final = {"40P01", "40001"}
+"""Of the one of several transactions that has to give way: deadlock, serialization failure."""
 
 
 @contextmanager
@@ -291,11 +303,12 @@ def _saying_when_away(lock_s: float | None = 0.0) -> Iterator[None]:
         cause = getattr(error, "orig", None) or error
         lines = str(cause).strip().splitlines()
         reason = lines[0] if lines else type(error).__name__
+        state = getattr(cause, "sqlstate", None)
         is_locked = "locked" in reason
         at_once = lock_s is None or monotonic() - began_at < lock_s
-        if isinstance(cause, _OVERTAKEN) or (is_locked and at_once):
+        if state in _OVERTAKEN or (is_locked and at_once):
             raise StorageOvertaken(f"the database is busy, try again: {reason}") from error
-        if is_locked or isinstance(cause, (PoolTimeout, *_WAITED_IN_VAIN)):
+        if is_locked or isinstance(cause, PoolTimeout) or state in _WAITED_IN_VAIN:
             raise StorageBusy(f"the database is busy, try again: {reason}") from error
         raise StorageUnavailable(f"the database is away: {reason}") from error
     except DatabaseError as error:

@@ -1,5 +1,6 @@
 """Connections and transactions."""
 
+import sys
 import threading
 from contextlib import ExitStack, suppress
 
@@ -171,6 +172,13 @@ def test_every_spelling_of_postgresql_is_understood_and_its_password_hidden(sche
         list_machines(session)
     assert "hunter2" not in away.value.detail
     database.close()
+
+
+def test_without_its_driver_postgresql_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    monkeypatch.delitem(sys.modules, "app.storage.postgresql", raising=False)
+    with pytest.raises(InvalidContent, match=r"pip install \"thermap\[postgresql\]\""):
+        Database("postgresql://127.0.0.1/x")
 
 
 def test_the_folder_of_a_sqlite_file_has_to_be_there(tmp_path):
