@@ -27,6 +27,7 @@ from app.effects.effect import effect_from_json
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.analyse import analyse
 from app.identification.campaign import Campaign, residuals_of
+from app.storage.analysis_results import RESULTS
 from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.closing_the_loop_judge import judge
 from benchmarks.undeclared import FAMILIES, UNKNOWN, make_campaign
@@ -76,7 +77,7 @@ def run(task: Task) -> Outcome:
     )
     campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
     begun = time.perf_counter()
-    answer = analyse(campaign, holdout_fraction=HELD_OUT).to_json()
+    answer = RESULTS.fields(analyse(campaign, holdout_fraction=HELD_OUT))
     seconds = time.perf_counter() - begun
     return Outcome(
         task,

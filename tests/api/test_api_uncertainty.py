@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from app.api.schemas.compensation import CompensationAnswer
 from app.geometry.components import COMPONENTS
 from tests.service_examples import (
     MACHINE,
@@ -22,6 +21,7 @@ from tests.service_examples import (
     reading,
     table,
 )
+from thermap.answers import CompensationAnswer
 
 pytestmark = pytest.mark.anyio
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from plotly.graph_objects import Figure
 
-import app.identification
+import app
 from app.errors import InvalidContent
 from app.identification.analysis.analyse import VERDICTS as GIVEN
 from app.pages.analysis_report import analysis_report
@@ -336,7 +336,7 @@ def test_plotly_is_imported_only_for_its_javascript():
 
 def names_of_tests():
     """Read off the source which tests the search says something of."""
-    for path in Path(app.identification.__file__).parent.rglob("*.py"):
+    for path in Path(app.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "Unexplained":
                 yield ast.literal_eval(node.args[0])

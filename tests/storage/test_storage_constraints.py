@@ -10,6 +10,7 @@ from app.arrays import frozen
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.identification.watch.watching import WatchState, not_judged
 from app.storage.analyses import insert_analysis
 from app.storage.database import Database
 from app.storage.error_maps import find_error_map, insert_error_map, withdraw_error_map
@@ -117,8 +118,8 @@ def fill(database, machine_id):
         insert_readings(session, machine_id, readings)
         withdraw_stored(session, row, START, START, START)
         seen = Verification("seen", [Observation(START.timestamp(), (1.0,), "EXX", 5.0)])
-        stored = insert_verification(session, machine_id, seen, {"status": "within"}, START)
-        write_watch(session, machine_id, 1, {"streams": {}, "beyond_since_s": None}, START)
+        stored = insert_verification(session, machine_id, seen, not_judged(None, "no maps"), START)
+        write_watch(session, machine_id, 1, WatchState(), START)
         insert_analysis(session, machine_id, AnalysisTask(1, [stored.id], 0.3, None, 0), START)
         return maps
 
