@@ -14,6 +14,7 @@ def compared(tmp_path_factory):
     return asyncio.run(chain.compare(tmp_path_factory.mktemp("example")))
 
 
+@pytest.mark.slow
 def test_from_diagonals_in_three_states_to_the_error_between_them(compared):
     """What is left between the states is what the readings' own noise amounts to."""
     assert [row.run for row in compared] == [2, 4, 5]

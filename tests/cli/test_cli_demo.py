@@ -90,6 +90,7 @@ def lines_of(table, columns, rows):
     return ["".join(segment.text for segment in line).rstrip() for line in lines]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "rows", "shown"),
     [
@@ -113,6 +114,7 @@ def test_the_live_view_shows_every_component_and_does_not_scroll(
     assert (" error " in text, "A_x(x)" in text, "" in lines) == shown
 
 
+@pytest.mark.slow
 def test_in_low_terminals_rotations_stand_beside_the_displacements_of_their_axis(simulated_table):
     entries = {entry.component: entry for entry in simulated_table.components}
     at = [0, 7, 13, 20]

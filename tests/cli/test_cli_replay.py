@@ -95,6 +95,7 @@ def test_other_readings_about_that_time_are_told(thermap, write):
     assert "other readings" in thermap("replay", "mcfv5050", file, "--fast").stderr
 
 
+@pytest.mark.slow
 def test_readings_without_a_table_are_stored_all_the_same(thermap, write):
     found = thermap("replay", "mcfv5050", write("time_s,spindle\n0,20\n10,21\n"), "--fast")
     assert found.exit_code == 0
@@ -128,6 +129,7 @@ def test_times_in_the_future_are_the_services_to_refuse(thermap, write):
     assert "expected a time not in the future" in found.stderr
 
 
+@pytest.mark.slow
 def test_ctrl_c_says_how_far_it_came(thermap, write, monkeypatch):
     def interrupt(_seconds):
         raise KeyboardInterrupt

@@ -65,6 +65,7 @@ def test_what_stops_half_way_is_ended(port, pieces):
     assert json.loads(came.partition(b"\r\n\r\n")[2])["status"] == 408
 
 
+@pytest.mark.slow
 def test_a_connection_over_which_nothing_comes_is_closed(port):
     assert answer_to(port) == b""
 
@@ -83,6 +84,7 @@ def test_a_slow_body_that_goes_on_is_taken(port):
     assert came.startswith(b"HTTP/1.1 200 ")
 
 
+@pytest.mark.slow
 def test_headers_letter_by_letter_are_not_waited_for(port):
     with closing(socket.create_connection(("127.0.0.1", port), timeout=60)) as client:
         client.sendall(head(b"compensation"))

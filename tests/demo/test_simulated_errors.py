@@ -142,6 +142,7 @@ def test_each_error_correlates_best_with_its_sensor_over_the_runs(code):
     assert max(r, key=r.get) == COMPONENTS[code].default_sensor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", CODES)
 def test_each_error_correlates_best_with_its_sensor_over_the_live_cycle(code):
     temperatures = [temperatures_at(t) for t in np.arange(0.0, PERIOD_S, 5.0)]

@@ -110,6 +110,7 @@ def test_where_no_axis_turns_itself_extremes_are_at_nodes_exactly():
     assert (fine.min(axis=0) >= found.least - 1e-12).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cells", [1, 5, 40])
 def test_a_search_that_must_end_early_says_what_it_may_have_missed(cells, monkeypatch):
     field = random_field("XYZF", NONRIGID, seed=9, positions=3)

@@ -153,6 +153,7 @@ def not_as_the_rule(chain, sign):
     return wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("chain", ["FXYZ", "XFYZ", "XYFZ", "XYZF"])
 def test_the_printed_compensation_equations_are_of_no_configuration_of_the_chapter(chain, sign):

@@ -31,6 +31,7 @@ def planned():
     return plan(campaign_of(observations(visits_a_day=2)), 3)
 
 
+@pytest.mark.slow
 def test_every_kind_has_its_smallest_effect(planned):
     kinds = {e.kind for e in planned.effects}
     assert {"backlash", "thermal-lag", "drift", "step", "outdated-map", "angular"} <= kinds
@@ -89,6 +90,7 @@ def test_days_to_come_are_planned_on_recorded_days():
     assert not found.excluded
 
 
+@pytest.mark.slow
 def test_what_is_yet_to_be_measured_is_not_screened_by_value():
     one = observations(with_points=False)[0]
     weeks = [

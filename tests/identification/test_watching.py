@@ -76,6 +76,7 @@ def test_unchanged_machines_alarm_rarely_whatever_their_set_ups_scatter(setup):
     assert alarms <= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "changed_at", "within"), [(4.0, 12, 4), (20.0, 4, 4), (8.0, 25, 2), (40.0, 0, 1)]
 )
@@ -140,6 +141,7 @@ def test_all_at_once_and_one_by_one_give_the_same():
     assert judgement.evidence == pytest.approx(watched(campaign)[-1].evidence, rel=0.2)
 
 
+@pytest.mark.slow
 def test_an_unknown_zero_is_no_change():
     _, campaign = verifications_of(6, datum="free")
     assert campaign.verifications[0].datum is Datum.FREE
@@ -159,6 +161,7 @@ def only(verification, component):
     return replace(verification, observations=kept)
 
 
+@pytest.mark.slow
 def test_what_changed_is_named_also_by_a_verification_of_something_else():
     """EXX is 25 µm off from the fifth visit of it on; then another is measured, which is fine."""
     _, campaign = verifications_of(7, visits=40)

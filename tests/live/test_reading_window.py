@@ -54,6 +54,7 @@ def test_an_empty_window_has_no_latest_reading():
     assert {s.health for s in ReadingWindow().judge(TWO)} == {Health.MISSING}
 
 
+@pytest.mark.slow
 @given(st.permutations(range(20)))
 def test_the_order_of_arrival_does_not_count(order):
     window = ReadingWindow()
@@ -117,6 +118,7 @@ def test_a_jump_is_seen_however_long_the_window():
     assert {s.sensor: s.health for s in window.judge(patient)}["a"] is Health.JUMP
 
 
+@pytest.mark.slow
 def test_fast_readings_are_thinned_but_the_newest_is_always_there():
     window = ReadingWindow()
     for i in range(20_000):
@@ -128,6 +130,7 @@ def test_fast_readings_are_thinned_but_the_newest_is_always_there():
     assert times[-1] - times[0] > timedelta(seconds=7000)
 
 
+@pytest.mark.slow
 def test_a_single_batch_is_thinned_like_readings_one_by_one():
     one_by_one, at_once = ReadingWindow(), ReadingWindow()
     readings = [at(2.0 * i) for i in range(3000)]

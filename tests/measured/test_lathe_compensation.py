@@ -131,6 +131,7 @@ async def lathe(new_app, sqlite_url, runs):
         yield client
 
 
+@pytest.mark.slow
 async def test_replayed_runs_of_the_lathe(lathe, runs):
     assignment = await assign_by_correlation(lathe)
     mapped = runs[MAPPED]

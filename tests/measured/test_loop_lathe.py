@@ -42,6 +42,7 @@ def test_the_failed_sensor_is_named_with_its_day(lathe):
     assert one.off_by_k == pytest.approx(31.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_rows_of_the_stopped_log_are_left_out_and_counted():
     """By hand: 19 runs with a stretch of 12 to 61 min in which X and Z repeat one value."""
     every_row = make_lathe(read_runs(data_folder()), every_s=0.0)

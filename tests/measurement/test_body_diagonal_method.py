@@ -169,6 +169,7 @@ def test_both_directions_by_hand():
     assert any(note.startswith("No squareness") for note in found.result.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backward", [True, False])
 def test_standard_errors_are_those_of_many_measurements(backward):
     rng = np.random.default_rng(64)

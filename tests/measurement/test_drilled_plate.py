@@ -260,6 +260,7 @@ def test_the_stated_covariances_are_the_scatter(holes):
         np.testing.assert_allclose(empirical, mean, atol=0.2 * mean.max(), err_msg=code)
 
 
+@pytest.mark.slow
 def test_the_standard_errors_of_scale_and_squareness_are_their_scatter():
     """A plate three times as long as wide, so that x and y cannot stand for each other."""
     holes = SCATTERED * [1.0, 0.33]
@@ -279,6 +280,7 @@ def test_the_standard_errors_of_scale_and_squareness_are_their_scatter():
     np.testing.assert_allclose(found, np.sqrt(np.mean(np.square(stated), axis=0)), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_noise_is_found_and_its_degrees_of_freedom():
     rng = np.random.default_rng(45)
     field = plane_machine()

@@ -202,6 +202,7 @@ def test_the_stated_covariance_is_the_scatter_of_the_deviations(line, passes):
         assert part.result.figures["noise_degrees_of_freedom"] == 10.0
 
 
+@pytest.mark.slow
 def test_the_straightness_has_the_scatter_that_is_stated():
     """Where two points stand out clearly, the range is their difference."""
     rng = np.random.default_rng(22)

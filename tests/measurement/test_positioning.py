@@ -237,6 +237,7 @@ def test_equal_positions_are_pooled_and_pooling_is_the_more_certain():
         assert np.std(pooled) / np.mean(pooled) < 0.23
 
 
+@pytest.mark.slow
 def test_shift_and_slope_of_the_runs_are_told_from_their_noise():
     """500 tests of five runs: the squares' mean is known to 5 to 10 %."""
     rng = np.random.default_rng(7)
@@ -275,6 +276,7 @@ def test_the_standard_error_of_the_mean_reversal_is_its_scatter():
     assert np.std(means) == pytest.approx(np.sqrt(2 / (RUNS * POSITIONS)), rel=0.12)
 
 
+@pytest.mark.slow
 def test_covariances_are_positive_definite_whatever_the_readings():
     rng = np.random.default_rng(5)
     for _ in range(200):

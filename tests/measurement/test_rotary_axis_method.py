@@ -390,6 +390,7 @@ FAR, NEAR = [100.0, 0.0, 0.0], [0.7, 0.0, 0.0]
 GOOD = places("C", C_ERRORS, BALLS["C"], [0, 90, 180])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axis", "angles", "points", "message"),
     [

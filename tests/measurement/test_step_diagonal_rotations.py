@@ -43,6 +43,7 @@ def without_rigid_motion(errors, points):
     return values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["point", "flat-mirror"])
 @pytest.mark.parametrize("chain", CHAINS)
 def test_with_known_rotations_the_map_is_the_machine(chain, target):
@@ -155,6 +156,7 @@ def predicted(chain, code, shape):
     return found, square
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("code", ANGULAR)
 @pytest.mark.parametrize("chain", CHAINS)

@@ -281,6 +281,7 @@ def test_nothing_to_draw_is_no_figure():
         assert heading not in found.told
 
 
+@pytest.mark.slow
 def test_texts_of_users_are_shown_and_do_not_act():
     evil = copy.deepcopy(UNEXPLAINED)
     evil["summary"] = evil["what_next"][0] = EVIL
@@ -342,6 +343,7 @@ def names_of_tests():
                 yield ast.literal_eval(node.args[0])
 
 
+@pytest.mark.slow
 def test_every_test_of_the_search_has_words():
     names = set(names_of_tests())
     assert len(names) >= 6

@@ -66,6 +66,7 @@ def test_a_page_with_an_address_is_small_and_loads_plotly_from_there():
     assert len(written) < 300_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "address",
     [
@@ -80,6 +81,7 @@ def test_addresses_over_http_or_beside_the_page_will_do(address):
     assert Reader(page(picture(), plotly_js=address)).attributes("src") == [address]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "address",
     ["", "javascript:alert(1)", "data:text/javascript,1", "//x/p.js", "file:///p.js", "a b"],
@@ -96,6 +98,7 @@ def test_an_address_cannot_leave_its_attribute():
     assert "alert" not in read.texts["script"]
 
 
+@pytest.mark.slow
 def test_texts_of_users_are_shown_and_do_not_act():
     plain = Reader(page(picture(), plotly_js=ADDRESS))
     read = Reader(page(picture(title=EVIL, subtitle=EVIL), plotly_js=ADDRESS))
@@ -108,6 +111,7 @@ def test_texts_of_users_are_shown_and_do_not_act():
     assert "<" not in read.texts["script"].split("const config")[0]
 
 
+@pytest.mark.slow
 def test_the_page_says_what_is_drawn():
     figure = picture(
         title="Mill 7", subtitle="XYFZ, tool offset (0, 0, 160) mm", exaggeration=500.0
@@ -178,6 +182,7 @@ def test_a_browser_draws_the_file_or_shows_the_sentence(tmp_path, plotly_js, is_
     assert any("js-plotly-plot" in kind for kind in shown.attributes("class")) == is_drawn
 
 
+@pytest.mark.slow
 def test_the_page_changes_no_figure_and_is_the_same_each_time():
     figure = picture()
     before = figure.to_json()
@@ -211,6 +216,7 @@ def test_numbers_are_short():
     assert np.abs(numbers).max() < 1000.0
 
 
+@pytest.mark.slow
 def test_plotly_is_imported_only_for_a_picture():
     program = (
         "import sys; import app.pages.picture_page; import app.pictures.work_volume_picture; "

@@ -76,6 +76,7 @@ def test_every_vector_is_the_exaggerated_error(seed, chain, name):
     assert np.allclose(vectors, factor * errors_um / 1000.0, rtol=0, atol=3 * rounding_mm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VOLUMES)
 def test_heads_end_where_vectors_end(name):
     figure = random_picture(VOLUMES[name])
@@ -98,6 +99,7 @@ def test_feet_of_heads_stand_around_their_vectors():
     assert np.allclose(middles, shafts[:, 0] + 0.65 * along, atol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["error vectors", "distorted box"])
 def test_under_the_mouse_are_nominal_position_and_real_error(name):
     field = random_field(kinds=NONRIGID, seed=3)
@@ -350,6 +352,7 @@ def test_nothing_is_offered_to_be_sent_to_the_cloud():
     assert "sendChartToCloud" in picture().layout.modebar.remove
 
 
+@pytest.mark.slow
 def test_a_process_wide_template_changes_nothing(monkeypatch):
     plain = picture().to_json()
     monkeypatch.setattr(plotly.io.templates, "default", "plotly_dark")

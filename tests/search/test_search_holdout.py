@@ -74,6 +74,7 @@ def test_a_second_wave_is_not_confirmed_by_the_first():
 # What has just changed, and what came once.
 
 
+@pytest.mark.slow
 def test_the_last_visit_is_never_left_out_as_a_slip():
     campaign = make_campaign(62, visits=16)
     changed = campaign.rows.visit == 15

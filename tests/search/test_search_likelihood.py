@@ -49,6 +49,7 @@ def dense_profile(channel, columns):
     return max(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("datum", [Datum.ABSOLUTE, Datum.FREE])
 def test_ratio_of_every_candidate_against_dense_covariances(datum):
     campaign, problem = make_small(datum=datum)

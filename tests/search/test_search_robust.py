@@ -52,6 +52,7 @@ def permuted(candidates, rows, order):
     return [moved(c) for c in candidates]
 
 
+@pytest.mark.slow
 def test_order_of_rows_does_not_matter():
     campaign = planted_campaign()
     candidates = make_library(campaign, pitches=10)
@@ -72,6 +73,7 @@ def test_order_of_rows_does_not_matter():
     np.testing.assert_allclose(there.predicted, here.predicted[order])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-3, 250.0])
 def test_unit_of_a_channel_does_not_matter(factor):
     campaign = planted_campaign()

@@ -66,6 +66,7 @@ async def test_eight_maps_at_once_make_eight_versions(two):
     assert all(len(m["components"]) == 4 for m in listed)
 
 
+@pytest.mark.slow
 async def test_one_map_posted_by_all_at_once_is_stored_once(two):
     content = error_map("Run #1", 20.0)
     answers = await asyncio.gather(*(two[i % 2].post(MAPS, json=content) for i in range(12)))
@@ -84,6 +85,7 @@ async def test_different_maps_under_one_label_at_once_leave_one(two):
     assert stored == won
 
 
+@pytest.mark.slow
 async def test_one_machine_made_by_all_at_once_is_made_once(two):
     bodies = [MACHINE | {"id": "new", "name": f"by {i}"} for i in range(10)]
     answers = await asyncio.gather(

@@ -35,6 +35,7 @@ def file(url):
     return Path(make_url(url).database)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("replaced", [False, True], ids=["deleted", "replaced"])
 async def test_nothing_is_answered_with_201_that_nobody_will_find(new_app, url, file, replaced):
     service = new_app(url)

@@ -94,6 +94,7 @@ async def gone():
     return not processes()
 
 
+@pytest.mark.slow
 async def test_a_killed_process_leaves_a_failed_analysis_with_the_reason(client):
     number, process = await begun(client)
     os.kill(process.pid, signal.SIGKILL)
@@ -108,6 +109,7 @@ async def test_a_killed_process_leaves_a_failed_analysis_with_the_reason(client)
     assert found["finished_at"] is not None
 
 
+@pytest.mark.slow
 async def test_cancelling_ends_the_process_and_those_that_wait_never_begin(client):
     number, _ = await begun(client)
     waiting = (await client.post(PATH, json=BODY)).json()["id"]

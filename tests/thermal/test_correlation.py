@@ -101,6 +101,7 @@ def test_three_observations_tell_nothing_apart():
     assert tell_apart(1.0, 0.0, 0.0, 300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "r_ab"), [(5, 0.5), (12, 0.9), (40, 0.0)])
 def test_equal_correlations_are_told_apart_once_in_twenty(n, r_ab):
     """Samples of three normal variables with ρ_ya = ρ_yb = 0.6, as the test's level says.

@@ -180,6 +180,7 @@ def test_they_are_what_each_error_of_each_map_adds(case):
     np.testing.assert_allclose(stated(maps, t_c, policies), expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_reversal_that_moving_a_line_brings_is_taken_for_less_certain_than_it_is():
     """A rotation's reversal enters a translation: both its directions share its own errors."""
     maps = random_maps(SIX, [20, 30], [LINE, OTHER], backward=("EBX",))
@@ -397,6 +398,7 @@ def test_rotations_that_do_not_enter_need_not_be_known():
 # --- properties --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.floats(1e-3, 1e3), st.sampled_from(list(CASES)), st.integers(0, 9))
 def test_maps_twice_as_uncertain_make_a_table_twice_as_uncertain(scale, name, seed):

@@ -287,6 +287,7 @@ def test_a_step_happens_between_two_visits(campaign_of):
     assert len(after) >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", FAMILIES["sensor-fault"].variants)
 def test_a_sensors_fault_is_in_the_readings_alone(exact_of, variant):
     campaign = exact_of(4, f"sensor-fault:{variant}", 1.5)
@@ -316,6 +317,7 @@ def test_a_sensors_fault_is_in_the_readings_alone(exact_of, variant):
         assert share == pytest.approx(parameters["share_of_readings"], rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["bias", "stuck"])
 def test_a_faulty_sensor_keeps_its_noise_only_where_it_is_not_stuck(campaign_of, variant):
     campaign = campaign_of(4, f"sensor-fault:{variant}", 1.5)

@@ -51,6 +51,7 @@ def url(databases):
     databases.give_back(made)
 
 
+@pytest.mark.slow
 async def test_without_scatter_the_service_reproduces_the_truth(url, campaign_of):
     campaign = campaign_of(9, **NO_SCATTER, days=2, visits=8)
     predicted, status = await predicted_by_service(url, campaign)
@@ -59,6 +60,7 @@ async def test_without_scatter_the_service_reproduces_the_truth(url, campaign_of
     np.testing.assert_allclose(predicted, campaign.truth.true_um, atol=1e-4)
 
 
+@pytest.mark.slow
 async def test_the_residual_without_effect_is_what_scatter_and_maps_predict(url, campaign_of, rms):
     campaign = campaign_of(9)
     truth = campaign.truth
@@ -82,6 +84,7 @@ async def test_an_effect_is_in_the_services_residual(url, campaign_of):
     np.testing.assert_allclose(residual, campaign.truth.contribution_um, atol=2e-4)
 
 
+@pytest.mark.slow
 async def test_a_biased_sensor_is_believed(url, campaign_of):
     campaign = campaign_of(9, "sensor-fault:bias", 1.0, state_standard_errors=True)
     predicted, status = await predicted_by_service(url, campaign)

@@ -65,6 +65,7 @@ def visit_temperatures(campaign):
     return np.array([campaign.history.temperature(s, times) for s in SENSORS])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_sensors_are_collinear_as_on_a_machine(campaign_of, seed):
     r = np.corrcoef(visit_temperatures(campaign_of(seed, visits=60, days=12)))
