@@ -1507,7 +1507,8 @@ class ComponentCompensationAnswer(TableEntry):
 
     standard_errors_um: list[float] | None = None
     """Standard error of each error and its compensation [µm], as far as the measurement of the maps
-    goes; absent where a map that enters states none
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none
     """
 
     standard_errors_urad: list[float] | None = None
@@ -1821,8 +1822,8 @@ class MachineAnswer(Shape):
     """How far `extrapolate` may go beyond the maps [°C]"""
 
     extrapolation_error_ratio: float = 3.0
-    """How many times as large as those of its two maps the standard error of an extrapolated value
-    may be; further out the value there is held
+    """How many times as large as at the edge of the maps the standard error of an extrapolated
+    value may be; further out the value there is held
     """
 
     same_temperature: Literal["refuse", "mean"] = "refuse"

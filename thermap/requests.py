@@ -866,8 +866,8 @@ class MachineSettings(Shape):
     """How far `extrapolate` may go beyond the maps [°C]"""
 
     extrapolation_error_ratio: float = 3.0
-    """How many times as large as those of its two maps the standard error of an extrapolated value
-    may be; further out the value there is held
+    """How many times as large as at the edge of the maps the standard error of an extrapolated
+    value may be; further out the value there is held
     """
 
     same_temperature: Literal["refuse", "mean"] = "refuse"
