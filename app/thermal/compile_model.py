@@ -8,7 +8,7 @@ scale of temperature then stand side by side in one matrix.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
@@ -248,9 +248,19 @@ def _backward_sources(
         having = [f"'{states[i].label}'" for i in known]
         notes.append(
             f"{code} has no backward errors in {list_names(lacking)}: the reversal of "
-            f"{list_names(having)} holds there"
+            f"{list_names(having)} holds there{_beyond_reversals(states, reversals)}"
         )
     return found
+
+
+def _beyond_reversals(states: Sequence[_State], known: Collection[int]) -> str:
+    """Say where the reversal was measured, if maps that lack it reach further."""
+    ranges = np.array([common_range(state.tables) for state in states])
+    lacking = [i for i in range(len(states)) if i not in known]
+    low, high = ranges[list(known), 0].max(), ranges[list(known), 1].min()
+    if ranges[lacking, 0].min() >= low and ranges[lacking, 1].max() <= high:
+        return ""
+    return f", measured from {from_to_mm(low, high)} only: beyond that what it is at its ends holds"
 
 
 def _states_around(

@@ -380,6 +380,19 @@ def test_between_a_map_of_both_directions_and_one_of_one_the_reversal_is_held():
     )
 
 
+def test_a_reversal_that_is_carried_beyond_where_it_was_measured_is_said():
+    maps = [
+        error_map("short", 20.0, table("EXX", [0.0, 1.0], [0, 100], [4.0, 8.0])),
+        error_map("long", 30.0, table("EXX", [10.0, 15.0], [0, 500])),
+    ]
+    model = compiled(maps)
+    assert errors_of(model, "EXX", 30.0, backward=True)[-1] == 15.0 + 7.0
+    assert model.notes == (
+        "EXX has no backward errors in 'long': the reversal of 'short' holds there, measured "
+        "from 0 to 100 mm only: beyond that what it is at its ends holds",
+    )
+
+
 def test_between_two_maps_of_both_directions_the_reversal_is_linear_past_one_of_one():
     """Reversals of 2 at 20 °C and 6 at 40 °C: 3 at 25 °C, where a map of one direction lies."""
     maps = [
