@@ -123,6 +123,7 @@ def test_the_partial_index_is_partial(empty):
     assert "withdrawn_at IS NULL" in str(list(options.values()))
 
 
+@pytest.mark.slow
 def test_every_step_up_can_be_taken_down_and_up_again(empty):
     up = [schema(empty)]
     for revision in REVISIONS:

@@ -43,6 +43,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_it_says_where_it_listens_answers_and_ends_with_0(start, free_port, tmp_path, number):
     file = tmp_path / "shop.db"

@@ -72,6 +72,7 @@ def evaluated(test):
     return evaluate_positioning(TESTS[test], targets, runs["forward"], runs["backward"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("test", TESTS)
 def test_the_reports_exchange_the_directions(test):
     _, runs = read_runs(test)
@@ -83,6 +84,7 @@ def test_the_reports_exchange_the_directions(test):
         np.testing.assert_allclose(runs[way], deviations, atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("test", TESTS)
 def test_each_position_is_as_the_report_has_it(test):
     found = evaluated(test)
@@ -100,6 +102,7 @@ def test_each_position_is_as_the_report_has_it(test):
     np.testing.assert_allclose(found.reversal_um, -both[:, 2], atol=PRINTED_TO_UM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("test", TESTS)
 def test_the_axis_figures_are_the_reports(test):
     figures = evaluated(test).result.figures
@@ -112,6 +115,7 @@ def test_the_axis_figures_are_the_reports(test):
     assert figures["B_mean_um"] == pytest.approx(-printed(test, "B_avg"), abs=PRINTED_TO_UM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("test", "e", "r", "e_printed", "r_printed"),
     [
@@ -133,6 +137,7 @@ def test_e_and_r_of_an_axis_are_the_standards_and_not_the_reports(test, e, r, e_
     )
 
 
+@pytest.mark.slow
 def test_the_warm_up_is_noted_and_is_what_the_uncertainty_is_made_of():
     """Y drifts by 42 µm in five cycles; noise beside the cycles' shift and slope is 2 µm."""
     found = evaluated("week42_22_xyz_target_y_report_ILD50")

@@ -151,6 +151,7 @@ async def test_replayed_runs_of_the_lathe(lathe, runs):
             print(f"{date} {code} {sensor}: {rms(measured):.1f} -> {rms(residual):.1f} µm")
 
 
+@pytest.mark.slow
 async def test_one_run_is_followed_and_others_are_made_worse(lathe, runs):
     await assign_by_correlation(lathe)
     measured, residual = (await residuals(lathe, runs["20200701"]))["EZZ"]
@@ -160,6 +161,7 @@ async def test_one_run_is_followed_and_others_are_made_worse(lathe, runs):
         assert rms(residual) > rms(measured)
 
 
+@pytest.mark.slow
 def test_states_that_lie_close_together_are_not_followed_far(runs):
     """Of six states the first two are 0.3 K apart at PT11, and 14 µm: at 10 K below them their
     line says 97 and 145 µm where the machine moved some 30.

@@ -38,6 +38,7 @@ def found(axis):
     return {e.kind: e for e in effects_of(campaign(axis, points, points, by_run=True), rounds)}
 
 
+@pytest.mark.slow
 def test_the_reversal_is_that_of_the_report(axis, found):
     effect = found["backlash"]
     error = effect.standard_errors["reversal_um"]
@@ -46,11 +47,13 @@ def test_the_reversal_is_that_of_the_report(axis, found):
     assert error < 2.0
 
 
+@pytest.mark.slow
 def test_the_warm_up_is_found_with_its_sign(found):
     """Both axes move to the negative side as the motor warms up."""
     assert found["drift"].parameters["drift_um_per_day"] < 0
 
 
+@pytest.mark.slow
 def test_a_cycle_left_out_is_predicted_better(axis):
     points = read_points(data_folder(), axis)
     learn = [p for p in points if p.cycle != 3]

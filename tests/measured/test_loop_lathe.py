@@ -35,6 +35,7 @@ def lathe():
     return make_lathe(read_runs(data_folder()), every_s=900.0)
 
 
+@pytest.mark.slow
 def test_the_failed_sensor_is_named_with_its_day(lathe):
     (one,) = doubtful_sensors(lathe.readings)
     assert one.sensor == FAILED

@@ -24,6 +24,7 @@ def loop():
     return known, asked, effects_of(known, close_the_loop(known))
 
 
+@pytest.mark.slow
 def test_the_period_is_a_quarter_of_a_millimetre(loop):
     _, _, effects = loop
     first = max(effects, key=lambda e: e.parameters["amplitude_um"])
@@ -35,6 +36,7 @@ def test_the_period_is_a_quarter_of_a_millimetre(loop):
     assert first.parameters["amplitude_um"] == pytest.approx(20.3, abs=1.0)
 
 
+@pytest.mark.slow
 def test_the_rest_of_the_sweep_is_predicted(loop):
     known, asked, effects = loop
     rows, _, before = measured_and_left(known, asked)

@@ -45,6 +45,7 @@ def read_plate(name):
     return holes[:, :2], holes[:, 2:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOUND)
 def test_what_each_plate_says(name):
     plate = evaluate_drilled_plate(*read_plate(name))
@@ -60,6 +61,7 @@ def test_what_each_plate_says(name):
     assert len(plate.result.tables) == 3
 
 
+@pytest.mark.slow
 def test_an_independent_least_squares_of_the_redrilled_plate():
     """Shift, rotation, one scale: 8.27 µm; a symmetric shear too: 5.23 µm, at −32 µm/m.
 
@@ -88,6 +90,7 @@ def test_an_independent_least_squares_of_the_redrilled_plate():
     assert slopes[3] == pytest.approx(-32.1, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_plate_measured_twice_shows_what_the_standard_errors_do_not_know():
     """2003 and 2010, the same 650 holes: scale differs by −10 and −11 µm/m, SXY by −14 µm/m.
 

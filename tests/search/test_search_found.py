@@ -28,6 +28,7 @@ def scaled(effect, campaign, channel, size):
     return effect * here * size / np.std(effect[here])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12])
 @pytest.mark.parametrize(
     ("key", "effect"),

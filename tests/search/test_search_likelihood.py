@@ -115,6 +115,7 @@ def test_draws_of_the_null_have_the_ratio_of_noise():
     assert (mean < 1.6).all()
 
 
+@pytest.mark.slow
 def test_against_statsmodels_mixed_model():
     """Random shift and tilt of each visit, uncorrelated, no maps, by maximum likelihood."""
     mixed = pytest.importorskip("statsmodels.regression.mixed_linear_model")

@@ -99,6 +99,7 @@ def test_unit_of_a_channel_does_not_matter(factor):
     )
 
 
+@pytest.mark.slow
 def test_unit_of_a_candidate_does_not_matter():
     campaign = planted_campaign()
     other = [
@@ -110,12 +111,14 @@ def test_unit_of_a_candidate_does_not_matter():
     assert summary(there) == summary(here)
 
 
+@pytest.mark.slow
 def test_same_seed_same_findings_other_seed_same_verdict():
     campaign = planted_campaign()
     assert summary(search_in(campaign)) == summary(search_in(campaign))
     assert search_in(campaign, seed=77).terms[0].key == "reversal-0"
 
 
+@pytest.mark.slow
 def test_undeclared_noise_is_estimated():
     campaign = planted_campaign(seed=42, visits=20).declaring()
     found = search_in(campaign)

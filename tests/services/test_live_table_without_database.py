@@ -21,6 +21,7 @@ def forbid(engine):
     event.listen(engine, "before_cursor_execute", refuse)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content_type", ["application/json", "application/json; charset=utf-8"])
 async def test_the_live_table_does_not_ask_the_database(app, client, clock, content_type):
     stated = {"temperatures_c": temperatures(25.5)}
