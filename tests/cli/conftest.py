@@ -86,6 +86,9 @@ def start(tmp_path):
             **streams or {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True},
             cwd=tmp_path,
             env=ENVIRONMENT | {"XDG_DATA_HOME": str(tmp_path), "TERM": "xterm"},
+            # A shell that runs the tests in the background lets them ignore Ctrl+C, and all
+            # that they start.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
         started.append(process)
         return process
