@@ -1,0 +1,116 @@
+"""The demo's second machine: a week of readings and one undeclared effect, to close the loop on."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+from rich.console import Console, Group, RenderableType
+from rich.text import Text
+
+from app.cli.models import comparison_view
+from app.cli.options import connect
+from app.cli.simulate_campaign import store_maps, store_measured
+from app.errors import Conflict, ThermapError
+from app.simulation.week import ID, NAME, Week, make_week
+from thermap import DEFAULT_URL, ThermapClient, ThermapClientError, UnknownThingError, loop_calls
+from thermap.answers import ModelComparisonAnswer
+
+
+def week_hint(url: str) -> RenderableType:
+    """Say how the loop is closed on the week: three commands."""
+    at = "" if url == DEFAULT_URL else f" --url {url}"
+    later = "" if url == DEFAULT_URL else f" --host {_host(url)} --port {_port(url)}"
+    return Group(
+        Text.assemble(
+            (f"{ID}: ", "bold"),
+            "another simulated machine, with a week of readings and 20 visits (loaded within "
+            "seconds), and an effect that its model lacks. In another terminal:",
+        ),
+        Text(f"  thermap analyse {ID} --adopt -o week.html{at}"),
+        Text(f"  thermap demo --later{later}"),
+    )
+
+
+def _host(url: str) -> str:
+    return url.removeprefix("http://").rpartition(":")[0]
+
+
+def _port(url: str) -> str:
+    return url.rpartition(":")[2]
+
+
+@contextmanager
+def loading_week(url: str) -> Iterator[None]:
+    """Load the week beside what else goes on; it is given up where that ends first."""
+    ended = threading.Event()
+
+    def load() -> None:
+        try:
+            with connect(url) as thermap:
+                set_up_week(thermap)
+        except (ThermapError, ThermapClientError) as error:
+            if not ended.is_set():
+                typer.echo(f"{ID} is not there: {error}", err=True)
+
+    thread = threading.Thread(target=load, name="week", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+
+
+def set_up_week(thermap: ThermapClient) -> None:
+    """Make sure that the service has the machine and its week; the visits come last, at once.
+
+    Raises
+    ------
+    Conflict
+        If a machine of that id is there that is not the simulated one.
+    """
+    try:
+        present = thermap.machine(ID).name
+    except UnknownThingError:
+        present = None
+    if present not in (None, NAME):
+        raise Conflict(
+            f"{thermap.base_url} has a machine {ID!r} that is not the simulated one "
+            f"({present!r}): give the demo a database of its own"
+        )
+    week = make_week()
+    if present is None:
+        thermap.create_machine(week.machine)
+    elif thermap.verifications(ID):
+        return
+    store_maps(thermap, ID, week.error_maps)
+    store_measured(thermap, ID, week.week.readings, week.week.verifications)
+
+
+def show_later(url: str) -> None:
+    """Store the two days after the week, and hold the model before and after against them.
+
+    Raises
+    ------
+    Conflict
+        If there is no week, or nothing was adopted yet.
+    """
+    with connect(url) as thermap:
+        compared = compare_later(thermap, make_week())
+    Console(highlight=False).print(comparison_view(compared))
+
+
+def compare_later(thermap: ThermapClient, week: Week) -> ModelComparisonAnswer:
+    """Store what came after the week, and compare the active version with the one before it."""
+    try:
+        versions = thermap.models(ID)
+    except UnknownThingError:
+        raise Conflict(f"{thermap.base_url} has no machine {ID!r}: start `thermap demo`") from None
+    adopted = [one.version for one in versions if one.effects]
+    plain = [one.version for one in versions if not one.effects]
+    if not adopted or not plain:
+        raise Conflict(f"no effect is adopted yet: `thermap analyse {ID} --adopt` first")
+    numbers = store_measured(thermap, ID, week.after.readings, week.after.verifications)
+    return thermap.send(loop_calls.compare_models(ID, numbers, [plain[-1], adopted[-1]]))

@@ -1,0 +1,314 @@
+"""thermap simulate campaign: a machine with an effect that nobody declared, as files or stored.
+
+The simulator shares no code with the search, so what it plants is a fair question.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from app.cli.options import UrlOption, connect
+from app.errors import counted
+from thermap import DEFAULT_URL
+
+if TYPE_CHECKING:
+    from app.simulation.undeclared import Campaign
+    from thermap import ThermapClient
+
+EFFECTS: Final = (
+    *("thermal-lag", "other-sensor", "additional-sensor", "sensor-gradient"),
+    *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
+    *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map"),
+    *("exchanged-sensors", "map-factor", "map-temperature", "clock-offset", "mirrored-axis"),
+    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
+)
+"""Those that the search knows, in the words of the simulator."""
+
+IN_NO_FAMILY: Final = (
+    *("hysteresis", "coolant-valve", "door", "stick-slip", "interaction"),
+    *("second-time-constant", "chirped-pitch", "slow-cause", "setup-warp"),
+)
+"""Those that no kind of the search describes."""
+
+NONE, UNKNOWN = "none", "unknown"
+
+READINGS_AT_ONCE: Final = 10_000
+"""As the service takes them."""
+
+Body = Mapping[str, Any]
+
+
+def simulate_campaign(
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FOLDER",
+            help="Files that `thermap import` and `thermap analyse` read, and truth.json.",
+        ),
+    ] = None,
+    store: Annotated[
+        bool,
+        typer.Option(
+            "--store",
+            envvar="THERMAP_STORE",
+            help="Store machine, maps, readings and verifications in the service.",
+        ),
+    ] = False,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            envvar="THERMAP_EFFECTS",
+            metavar="EFFECT",
+            help="Once for each: none; unknown (one that no kind of the search describes, drawn "
+            f"with the seed); {', '.join(EFFECTS)}; {', '.join(IN_NO_FAMILY)}. A variant may "
+            "follow, as in backlash:along-axis.",
+        ),
+    ] = None,
+    size: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_SIZE",
+            min=0.0,
+            help="Standard deviation of the effect over the repeatability.",
+        ),
+    ] = 3.0,
+    seed: Annotated[
+        int, typer.Option(envvar="THERMAP_SEED", min=0, help="The same gives the same campaign.")
+    ] = 1,
+    machine: Annotated[
+        str | None,
+        typer.Option(
+            "--machine", "-m", envvar="THERMAP_MACHINE", help="The machine's id; of the seed else."
+        ),
+    ] = None,
+    visits: Annotated[
+        int,
+        typer.Option(envvar="THERMAP_VISITS", min=4, max=1000, help="Visits, each a verification."),
+    ] = 30,
+    record: Annotated[
+        float | None,
+        typer.Option(
+            envvar="THERMAP_RECORD",
+            metavar="HOURS",
+            min=0.1,
+            max=1000.0,
+            help="One continuous record with one set-up instead of visits.",
+        ),
+    ] = None,
+    every: Annotated[
+        float,
+        typer.Option(envvar="THERMAP_EVERY", metavar="MIN", help="A record's block each so many."),
+    ] = 20.0,
+    observations: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_OBSERVATIONS",
+            min=1,
+            max=1000,
+            help="Of a visit or a block, 20 s apart.",
+        ),
+    ] = 24,
+    split: Annotated[
+        float | None,
+        typer.Option(
+            envvar="THERMAP_SPLIT",
+            metavar="MIN",
+            min=1.0,
+            help="Hand the same values out as a verification for each so many minutes.",
+        ),
+    ] = None,
+    later: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_LATER",
+            min=0,
+            max=200,
+            help="Visits after it, of which the truth alone tells.",
+        ),
+    ] = 10,
+    repeatability: Annotated[
+        float, typer.Option(envvar="THERMAP_REPEATABILITY", metavar="UM", min=0.0)
+    ] = 1.0,
+    heavy_tails: Annotated[
+        bool,
+        typer.Option(
+            "--heavy-tails",
+            envvar="THERMAP_HEAVY_TAILS",
+            help="Student's t with three degrees of freedom instead of normal scatter.",
+        ),
+    ] = False,
+    resolution: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_RESOLUTION", metavar="UM", min=0.0, help="Values are multiples of it."
+        ),
+    ] = 0.0,
+    wander: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_WANDER",
+            metavar="UM",
+            min=0.0,
+            help="Standard deviation of a shift that wanders.",
+        ),
+    ] = 0.0,
+    wander_tilt: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_WANDER_TILT", metavar="UM", min=0.0, help="Of a tilt, at the ends."
+        ),
+    ] = 0.0,
+    wander_time: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_WANDER_TIME", metavar="MIN", min=0.1, help="Its correlation time."
+        ),
+    ] = 60.0,
+    instrument_drift: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_INSTRUMENT_DRIFT",
+            metavar="UM",
+            min=0.0,
+            help="Drift of the instrument in an hour, from the beginning of each set-up.",
+        ),
+    ] = 0.0,
+    warm_up: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_WARM_UP",
+            metavar="UM",
+            min=0.0,
+            help="Warming of the instrument, alike in every set-up.",
+        ),
+    ] = 0.0,
+    setup_correlation: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_SETUP_CORRELATION",
+            min=0.0,
+            max=0.99,
+            help="Of a set-up with the one before.",
+        ),
+    ] = 0.0,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Make a machine with an undeclared effect: maps, readings, verifications, and the truth.
+
+    Scatter holds in each component's own unit (µm, µrad, µm/m). truth.json says what was planted,
+    and what is true at later times: `asked` there is what a prediction is asked for.
+
+    Example: `thermap simulate campaign --effect thermal-lag --seed 3 -o lagging`
+
+    Example: `thermap simulate campaign --record 30 --wander 1 --effect backlash -o record`
+    """
+    if output is None and not store:
+        raise typer.BadParameter("expected a folder, or --store, got neither", param_hint="-o")
+    if output is not None and output.exists() and (output.is_file() or any(output.iterdir())):
+        raise typer.BadParameter(
+            f"expected a folder that is new or empty, got {str(output)!r}", param_hint="-o"
+        )
+    conditions = {
+        "observations_per_visit": observations,
+        "later_visits": later,
+        "repeatability_um": repeatability,
+        "heavy_tails": heavy_tails,
+        "measured_quantum_um": resolution,
+        "wander_um": wander,
+        "wander_tilt_um": wander_tilt,
+        "wander_min": wander_time,
+        "instrument_drift_um_per_h": instrument_drift,
+        "warm_up_um": warm_up,
+        "setup_correlation": setup_correlation,
+    }
+    made = _made(seed, effect or [NONE], size, visits, record, every, conditions)
+    name = machine or made.machine["id"]
+    described = {**made.machine, "id": name}
+    verifications = made.verifications if split is None else made.as_many_verifications(split)
+    if output is not None:
+        _write(made, output, described, verifications)
+    if store:
+        with connect(url) as thermap:
+            thermap.create_machine(described)
+            store_maps(thermap, name, made.error_maps)
+            store_measured(thermap, name, made.readings, verifications)
+    content = (
+        f"{counted(len(made.readings), 'reading')}, {counted(len(verifications), 'verification')}"
+    )
+    typer.echo(f"machine {name!r}: {content}, simulated with seed {seed}")
+    if output is not None:
+        _say_what_next(output, name, stored=store)
+
+
+def _made(
+    seed: int,
+    effects: Sequence[str],
+    size: float,
+    visits: int,
+    record: float | None,
+    every: float,
+    conditions: dict[str, Any],
+) -> Campaign:
+    """Simulate, and say as an option's fault what cannot be."""
+    from app.simulation.undeclared import make_campaign, make_record
+
+    planted = [_drawn(seed) if name == UNKNOWN else name for name in effects if name != NONE]
+    try:
+        if record is None:
+            return make_campaign(seed, planted, size, visits, **conditions)
+        conditions["observations"] = conditions.pop("observations_per_visit")
+        return make_record(seed, planted, size, record, every, **conditions)
+    except ValueError as wrong:
+        raise typer.BadParameter(str(wrong)) from None
+
+
+def _drawn(seed: int) -> str:
+    return IN_NO_FAMILY[seed % len(IN_NO_FAMILY)]
+
+
+def _write(made: Campaign, folder: Path, machine: Body, verifications: Sequence[Body]) -> None:
+    """Write the bodies of requests, and the truth in a file of its own."""
+    from app.simulation.undeclared.files import campaign_files
+
+    files = campaign_files(made)
+    kept = {n: body for n, body in files.items() if not n.startswith("verification-")}
+    kept["machine.json"] = machine
+    kept |= {f"verification-{i:03d}.json": body for i, body in enumerate(verifications, start=1)}
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, body in kept.items():
+        text = json.dumps(body, allow_nan=False, ensure_ascii=False)
+        (folder / name).write_text(text + "\n", encoding="utf-8")
+
+
+def _say_what_next(folder: Path, machine: str, *, stored: bool) -> None:
+    typer.echo(f"truth: {folder / 'truth.json'}")
+    if not stored:
+        stems = ("machine", "error-map-*", "readings-*")
+        files = " ".join(str(folder / f"{stem}.json") for stem in stems)
+        typer.echo(f"thermap import {files} --machine {machine}")
+        typer.echo(
+            f"thermap analyse {machine} $(printf -- '-v %s ' {folder / 'verification-*.json'})"
+        )
+
+
+def store_maps(thermap: ThermapClient, machine: str, error_maps: Sequence[Body]) -> None:
+    """Store a simulated machine's maps."""
+    for error_map in error_maps:
+        thermap.store_error_map(machine, error_map)
+
+
+def store_measured(
+    thermap: ThermapClient, machine: str, readings: Sequence[Body], verifications: Sequence[Body]
+) -> list[int]:
+    """Store readings and verifications; what is there already stays as it is. Give the numbers."""
+    for first in range(0, len(readings), READINGS_AT_ONCE):
+        thermap.store_readings(machine, readings[first : first + READINGS_AT_ONCE])
+    return [thermap.store_verification(machine, one).id for one in verifications]

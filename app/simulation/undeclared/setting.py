@@ -1,0 +1,191 @@
+"""What a planter of effects works with: the machine, its history, the plan, and its own chance."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.simulation.undeclared.base_machine import BaseMachine, normalised
+from app.simulation.undeclared.components import (
+    COMPONENTS,
+    ROTATIONS,
+    SQUARENESS,
+    TRANSLATIONS,
+    FloatArray,
+)
+from app.simulation.undeclared.conditions import Conditions
+from app.simulation.undeclared.effect import Effect, amplitude_of
+from app.simulation.undeclared.history import SENSORS, History
+from app.simulation.undeclared.observations import Circumstances, ErrorFunction, Observations
+
+TOO_ALIKE: Final = 0.98
+"""Sensors that agree better than this over the visits are the same to anybody."""
+
+
+class NothingToSee(Exception):
+    """An effect that these observations do not show at all: another one must be drawn."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How an effect varies along its axis: a level, and what it gains towards the upper end.
+
+    `level` + `slope` · u, with u from −1 to 1; of a squareness the level alone.
+    """
+
+    code: str
+    level: float
+    slope: float
+
+    def __call__(self, circumstances: Circumstances) -> FloatArray:
+        """Give the profile where the observations lie: shape (n,)."""
+        axis = COMPONENTS[self.code].axis
+        position = circumstances.point_mm[:, axis or 0]
+        return self.level + self.slope * normalised(self.code, position)
+
+    def named(self, per: str = "") -> dict[str, float]:
+        """Give level and slope with their unit, per whatever drives the effect."""
+        unit = COMPONENTS[self.code].unit + per
+        return {f"level_{unit}": self.level, f"slope_{unit}": self.slope}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where an effect is planted.
+
+    Parameters
+    ----------
+    machine, history, observations, conditions
+        The campaign to be.
+    amplitude_um
+        Wanted standard deviation of the effect over the values that it reaches.
+    taken
+        Components that another effect has.
+    faulty
+        Sensors that another effect has.
+    rng
+        Source of chance, of this effect alone.
+    """
+
+    machine: BaseMachine
+    history: History
+    observations: Observations
+    conditions: Conditions
+    amplitude_um: float
+    taken: frozenset[str]
+    faulty: frozenset[str]
+    rng: np.random.Generator
+
+    def choose_component(self, codes: Sequence[str] | None = None) -> str:
+        """Choose a free component: usually a translation, now and then an angle or squareness."""
+        if codes is None:
+            kind = self.rng.uniform()
+            codes = TRANSLATIONS if kind < 0.75 else ROTATIONS if kind < 0.9 else SQUARENESS
+        free = [c for c in codes if c not in self.taken and c not in self.machine.unmeasured]
+        if not free:
+            raise ValueError(f"expected a free component of {', '.join(codes)}, got none")
+        return str(self.rng.choice(free))
+
+    def choose_profile(self, code: str) -> Profile:
+        """Choose how the effect varies along the axis."""
+        level, slope = (self.rng.uniform(0.4, 1.0, 2) * self.rng.choice([-1.0, 1.0], 2)).tolist()
+        return Profile(code, level, 0.0 if COMPONENTS[code].axis is None else slope)
+
+    def choose_other_sensor(self, than: str, but: Collection[str] = ()) -> str:
+        """Choose a sensor, none of some, that does not simply read the same as another."""
+        times = self.visit_times_min
+        known = self.history.temperature(than, times)
+        others = [
+            sensor
+            for sensor in SENSORS
+            if sensor != than
+            and sensor not in but
+            and np.corrcoef(known, self.history.temperature(sensor, times))[0, 1] < TOO_ALIKE
+        ]
+        if not others:
+            raise NothingToSee(f"no sensor that differs from {than}")
+        return str(self.rng.choice(others))
+
+    def choose_time_constant_min(self, low: float = 20.0, high: float = 180.0) -> float:
+        """Choose a time constant, evenly in its logarithm; the history lasts five of them."""
+        high = min(high, self.conditions.history_days * 24 * 60 / 5.0)
+        return float(np.exp(self.rng.uniform(np.log(low), np.log(high))))
+
+    def choose_moment_min(self, earliest: float = 0.3, latest: float = 0.7) -> float:
+        """Choose a moment between two visits, in the campaign's middle [min]."""
+        starts = self.visit_times_min
+        visit = int(self.rng.integers(int(earliest * len(starts)), int(latest * len(starts)) + 1))
+        visit = max(visit, 1)
+        before = starts[visit - 1] + self.conditions.visit_min
+        return float(self.rng.uniform(min(before, starts[visit] - 1.0), starts[visit]))
+
+    @property
+    def visit_times_min(self) -> FloatArray:
+        """When each visit begins [min]."""
+        _, first = np.unique(self.observations.visit, return_index=True)
+        return self.observations.time_min[first]
+
+    def beyond_maps(
+        self,
+        code: str,
+        driver: ErrorFunction,
+        at_maps: FloatArray,
+    ) -> ErrorFunction:
+        """Count a driver from what the maps contain of it.
+
+        The maps were measured on the machine that has the effect. So they have it as it was in
+        their thermal states, and the model interpolates that over the assigned sensor; what is
+        undeclared is the rest. Where the maps know nothing of the effect, all of it counts from
+        the middle thermal state.
+
+        Parameters
+        ----------
+        code
+            The component, whose sensor the model follows.
+        driver
+            The effect's driver.
+        at_maps : ndarray, shape (M,)
+            The driver in the maps' thermal states.
+
+        Returns
+        -------
+        function
+        """
+        sensor = COMPONENTS[code].sensor
+        nodes = self.machine.map_temperatures_c[sensor]
+
+        def undeclared(circumstances: Circumstances) -> FloatArray:
+            if not self.conditions.maps_contain_effect:
+                return driver(circumstances) - float(at_maps[nodes.size // 2])
+            known = np.interp(circumstances.temperature(sensor), nodes, at_maps)
+            beyond: FloatArray = driver(circumstances) - known
+            return beyond
+
+        return undeclared
+
+    def amplitude(self, effect: Effect) -> float:
+        """Amplitude of an effect as it is, in what can be observed [µm, µrad, µm/m]."""
+        left = self.observations.without(self.machine.unmeasured.union(effect.unmeasured))
+        contribution = effect.contribution(left, self.history)
+        return amplitude_of(contribution, left, effect.about_zero)
+
+    def scaled(self, effect: Effect) -> Effect:
+        """Give an effect the wanted amplitude.
+
+        Raises
+        ------
+        NothingToSee
+            If it does nothing in these observations.
+        """
+        has = self.amplitude(effect)
+        if has < 1e-9:
+            raise NothingToSee(f"{effect.kind} of {', '.join(effect.components)}")
+        return effect.with_strength(self.amplitude_um / has)
+
+
+def driven(profile: Profile, driver: ErrorFunction) -> ErrorFunction:
+    """Multiply a profile along the axis by what drives it."""
+    return lambda circumstances: profile(circumstances) * driver(circumstances)
