@@ -1,0 +1,118 @@
+"""Controllers' files: formats, exports, and what a controller holds against what it should."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Path, Query
+from starlette.responses import Response
+
+from app.api.bodies import BodyRoute, body_of_at_most
+from app.api.dependencies import ContextDep, MachinePath
+from app.api.media_types import JSON, ZIP
+from app.api.negotiation import chosen_form
+from app.api.schemas.controllers import (
+    CompareAnswer,
+    CompareRequest,
+    ControllerAnswer,
+    ControllersAnswer,
+    ExportAnswer,
+    ExportRequest,
+    ParseAnswer,
+    ParseRequest,
+    files_of,
+)
+from app.controllers.registry import FORMATS
+from app.services.controllers import compare_files, export_compensation, parse_files
+
+router = APIRouter(route_class=BodyRoute, tags=["controllers"])
+
+ANSWER_FILE = "thermap-answer.json"
+"""What an answer says beside its files, in the zip."""
+
+_ZIP: dict[int | str, dict[str, Any]] = {
+    200: {"content": {ZIP: {"schema": {"type": "string", "format": "binary"}}}}
+}
+
+ControllerPath = Annotated[str, Path(description="Format", examples=["linuxcnc"])]
+ControllerQuery = Annotated[
+    str,
+    Query(
+        max_length=100,
+        description="Format, one of `GET /v1/controllers`",
+        examples=["linuxcnc"],
+    ),
+]
+
+
+@router.get("/v1/controllers", summary="List the controllers' file formats")
+def get_controllers() -> ControllersAnswer:
+    """List every format with its sign, units, limits, options, and how surely it is known."""
+    return ControllersAnswer(controllers=[ControllerAnswer.of(one) for one in FORMATS.values()])
+
+
+@router.post(
+    "/v1/machines/{machine}/compensation/export",
+    summary="Compensation as a controller's files",
+    response_model=ExportAnswer,
+    responses=_ZIP,
+)
+def post_export(
+    context: ContextDep,
+    machine: MachinePath,
+    controller: ControllerQuery,
+    body: ExportRequest,
+    accept: Annotated[str, Header(description=f"`{JSON}` or `{ZIP}`")] = JSON,
+) -> Response:
+    """Write the files at stated temperatures or at the latest reading; nothing is stored.
+
+    The answer says what the controller cannot hold and how large that is, what spacing and
+    rounding add, and which moves show whether the sign is right. As a zip it has the same in
+    `thermap-answer.json`.
+    """
+    bands = None if body.bands is None else body.bands.wanted()
+    found = export_compensation(context, machine, controller, body.options, body.question(), bands)
+    answer = ExportAnswer.of(found)
+    if chosen_form(accept, [JSON, ZIP]) == ZIP:
+        return Response(_zip(answer), media_type=ZIP, headers={"Vary": "Accept"})
+    written = answer.model_dump_json(exclude_none=False)
+    return Response(written, media_type=JSON, headers={"Vary": "Accept"})
+
+
+@router.post(
+    "/v1/machines/{machine}/compensation/compare",
+    summary="What a controller holds against what it should hold",
+    openapi_extra=body_of_at_most(32),
+)
+def post_compare(
+    context: ContextDep, machine: MachinePath, controller: ControllerQuery, body: CompareRequest
+) -> CompareAnswer:
+    """Compare a controller's files with the table: forgotten, stale and foreign compensation."""
+    found = compare_files(
+        context, machine, controller, files_of(body.files), body.options, body.question()
+    )
+    return CompareAnswer.of(found)
+
+
+@router.post(
+    "/v1/controllers/{controller}/parse",
+    summary="Read a controller's files",
+    openapi_extra=body_of_at_most(32),
+)
+def post_parse(controller: ControllerPath, body: ParseRequest) -> ParseAnswer:
+    """Say what files hold, in our sign and units; what would be read wrongly is refused."""
+    return ParseAnswer.of(*parse_files(controller, files_of(body.files), body.options))
+
+
+def _zip(answer: ExportAnswer) -> bytes:
+    """Pack the files; their time is that of the answer, so that the same answer is the same zip."""
+    packed = io.BytesIO()
+    at = answer.computed_at
+    date = (max(at.year, 1980), at.month, at.day, at.hour, at.minute, at.second)
+    head = answer.model_dump_json(indent=2, exclude={"files": {"__all__": {"content"}}})
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in [*((f.name, f.content) for f in answer.files), (ANSWER_FILE, head)]:
+            archive.writestr(zipfile.ZipInfo(name, date), content)
+    return packed.getvalue()

@@ -1,0 +1,358 @@
+"""thermap export and thermap compare: a controller's files, and what it holds of them."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import typer
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from app.cli.options import (
+    JsonOption,
+    MachineArgument,
+    TemperatureOption,
+    ToolOption,
+    UrlOption,
+    connect,
+    in_options,
+    read_named_numbers,
+    read_number,
+    read_point,
+)
+from app.errors import ThermapError, list_names
+from thermap import DEFAULT_URL, calls
+from thermap.answers import CheckAnswer, CompareAnswer, ExportAnswer
+
+LARGEST_FILE = 4_000_000
+"""Bytes of a file that is compared: no controller's table is larger."""
+
+ControllerOption = Annotated[
+    str,
+    typer.Option(
+        "--controller",
+        "-c",
+        envvar="THERMAP_CONTROLLER",
+        metavar="NAME",
+        help="Format, such as linuxcnc; `thermap controllers` lists them.",
+    ),
+]
+FormatOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--option",
+        "-o",
+        metavar="NAME=VALUE",
+        help='Option of the format, such as sign=error or \'axes={"x": "AX1"}\'; once for each.',
+    ),
+]
+
+
+class NamedText(Protocol):
+    """A file as it is to be written."""
+
+    @property
+    def name(self) -> str:
+        """Its name, inside the folder."""
+
+    @property
+    def content(self) -> str:
+        """What it holds."""
+
+
+class NotWritten(ThermapError):
+    """Files could not be written, and none of them was."""
+
+
+def controllers(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
+    """List the controllers' file formats and their options.
+
+    With each its sign, its limits, and how surely all this is known.
+
+    Example: `thermap controllers`
+    """
+    with connect(url) as thermap:
+        if json:
+            sys.stdout.write(thermap.content(calls.controllers()).decode() + "\n")
+            return
+        found = thermap.controllers().controllers
+    console = Console(highlight=False)
+    for one in found:
+        sign = f"the {one.sign}" if one.sign else "to be stated (sign=error or sign=compensation)"
+        console.print(Text(one.name, style="bold"), Text(f"{one.title} · {one.status}"))
+        console.print(Text(f"  values: {sign}, {one.units}; positions: {one.spacing}"))
+        console.print(Text(f"  limits: {one.limits}"))
+        for option in one.options:
+            default = "needed" if option.required else f"default {json_text.dumps(option.default)}"
+            console.print(Text(f"  {option.name} ({default}): {option.description}", style="dim"))
+
+
+def export(
+    machine: MachineArgument,
+    controller: ControllerOption,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", metavar="FOLDER", help="Folder into which the files are written."),
+    ] = None,
+    temperature: TemperatureOption = None,
+    option: FormatOption = None,
+    begin: Annotated[
+        list[str] | None,
+        typer.Option("--from", metavar="SENSOR=°C", help="Where a range of temperatures begins."),
+    ] = None,
+    end: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="SENSOR=°C", help="Where it ends; once for each sensor."),
+    ] = None,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            "--step", metavar="µM", help="Change from one table of the range to the next, in µm."
+        ),
+    ] = None,
+    tool: ToolOption = "0,0,0",
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace files that are there already.")
+    ] = False,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Write the compensation as a controller's files: at these temperatures, or as it is now.
+
+    Shows what the controller cannot hold, what spacing and rounding add, and which moves show
+    whether the sign is right. All files are written, or none.
+
+    Example: `thermap export mcfv5050 -c siemens-cec -o sign=error --output cec`
+    """
+    question = _question(temperature, option, tool) | _bands(begin, end, step)
+    with connect(url) as thermap, in_options():
+        call = calls.export_compensation(machine, controller, question)
+        content = thermap.content(call)
+        found = ExportAnswer.model_validate_json(content, extra="ignore")
+    if output is not None:
+        write_files(output, found.files, overwrite=overwrite)
+    if json:
+        sys.stdout.write(content.decode() + "\n")
+        return
+    console = Console(highlight=False)
+    console.print(export_view(found))
+    where = f"written to {output}" if output else "written nowhere: state --output FOLDER"
+    console.print(Text(f"{list_names(file.name for file in found.files)}: {where}"))
+
+
+def compare(
+    machine: MachineArgument,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE…", help="All files that the controller holds.")
+    ],
+    controller: ControllerOption,
+    temperature: TemperatureOption = None,
+    option: FormatOption = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Compare what a controller holds with what it should hold: stale, forgotten, foreign.
+
+    Example: `thermap compare mcfv5050 x.comp y.comp thermap.ini -c linuxcnc`
+    """
+    question = _question(temperature, option, "0,0,0")
+    question["files"] = [{"name": path.name, "content": _text_of(path)} for path in files]
+    with connect(url) as thermap, in_options():
+        content = thermap.content(calls.compare_compensation(machine, controller, question))
+    if json:
+        sys.stdout.write(content.decode() + "\n")
+        return
+    found = CompareAnswer.model_validate_json(content, extra="ignore")
+    Console(highlight=False).print(compare_view(found))
+
+
+def _question(temperature: Iterable[str] | None, option: Iterable[str] | None, tool: str) -> Any:
+    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
+    question: dict[str, Any] = {"options": read_options(option)}
+    question["tool_offset_mm"] = read_point(tool, "--tool", "0,0,160")
+    return question | ({"temperatures_c": temperatures_c} if temperatures_c else {})
+
+
+def _bands(
+    begin: Iterable[str] | None, end: Iterable[str] | None, step: float | None
+) -> dict[str, Any]:
+    if not begin and not end and step is None:
+        return {}
+    if not begin or not end or step is None:
+        raise typer.BadParameter(
+            "expected all of --from, --to and --step, got some of them", param_hint="--step"
+        )
+    return {
+        "bands": {
+            "from_c": read_named_numbers(begin, "--from", "a temperature in °C"),
+            "to_c": read_named_numbers(end, "--to", "a temperature in °C"),
+            "largest_step_um": step,
+        }
+    }
+
+
+def read_options(stated: Iterable[str] | None) -> dict[str, Any]:
+    """Read `NAME=VALUE` as often as it is stated: a number, JSON, or text as it is.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a value is not of this form, or a name is stated twice.
+
+    Examples
+    --------
+    >>> read_options(["sign=error", "spacing_mm=50", 'axes={"x": "AX1"}'])
+    {'sign': 'error', 'spacing_mm': 50, 'axes': {'x': 'AX1'}}
+    """
+    found: dict[str, Any] = {}
+    for text in stated or ():
+        name, equals, written = text.partition("=")
+        if not name.strip() or not equals or name.strip() in found:
+            raise typer.BadParameter(
+                f"expected NAME=VALUE, each name once, got {text!r}", param_hint="--option"
+            )
+        found[name.strip()] = _value_of(written.strip())
+    return found
+
+
+def _value_of(written: str) -> Any:
+    if read_number(written, decimal_comma=False) is None and written[:1] not in '{["tfn':
+        return written
+    try:
+        return json_text.loads(written)
+    except ValueError:
+        return written
+
+
+def _text_of(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise typer.BadParameter(
+            f"cannot read {path}: {error.strerror}", param_hint="FILE"
+        ) from None
+    if len(content) > LARGEST_FILE:
+        raise typer.BadParameter(
+            f"expected a file of at most {LARGEST_FILE} bytes, got {path} with {len(content)}",
+            param_hint="FILE",
+        )
+    # Controllers write the encodings of their time; comments alone may lose a letter.
+    return content.decode("utf-8", errors="replace")
+
+
+def write_files(folder: Path, files: Iterable[NamedText], *, overwrite: bool = False) -> None:
+    """Write all files into a folder, or none of them.
+
+    Each is written beside its place first, and moved there when all of them are written.
+
+    Raises
+    ------
+    NotWritten
+        If one is there already and is not to be replaced, or cannot be written.
+    """
+    files = list(files)
+    outside = [f.name for f in files if Path(f.name).is_absolute() or ".." in Path(f.name).parts]
+    if outside:
+        raise NotWritten(f"expected names inside {folder}, got {list_names(outside)}")
+    there = [file.name for file in files if (folder / file.name).exists()]
+    folders = [file.name for file in files if (folder / file.name).is_dir()]
+    if folders:
+        raise NotWritten(f"{list_names(folders)} in {folder} is a folder: nothing was written")
+    if there and not overwrite:
+        raise NotWritten(
+            f"{list_names(there)} in {folder} would be replaced: nothing was written; "
+            "--overwrite replaces them"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".thermap-") as beside:
+            for file in files:
+                place = Path(beside, file.name)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                # As it came: controllers are particular about the ends of lines.
+                place.write_bytes(file.content.encode())
+            for file in files:
+                (folder / file.name).parent.mkdir(parents=True, exist_ok=True)
+                Path(beside, file.name).replace(folder / file.name)
+    except OSError as error:
+        raise NotWritten(f"cannot write into {folder}: {error.strerror}") from None
+
+
+def export_view(found: ExportAnswer) -> RenderableType:
+    """Lay out an export for a terminal."""
+    temperatures = ", ".join(f"{s} {t:.2f} °C" for s, t in found.temperatures_c.items())
+    head = (
+        f"{found.machine}, model version {found.model_version}, at {temperatures}; "
+        f"{found.controller}, values are the {found.sign}"
+    )
+    parts: list[RenderableType] = [Text(head)]
+    if found.check:
+        parts.append(_checks(found.check))
+    for band in found.bands or []:
+        ends = ", ".join(f"{s} {band.from_c[s]:.2f} to {t:.2f}" for s, t in band.to_c.items())
+        parts += [Text(f"{band.folder}: {ends} °C"), _checks(band.check)]
+    resampled = ", ".join(
+        f"{one.component} {one.largest_deviation:.2f} {one.unit}" for one in found.resampling
+    )
+    parts.append(Text(f"spacing and rounding add at most: {resampled}"))
+    parts += [
+        Text(f"! not held: {one.component}, up to {one.largest:.2f} {one.unit}: {one.why}",
+             style="yellow")
+        for one in found.not_held
+    ]  # fmt: skip
+    parts += [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    return Group(*parts)
+
+
+def _checks(checks: Iterable[CheckAnswer]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("after loading", "at [mm]", "coming", "then", "moves by [µm]"):
+        table.add_column(heading, justify="right" if "[" in heading else "left")
+    for one in checks:
+        table.add_row(
+            f"{one.component}: {one.axis}",
+            f"{one.position_mm:g}",
+            one.direction,
+            one.moved_axis,
+            f"{one.expected_movement_um:+.2f}",
+        )
+    return table
+
+
+_STATES = {
+    "both": "",
+    "missing": "not in the files",
+    "unknown": "in the files, not in the model",
+}
+
+
+def compare_view(found: CompareAnswer) -> RenderableType:
+    """Lay out a comparison for a terminal."""
+    head = f"{found.machine}, model version {found.model_version}: held minus wanted"
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("component", "largest", "RMS", "at [mm]", "coming", ""):
+        numbers = heading in ("largest", "RMS", "at [mm]")
+        table.add_column(heading, justify="right" if numbers else "left")
+    for one in found.components:
+        table.add_row(
+            one.component,
+            f"{one.largest:+.2f} {one.unit}",
+            f"{one.rms:.2f} {one.unit}",
+            "" if one.position_mm is None else f"{one.position_mm:g}",
+            one.direction,
+            _STATES[one.state],
+        )
+    parts: list[RenderableType] = [Text(head), table]
+    parts += [
+        Text(f"! not compared: {one.component}, up to {one.largest:.2f} {one.unit}: {one.why}",
+             style="yellow")
+        for one in found.not_held
+    ]  # fmt: skip
+    parts += [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    return Group(*parts)

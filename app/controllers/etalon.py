@@ -1,0 +1,168 @@
+"""Etalon's exchange format, "Vendor" variant, as Beckhoff's and ISG's controls read it.
+
+Blocks `[EXY]` with `Gridpoints = {` rows of position and value `}`, and `[C0Y]` with one VALUE;
+comments begin with `//`. Errors as measured, in mm and rad. The rows are written as they are:
+nothing is resampled.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from app.arrays import frozen
+from app.controllers.curve import Curve
+from app.controllers.error_table import ErrorTable
+from app.controllers.format import (
+    SIGN_WORDS,
+    ControllerFile,
+    Format,
+    Options,
+    Parsed,
+    Rendered,
+    Status,
+    add_curve,
+    expect_some,
+)
+from app.controllers.iso_names import BY_ISO_NAME, DECIMALS, HELD, file_factor, iso_name
+from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of, machine_named, plain
+from app.geometry.components import COMPONENTS, Component
+
+TITLE: Final = "Etalon exchange format"
+_POSITION_DECIMALS: Final = 6
+_BLOCK: Final = re.compile(r"\[\s*(\w+)\s*\]")
+_VALUE: Final = re.compile(r"VALUE\s*=\s*(\S+)", re.IGNORECASE)
+_GRID: Final = re.compile(r"Gridpoints\s*=\s*\{", re.IGNORECASE)
+_LARGEST_RAD: Final = 0.1
+
+
+def _render(table: ErrorTable, options: Options) -> Rendered:
+    lines = [f"// {x}" for x in head(table.origin, TITLE, Status.SOURCE.value, SIGN_WORDS["error"])]
+    held = []
+    for curve in table.curves.values():
+        factor = file_factor(curve.component)
+        errors = np.round(curve.errors * factor, DECIMALS)
+        at = np.round(curve.positions_mm, _POSITION_DECIMALS)
+        held.append(Curve(curve.component, frozen(at) if at.size else at, errors / factor))
+        lines.append(f"[{iso_name(curve.component)}]")
+        if curve.component.is_table:
+            lines.append("Gridpoints = {")
+            lines += [
+                f"  {plain(float(p), _POSITION_DECIMALS)} {float(e):.{DECIMALS}f}"
+                for p, e in zip(at, errors, strict=True)
+            ]
+            lines.append("}")
+        else:
+            lines.append(f"VALUE = {float(errors[0]):.{DECIMALS}f}")
+    return Rendered([ControllerFile("thermap.etalon", "\n".join(lines) + "\n")], held)
+
+
+def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
+    curves: dict[str, Curve] = {}
+    for file in files:
+        for curve in _blocks(file):
+            add_curve(curves, curve, file.name)
+    expect_some(curves, files, "blocks such as [EXX]")
+    machine = next((m for file in files if (m := machine_named(file.content))), None)
+    return Parsed({c: curves[c] for c in COMPONENTS if c in curves}, (), machine)
+
+
+def _blocks(file: ControllerFile) -> list[Curve]:
+    found: list[Curve] = []
+    component: Component | None = None
+    rows: list[tuple[float, float]] | None = None
+    line = Line(file.name, 1, "")
+    for line in lines_of(file.name, file.content, "//"):
+        if rows is not None and component is not None:
+            if line.text == "}":
+                found.append(_table(component, rows, line))
+                component, rows = None, None
+            else:
+                rows.append(_row(line, component, rows))
+        elif (block := _BLOCK.fullmatch(line.text)) and component is None:
+            component = _named(line, block[1])
+        elif component is not None and component.is_table and _GRID.fullmatch(line.text):
+            rows = []
+        elif component is not None and not component.is_table:
+            found.append(_single(line, component))
+            component = None
+        else:
+            raise line.refuse("a block such as [EXX] with Gridpoints = {, rows and }")
+    if component is not None:
+        raise line.refuse(f"the end of the block of {component.code}: the file may be cut off")
+    return found
+
+
+def _named(line: Line, name: str) -> Component:
+    component = BY_ISO_NAME.get(name.upper())
+    if component is None:
+        raise line.refuse("an ISO 230-1 error such as EXX, EBX, C0Y or X0C")
+    return component
+
+
+def _row(
+    line: Line, component: Component, before: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    words = line.text.split()
+    if len(words) != 2:
+        raise line.refuse("a position and a value")
+    position = line.position_mm(words[0])
+    if before and position <= before[-1][0]:
+        raise line.refuse("increasing positions")
+    return position, value_of(line, words[1], component)
+
+
+def value_of(line: Line, text: str, component: Component) -> float:
+    """Read a component's value and give it in our unit and sign; larger than any is refused.
+
+    Parameters
+    ----------
+    line
+        Line that states it.
+    text
+        The number.
+    component
+        Whose value it is.
+    """
+    value = line.number_of(text, f"a value of {component.code}")
+    turns = abs(file_factor(component)) < 1e-5
+    limit, unit = (_LARGEST_RAD, "rad") if turns else (LARGEST_ERROR_MM, "mm")
+    if abs(value) > limit:
+        raise line.refuse(f"a value of {component.code} within ±{limit:g} {unit}")
+    return value / file_factor(component)
+
+
+def _single(line: Line, component: Component) -> Curve:
+    found = _VALUE.fullmatch(line.text)
+    if found is None:
+        raise line.refuse(f"VALUE = of {component.code}")
+    return Curve(component, frozen([])[:0], frozen([value_of(line, found[1], component)]))
+
+
+def _table(component: Component, rows: Sequence[tuple[float, float]], line: Line) -> Curve:
+    if not rows:
+        raise line.refuse(f"rows of {component.code}")
+    at, errors = np.array(rows).T
+    return Curve(component, frozen(at), frozen(errors))
+
+
+ETALON: Final = Format(
+    name="etalon",
+    title=TITLE,
+    sign="error",
+    units="mm and rad",
+    spacing="any, increasing",
+    limits="one direction; no nonrigid slopes",
+    status=Status.SOURCE,
+    holds=HELD,
+    folds=False,
+    both_directions=False,
+    options=Options,
+    render=_render,
+    parse=_parse,
+    # A microradian is the coarser of both.
+    resolution=lambda options: 1e-6,
+)

@@ -1,0 +1,280 @@
+"""From a machine's errors to a controller's files, with everything a person must know of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from app.controllers.curve import FORWARD, Curve, Difference, difference
+from app.controllers.error_table import TRANSLATIONS, ErrorTable
+from app.controllers.format import (
+    CHECK_FILE,
+    SIGN_WORDS,
+    ControllerFile,
+    Format,
+    NotHeld,
+    Options,
+    ReferenceOptions,
+)
+from app.controllers.lines import LARGEST_ERROR_MM, fixed, head, plain
+from app.errors import InvalidContent, list_names
+from app.geometry.components import COMPONENTS, Kind
+from app.units import UM_PER_MM
+
+NOTHING: Final = 0.0005
+"""Less is no error that anybody asks for [µm or µrad]: a rounded zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resampled:
+    """What the controller's table differs from ours: spacing and rounding together."""
+
+    component: str
+    unit: str
+    difference: Difference
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One move that shows the sign: after loading, where an axis goes and what moves, how far.
+
+    `axis` goes to `position_mm` in `direction`; `moved_axis` then stands so much [µm] further
+    than without the table.
+    """
+
+    component: str
+    axis: str
+    position_mm: float
+    direction: str
+    moved_axis: str
+    expected_movement_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A controller's files, and what is to be said of them."""
+
+    files: Sequence[ControllerFile]
+    not_held: Sequence[NotHeld]
+    resampling: Sequence[Resampled]
+    check: Sequence[Check]
+    warnings: Sequence[str]
+    held: Sequence[Curve]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """The curves that a controller should hold, and what it cannot."""
+
+    table: ErrorTable
+    not_held: Sequence[NotHeld]
+
+
+def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted:
+    """Choose what a controller can hold of a machine's errors.
+
+    Parameters
+    ----------
+    controller
+        The format.
+    table
+        The machine's errors.
+    options
+        Its options: which components, and where it is 0.
+
+    Returns
+    -------
+    Wanted
+        The table with squareness folded into straightness where the format has none, with 0
+        at the reference point where it is 0 there; and the rest, each with its size.
+
+    Raises
+    ------
+    InvalidContent
+        If a component is asked for that the table or the format does not have, or if nothing
+        is left.
+    """
+    source = table.folded() if controller.folds else table
+    asked = _asked(controller, source, options)
+    curves = {code: curve for code, curve in source.curves.items() if code in asked}
+    if not curves:
+        raise InvalidContent.of_field(
+            "controller",
+            f"expected errors that {controller.title} can hold ({list_names(controller.holds)}), "
+            f"got {list_names(table.curves)}",
+        )
+    why = f"{controller.title} has no table for it"
+    rest = [
+        NotHeld(
+            code, table.sizes_um[code], why if code not in controller.holds else "not asked for"
+        )
+        for code in table.curves
+        if code not in curves
+        and code in table.sizes_um
+        and not _is_folded(code, table, curves, controller)
+    ]
+    for code, curve in curves.items():
+        largest = max(float(np.abs(errors).max()) for _, errors in curve.sides)
+        if code in TRANSLATIONS and largest > LARGEST_ERROR_MM * UM_PER_MM:
+            raise InvalidContent.of_field(
+                code, f"expected errors within ±{LARGEST_ERROR_MM:g} mm, got {largest:g} µm"
+            )
+    shifted, constants = _zero_at_reference(curves, options, controller)
+    return Wanted(replace(source, curves=shifted), [*rest, *constants])
+
+
+def _asked(controller: Format, source: ErrorTable, options: Options) -> list[str]:
+    holds = [code for code in source.curves if code in controller.holds]
+    if options.components is None:
+        return holds
+    for i, code in enumerate(options.components):
+        if code not in holds:
+            missing = "no map of" if code not in source.curves else "a format without a table for"
+            raise InvalidContent.of_field(
+                f"options.components.{i}",
+                f"expected some of {list_names(holds)}, got {code!r}: there is {missing} it",
+            )
+    return list(options.components)
+
+
+def _is_folded(
+    code: str, table: ErrorTable, curves: Mapping[str, Curve], controller: Format
+) -> bool:
+    one = COMPONENTS[code]
+    if not controller.folds or one.kind is not Kind.SQUARENESS:
+        return False
+    return f"E{one.direction}{one.times}".upper() in curves
+
+
+def _zero_at_reference(
+    curves: Mapping[str, Curve], options: Options, controller: Format
+) -> tuple[dict[str, Curve], list[NotHeld]]:
+    if not isinstance(options, ReferenceOptions):
+        return dict(curves), []
+    found, constants = {}, []
+    for code, curve in curves.items():
+        at = options.reference_mm.get(str(curve.component.axis), 0.0)
+        written = curve if controller.both_directions else curve.mean()
+        here = float(written.at(np.array([at]), FORWARD)[0])
+        found[code] = curve.shifted(-here)
+        if abs(here) > NOTHING:
+            constants.append(
+                NotHeld(
+                    code,
+                    abs(here),
+                    f"{controller.title} is 0 at the reference point ({at:g} mm): the constant "
+                    "is a shift of the axis' zero",
+                )
+            )
+    return found, constants
+
+
+def export(controller: Format, table: ErrorTable, options: Options) -> Export:
+    """Write a controller's files.
+
+    Parameters
+    ----------
+    controller
+        The format.
+    table
+        The machine's errors at one thermal state.
+    options
+        The format's options.
+
+    Returns
+    -------
+    Export
+        Files, what the controller cannot hold, what its spacing and rounding add, and the
+        moves that show whether the sign is right.
+
+    Raises
+    ------
+    InvalidContent
+        As `wanted_of`; or if values are larger than the format takes.
+    """
+    wanted = wanted_of(controller, table, options)
+    rendered = controller.render(_in_directions(controller, wanted.table), options)
+    not_held = list(wanted.not_held)
+    resampled = []
+    for held in rendered.held:
+        curve = wanted.table.curves[held.code]
+        if curve.largest_reversal > NOTHING and held.backward_errors is None:
+            curve, half = curve.mean(), curve.largest_reversal / 2.0
+            why = f"{controller.title} has one table for both directions: it has their mean, and "
+            not_held.append(NotHeld(held.code, half, why + "half of the reversal is left"))
+        resampled.append(Resampled(held.code, held.component.unit.symbol, difference(held, curve)))
+    checks = [check for held in rendered.held for check in _checks(held, table)]
+    warnings = [*table.warnings, *rendered.warnings]
+    if controller.sign is None:
+        stated = SIGN_WORDS[controller.sign_of(options)]
+        warnings.insert(
+            len(table.warnings),
+            f"the sign is not verified for {controller.title}: the values are stated as {stated}. "
+            "Make one move of the check table before parts are made",
+        )
+    files = [*rendered.files, _check_file(controller, table, options, checks, not_held)]
+    return Export(
+        files=files,
+        not_held=sorted(not_held, key=lambda one: -one.largest_um),
+        resampling=resampled,
+        check=checks,
+        warnings=warnings,
+        held=rendered.held,
+    )
+
+
+def _in_directions(controller: Format, table: ErrorTable) -> ErrorTable:
+    """Take the mean of both directions where a format has one table for both."""
+    if controller.both_directions:
+        return table
+    return replace(table, curves={code: one.mean() for code, one in table.curves.items()})
+
+
+def _checks(held: Curve, table: ErrorTable) -> list[Check]:
+    """Choose the position of the largest movement that the axis can go to, for each direction."""
+    one = held.component
+    if one.axis is None or one.is_rotation or one.kind is Kind.SLOPE:
+        return []
+    low, high = table.ranges_mm.get(one.axis, (held.positions_mm[0], held.positions_mm[-1]))
+    nodes = held.positions_mm
+    at = np.union1d(nodes[(nodes >= low) & (nodes <= high)], [low, high])
+    found = []
+    for direction, _ in held.sides:
+        errors = held.at(at, direction)
+        place = int(np.abs(errors).argmax())
+        moved = 0.0 - float(errors[place])
+        found.append(Check(one.code, one.axis, float(at[place]), direction, one.direction, moved))
+    return found
+
+
+def _check_file(
+    controller: Format,
+    table: ErrorTable,
+    options: Options,
+    checks: Sequence[Check],
+    not_held: Sequence[NotHeld],
+) -> ControllerFile:
+    """Write the check table as a text that lies beside the controller's files."""
+    sign = SIGN_WORDS[controller.sign_of(options)]
+    lines = [
+        *head(table.origin, controller.title, controller.status.value, sign),
+        "",
+        "After loading, each axis stands further than before by (in um, + in the axis' direction):",
+        "component  axis  position_mm  direction  moved_axis  expected_movement_um",
+    ]
+    lines += [
+        f"{c.component}  {c.axis}  {plain(c.position_mm, 4)}  {c.direction}  {c.moved_axis}  "
+        f"{fixed(c.expected_movement_um, 2)}"
+        for c in checks
+    ]
+    if not_held:
+        lines += ["", "Not in these files (largest displacement in um at these temperatures):"]
+        lines += [f"{n.component}  {n.largest_um:.2f}  {_plain_text(n.why)}" for n in not_held]
+    return ControllerFile(CHECK_FILE, "\n".join(lines) + "\n", "check")
+
+
+def _plain_text(text: str) -> str:
+    return text.replace("µ", "u").encode("ascii", "replace").decode()

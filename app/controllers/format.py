@@ -1,0 +1,243 @@
+"""What a file format is: how it is written and read, its sign, limits, and how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.controllers.curve import Curve
+from app.controllers.error_table import ErrorTable
+from app.errors import InvalidContent
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+
+Axis = Annotated[str, Field(pattern=r"^[xyz]$")]
+Sign = Literal["error", "compensation"]
+Length = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
+Spacing = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e6)]
+Count = Annotated[int, Field(strict=True)]
+Named = TypeVar("Named")
+Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,32}$")]
+
+CHECK_FILE: Final = "thermap-check.txt"
+"""File beside every export that says what has to move, and how far."""
+
+
+class Status(StrEnum):
+    """How surely a format is known."""
+
+    CONTROLLER = "verified on the running controller"
+    SOURCE = "source-verified"
+    MANUAL = "manual-verified"
+    SEED = "seed example"
+    OURS = "ours"
+
+
+class Options(BaseModel):
+    """What every format can be told."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    components: Annotated[list[str], Field(max_length=100)] | None = Field(
+        None, description="Codes of the components to write; every one that the format holds"
+    )
+
+
+class SignedOptions(Options):
+    """Options of a format whose sign nobody has verified: it has to be said."""
+
+    sign: Sign = Field(
+        description="What the values are: `error` (actual minus nominal) or `compensation` (what "
+        "is to be added to the command). No source says which: confirm it with the check table"
+    )
+
+
+class ReferenceOptions(Options):
+    """Options of a format that is 0 at the axis' reference point."""
+
+    reference_mm: dict[Axis, Length] = Field(
+        default_factory=dict,
+        description="Each axis' reference point [mm], where the format is 0; 0 where not stated",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerFile:
+    """One file: `role` is `table`, `settings` or `check`; `axis` where it is one axis' own."""
+
+    name: str
+    content: str
+    role: str = "table"
+    axis: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NotHeld:
+    """What a controller cannot hold: the component, its largest [µm], and why."""
+
+    component: str
+    largest_um: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """Files, and the curves that a controller holds once it has read them."""
+
+    files: Sequence[ControllerFile]
+    held: Sequence[Curve]
+    warnings: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """The curves that files hold, the machine that they name if any, and what is to be said."""
+
+    curves: Mapping[str, Curve]
+    warnings: Sequence[str] = ()
+    machine: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """What several temperature bands need beside the files of each, and what is to be said."""
+
+    files: Sequence[ControllerFile] = ()
+    warnings: Sequence[str] = ()
+
+
+def _unchanged(options: Options, _band: int, _tables: int) -> Options:
+    return options
+
+
+def _nothing_joint(_bands: Sequence[Sequence[ControllerFile]], _options: Options) -> Joint:
+    return Joint()
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One controller's file format.
+
+    Parameters
+    ----------
+    name, title
+        As it is asked for, and as people call it.
+    sign
+        What its values are; None where that has to be stated.
+    units
+        Of positions and values, in words.
+    spacing
+        What it wants of positions, in words.
+    limits
+        In words.
+    status
+        How surely all this is known.
+    holds
+        Codes of the components that it can hold.
+    folds
+        Whether squareness is folded into straightness because there is no table for it.
+    both_directions
+        Whether it holds both directions of approach.
+    options
+        What it can be told.
+    render, parse
+        Curves to files, and back.
+    resolution
+        Smallest difference of two values [µm or µrad] as the options have it.
+    for_band
+        Options of one of several temperature bands that lie in the controller together: of its
+        number from 0, and of how many tables those before it have.
+    joint
+        What all bands' files need together.
+    """
+
+    name: str
+    title: str
+    sign: Sign | None
+    units: str
+    spacing: str
+    limits: str
+    status: Status
+    holds: Sequence[str]
+    folds: bool
+    both_directions: bool
+    options: type[Options]
+    render: Callable[[ErrorTable, Any], Rendered]
+    parse: Callable[[Sequence[ControllerFile], Any], Parsed]
+    resolution: Callable[[Any], float]
+    for_band: Callable[[Any, int, int], Options] = field(default=_unchanged)
+    joint: Callable[[Sequence[Sequence[ControllerFile]], Any], Joint] = field(
+        default=_nothing_joint
+    )
+
+    def sign_of(self, options: Options) -> Sign:
+        """What the values are: the format's own sign, or the stated one."""
+        stated: Sign = getattr(options, "sign", None) or self.sign or "error"
+        return stated
+
+
+SIGN_WORDS: Final[Mapping[str, str]] = {
+    "error": "error, actual minus nominal",
+    "compensation": "compensation, minus the error",
+}
+
+
+def factor_of(sign: Sign) -> float:
+    """The factor from our error to a file's value.
+
+    >>> factor_of("error"), factor_of("compensation")
+    (1.0, -1.0)
+    """
+    return 1.0 if sign == "error" else -1.0
+
+
+def axes_of(table: ErrorTable) -> list[str]:
+    """List the axes along which a table's curves lie, in the order x, y, z."""
+    have = {curve.component.axis for curve in table.curves.values()}
+    return [axis for axis in LINEAR_LETTERS if axis in have]
+
+
+def curve_code(output: str, along: str) -> str:
+    """Name the error of one axis along another: of y along x it is EYX.
+
+    >>> curve_code("y", "x")
+    'EYX'
+    """
+    return f"E{output}{along}".upper()
+
+
+def of_axis(named: Mapping[str, Named], axis: str, field: str) -> Named:
+    """Give what an option states of an axis, or refuse the option that lacks it.
+
+    >>> of_axis({"x": "AX1"}, "x", "axes")
+    'AX1'
+    """
+    if axis not in named:
+        raise InvalidContent.of_field(
+            f"options.{field}", f"expected an entry of axis {axis}, got {dict(named)}"
+        )
+    return named[axis]
+
+
+def add_curve(curves: dict[str, Curve], curve: Curve, file: str) -> None:
+    """Add what was read; one component twice is refused, because one of both would be lost."""
+    if curve.code in curves:
+        raise InvalidContent.of_field(
+            f"files.{file}", f"expected one table of {curve.code}, got two"
+        )
+    curves[curve.code] = curve
+
+
+def expect_some(curves: Mapping[str, Curve], files: Sequence[ControllerFile], what: str) -> None:
+    """Refuse files in which nothing was found that the format has."""
+    if not curves:
+        names = ", ".join(file.name for file in files) or "no file"
+        raise InvalidContent.of_field("files", f"expected {what}, got none in {names}")
+
+
+def component_named(code: str) -> Any:
+    """The component of a code that is known to be one."""
+    return COMPONENTS[code]

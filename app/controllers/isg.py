@@ -1,0 +1,150 @@
+"""ISG's CSV: blocks of columns, one block an axis, as ISG's and Beckhoff's controls read it.
+
+The header names the argument and the errors, `X EXX EYX EZX EAX EBX ECX`; rows are separated by
+blanks, a block ends with `#`, comments begin with `//`. Squareness and rotary-axis locations stand
+in a block without argument, one row. Errors as measured, in mm and rad; the list file of the
+control has `negate` for the other sign. On the union of an axis' positions nothing is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from app.arrays import frozen
+from app.controllers.curve import Curve
+from app.controllers.error_table import ErrorTable
+from app.controllers.etalon import value_of
+from app.controllers.format import (
+    SIGN_WORDS,
+    ControllerFile,
+    Format,
+    Options,
+    Parsed,
+    Rendered,
+    Status,
+    add_curve,
+    axes_of,
+    expect_some,
+)
+from app.controllers.iso_names import BY_ISO_NAME, DECIMALS, HELD, file_factor, iso_name
+from app.controllers.lines import Line, head, lines_of, machine_named, plain
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+
+TITLE: Final = "ISG CSV"
+_POSITION_DECIMALS: Final = 6
+
+
+def _render(table: ErrorTable, options: Options) -> Rendered:
+    lines = [f"// {x}" for x in head(table.origin, TITLE, Status.SOURCE.value, SIGN_WORDS["error"])]
+    held: list[Curve] = []
+    blocks = []
+    single = [c for c in table.curves.values() if not c.component.is_table]
+    if single:
+        blocks.append(_block("", frozen([0.0]), single, held))
+    for axis in axes_of(table):
+        curves = [c for c in table.curves.values() if c.component.axis == axis]
+        at = np.unique(
+            np.concatenate([np.round(c.positions_mm, _POSITION_DECIMALS) for c in curves])
+        )
+        blocks.append(_block(axis.upper(), at, curves, held))
+    for i, block in enumerate(blocks):
+        lines += (["#"] if i else []) + block
+    return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], held)
+
+
+def _block(argument: str, at: np.ndarray, curves: Sequence[Curve], held: list[Curve]) -> list[str]:
+    columns = []
+    for curve in curves:
+        factor = file_factor(curve.component)
+        errors = np.round(curve.at(at) * factor, DECIMALS)
+        columns.append(errors)
+        positions = frozen(at) if curve.component.is_table else frozen([])[:0]
+        held.append(Curve(curve.component, positions, errors / factor))
+    names = [iso_name(curve.component) for curve in curves]
+    lines = [" ".join([argument, *names]).strip()]
+    for i, position in enumerate(at):
+        values = [f"{float(column[i]):.{DECIMALS}f}" for column in columns]
+        place = [plain(float(position), _POSITION_DECIMALS)] if argument else []
+        lines.append(" ".join([*place, *values]))
+    return lines
+
+
+def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
+    curves: dict[str, Curve] = {}
+    for file in files:
+        for header, rows in _blocks(file):
+            for curve in _curves(header, rows):
+                add_curve(curves, curve, file.name)
+    expect_some(curves, files, "blocks such as X EXX EYX with rows")
+    machine = next((m for file in files if (m := machine_named(file.content))), None)
+    return Parsed({c: curves[c] for c in COMPONENTS if c in curves}, (), machine)
+
+
+def _blocks(file: ControllerFile) -> Iterator[tuple[Line, list[Line]]]:
+    block: list[Line] = []
+    for line in lines_of(file.name, file.content, "//"):
+        if line.text.startswith("#"):
+            if block:
+                yield block[0], block[1:]
+            block = []
+        else:
+            block.append(line)
+    if block:
+        yield block[0], block[1:]
+
+
+def _curves(header: Line, rows: Sequence[Line]) -> list[Curve]:
+    names = header.text.upper().split()
+    argument = names[0] if names[0].lower() in LINEAR_LETTERS else ""
+    components = [_named(header, name) for name in names[1 if argument else 0 :]]
+    if not components or len({c.code for c in components}) < len(components) or not rows:
+        raise header.refuse("an argument X, Y or Z, errors of ISO 230-1 each once, and rows")
+    if any((c.axis or "").upper() != argument for c in components):
+        raise header.refuse("errors of the argument's axis alone, such as X EXX EYX")
+    if not argument and len(rows) != 1:
+        raise rows[1].refuse("one row of errors that depend on no position")
+    table = [_row(line, argument, components) for line in rows]
+    at = np.array([row[0] for row in table])
+    for line, gap in zip(rows[1:], np.diff(at), strict=True):
+        if not gap > 0 and argument:
+            raise line.refuse("increasing positions")
+    values = np.array([row[1:] for row in table])
+    positions = frozen(at) if argument else frozen([])[:0]
+    return [Curve(c, positions, frozen(values[:, i])) for i, c in enumerate(components)]
+
+
+def _named(header: Line, name: str) -> Component:
+    component = BY_ISO_NAME.get(name)
+    if component is None:
+        raise header.refuse("an ISO 230-1 error such as EXX, EBX, C0Y or X0C, or one argument")
+    return component
+
+
+def _row(line: Line, argument: str, components: Sequence[Component]) -> list[float]:
+    words = line.text.split()
+    position = [line.position_mm(words[0])] if argument else [0.0]
+    values = words[1:] if argument else words
+    if len(values) != len(components):
+        raise line.refuse(f"{len(components)} values")
+    return position + [value_of(line, v, c) for v, c in zip(values, components, strict=True)]
+
+
+ISG: Final = Format(
+    name="isg-csv",
+    title=TITLE,
+    sign="error",
+    units="mm and rad",
+    spacing="any, increasing; the errors of an axis share their positions",
+    limits="one direction; no nonrigid slopes",
+    status=Status.SOURCE,
+    holds=HELD,
+    folds=False,
+    both_directions=False,
+    options=Options,
+    render=_render,
+    parse=_parse,
+    resolution=lambda options: 1e-6,
+)

@@ -1,0 +1,42 @@
+"""ISO 230-1 names, units and signs of formats that hold errors as they were measured.
+
+Lengths in mm, angles in rad; squareness under ISO's name and with ISO's sign; rotary-axis
+locations with ISO's zero, X0C.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from app.geometry.components import COMPONENTS, Component, Kind
+from app.units import UM_PER_MM, URAD_PER_RAD, Unit
+
+HELD: Final = tuple(code for code, one in COMPONENTS.items() if one.kind is not Kind.SLOPE)
+"""All components but nonrigid slopes."""
+
+DECIMALS: Final = 12
+"""A millionth of a nanometre, of a microradian."""
+
+
+def iso_name(component: Component) -> str:
+    """Name a component as ISO 230-1 does.
+
+    >>> iso_name(COMPONENTS["EYX"]), iso_name(COMPONENTS["SXY"]), iso_name(COMPONENTS["XOC"])
+    ('EYX', 'C0Y', 'X0C')
+    """
+    if component.kind is Kind.ROTARY_LOCATION:
+        return component.code.replace("O", "0")
+    return component.iso or component.code
+
+
+BY_ISO_NAME: Final = {iso_name(COMPONENTS[code]): COMPONENTS[code] for code in HELD}
+
+
+def file_factor(component: Component) -> float:
+    """The factor from our error to the file's: to mm or rad, and to ISO's sign.
+
+    >>> round(1 / file_factor(COMPONENTS["EXX"])), round(1 / file_factor(COMPONENTS["SXY"]))
+    (1000, -1000000)
+    """
+    per = UM_PER_MM if component.unit is Unit.UM else URAD_PER_RAD
+    return component.iso_sign / per

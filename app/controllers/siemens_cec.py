@@ -1,0 +1,248 @@
+"""Siemens 840D sag and cross compensation, `$AN_CEC` (C. Wang, 8.4.1, Table 8.3).
+
+Equidistant tables that move an output axis with an input axis; the value outside is that of
+the end. Two tables serve the two directions. Every point is written: a gap would keep what
+stood there before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from app.arrays import frozen
+from app.controllers.curve import BACKWARD, FORWARD, Curve
+from app.controllers.error_table import TRANSLATIONS, ErrorTable
+from app.controllers.format import (
+    SIGN_WORDS,
+    Axis,
+    ControllerFile,
+    Count,
+    Format,
+    Label,
+    Parsed,
+    Rendered,
+    SignedOptions,
+    Spacing,
+    Status,
+    component_named,
+    curve_code,
+    expect_some,
+    factor_of,
+    of_axis,
+)
+from app.controllers.grids import even_positions
+from app.controllers.lines import fixed, head, machine_named
+from app.controllers.siemens import END, EvenTable, assignments
+from app.errors import InvalidContent
+from app.geometry.components import COMPONENTS
+from app.units import UM_PER_MM
+
+FILE: Final = "_N_NC_CEC_INI"
+TITLE: Final = "Siemens 840D sag compensation (CEC)"
+_DIRECTIONS: Final = {None: 0, FORWARD: 1, BACKWARD: -1}
+_PLACED: Final = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
+_KNOWN: Final = frozenset(
+    (
+        *_PLACED,
+        *("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS", "AN_CEC_DIRECTION"),
+        *("AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO"),
+    )
+)
+
+
+class CecOptions(SignedOptions):
+    """Options of CEC tables."""
+
+    axes: dict[Axis, Label] = Field(
+        default_factory=lambda: {"x": "AX1", "y": "AX2", "z": "AX3"},
+        description="The machine's name of each axis",
+    )
+    first_table: Annotated[Count, Field(ge=0, le=999)] = Field(
+        0, description="Number of the first table"
+    )
+    most_tables: Annotated[Count, Field(ge=1, le=1000)] = Field(
+        62, description="How many tables the controller has (828D: 8)"
+    )
+    most_points: Annotated[Count, Field(ge=2, le=5000)] = Field(
+        200, description="Points that a table may have: machine data 18342 (828D: 200)"
+    )
+    spacing_mm: Spacing | None = Field(
+        None, description="Distance of the points [mm]; the maps' own where not stated"
+    )
+    decimals: Annotated[Count, Field(ge=3, le=7)] = Field(
+        4, description="Decimals of the values [mm]"
+    )
+
+
+def _render(table: ErrorTable, options: CecOptions) -> Rendered:
+    factor, number = factor_of(options.sign), options.first_table
+    unit_um = 10.0**-options.decimals * UM_PER_MM
+    lines = [f"%{FILE}", "CHANDATA(1)"]
+    lines += [f"; {x}" for x in head(table.origin, TITLE, STATUS.value, SIGN_WORDS[options.sign])]
+    held = []
+    for curve in table.curves.values():
+        loaded = _evenly(curve, options).rounded(unit_um)
+        held.append(loaded)
+        for direction, errors in loaded.sides:
+            way = None if loaded.backward_errors is None else direction
+            values = [fixed(factor * e / UM_PER_MM, options.decimals) for e in errors]
+            lines += _table(number, loaded, values, _DIRECTIONS[way], options)
+            number += 1
+    if number - options.first_table > options.most_tables:
+        raise InvalidContent.of_field(
+            "options.most_tables",
+            f"expected at most {options.most_tables} tables, got components and directions that "
+            f"need {number - options.first_table}; name fewer in options.components",
+        )
+    lines.append(END)
+    return Rendered(
+        [ControllerFile(f"{FILE[1:]}.INI", "\n".join(lines) + "\n")],
+        held,
+        [
+            "load CEC tables with MD 32710 CEC_ENABLE off, then switch it on with SD 41300 "
+            "CEC_TABLE_ENABLE of each table"
+        ],
+    )
+
+
+def _evenly(curve: Curve, options: CecOptions) -> Curve:
+    return curve.sampled(
+        even_positions(
+            curve.positions_mm, options.most_points, options.spacing_mm, "options.spacing_mm"
+        )
+    )
+
+
+def _table(
+    number: int, curve: Curve, values: Sequence[str], direction: int, options: CecOptions
+) -> list[str]:
+    at = curve.positions_mm
+    settings = {
+        "INPUT_AXIS": f"({_name_of(str(curve.component.axis), options)})",
+        "OUTPUT_AXIS": f"({_name_of(curve.component.direction, options)})",
+        "STEP": fixed(float(at[-1] - at[0]) / (at.size - 1), 4),
+        "MIN": fixed(float(at[0]), 4),
+        "MAX": fixed(float(at[-1]), 4),
+        "DIRECTION": str(direction),
+        "MULT_BY_TABLE": "0",
+        "IS_MODULO": "0",
+    }
+    rows = [f"$AN_CEC[{number},{place}]={value}" for place, value in enumerate(values)]
+    return rows + [f"$AN_CEC_{name}[{number}]={value}" for name, value in settings.items()]
+
+
+def _name_of(axis: str, options: CecOptions) -> str:
+    return of_axis(options.axes, axis, "axes")
+
+
+def _parse(files: Sequence[ControllerFile], options: CecOptions) -> Parsed:
+    factor = factor_of(options.sign) * UM_PER_MM
+    sides: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
+    for file in files:
+        for number, table in _tables_of(file).items():
+            field = f"files.{file.name}.table {number}"
+            code = _code_of(table, options, field)
+            direction = _direction_of(table, field)
+            if (
+                any(c == code and 0 in (d, direction) for c, d in sides)
+                or (code, direction) in sides
+            ):
+                raise InvalidContent.of_field(
+                    field, f"expected one table of {code} for each direction, got two that add up"
+                )
+            at = table.grid(_PLACED, field)
+            sides[code, direction] = (at, [value * factor for value in table.ordered()])
+    curves = {code: _joined(code, sides) for code, _ in sides}
+    expect_some(curves, files, "CEC tables ($AN_CEC[t,N]=…)")
+    machine = next((m for file in files if (m := machine_named(file.content))), None)
+    return Parsed({c: curves[c] for c in COMPONENTS if c in curves}, (), machine)
+
+
+def _tables_of(file: ControllerFile) -> dict[int, EvenTable]:
+    tables: dict[int, EvenTable] = {}
+    for given in assignments(file, "AN_CEC"):
+        table = tables.setdefault(given.number(0), EvenTable.empty())
+        if given.name == "AN_CEC":
+            table.set_value(given, given.number(1), given.line.error_mm(given.value))
+        elif given.name in _KNOWN:
+            table.set_setting(given)
+        else:
+            raise given.line.refuse("a known setting of a CEC table")
+    return tables
+
+
+def _code_of(table: EvenTable, options: CecOptions, field: str) -> str:
+    axes = {name.upper(): axis for axis, name in options.axes.items()}
+    found = []
+    for name in ("AN_CEC_OUTPUT_AXIS", "AN_CEC_INPUT_AXIS"):
+        given = table.setting(name, field)
+        axis = axes.get(given.value.upper())
+        if axis is None:
+            raise given.line.refuse(f"one of the axes {sorted(axes)} (options.axes)")
+        found.append(axis)
+    for name in ("AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO"):
+        flag = table.setting(name, field)  # one that is missing keeps what it was
+        if flag.value != "0":
+            raise flag.line.refuse("0: a table that multiplies or repeats is no error of an axis")
+    return curve_code(found[0], found[1])
+
+
+def _direction_of(table: EvenTable, field: str) -> int:
+    given = table.setting("AN_CEC_DIRECTION", field)
+    if given.value not in ("0", "1", "+1", "-1"):
+        raise given.line.refuse("0 (both), 1 or -1")
+    return int(given.value)
+
+
+def _joined(code: str, sides: dict[tuple[str, int], tuple[list[float], list[float]]]) -> Curve:
+    """Join the tables of both directions; a missing one is 0: the controller adds nothing."""
+    component = component_named(code)
+    if (code, 0) in sides:
+        at, values = sides[code, 0]
+        return Curve(component, frozen(at), frozen(values))
+    one = {
+        direction: Curve(component, frozen(at), frozen(values))
+        for (c, direction), (at, values) in sides.items()
+        if c == code
+    }
+    at = sorted({float(p) for curve in one.values() for p in curve.positions_mm})
+    both = [one[d].at(frozen(at)) if d in one else frozen([0.0] * len(at)) for d in (1, -1)]
+    return Curve(component, frozen(at), both[0], both[1])
+
+
+def _numbered_by_band(options: CecOptions, _band: int, tables: int) -> CecOptions:
+    """Number a band's tables after those before it: SD 41300 switches them from the PLC."""
+    left = options.most_tables - tables
+    if left < 1:
+        raise InvalidContent.of_field(
+            "options.most_tables",
+            f"expected at most {options.most_tables} tables over all bands, got more; state a "
+            "larger step, or fewer components",
+        )
+    return options.model_copy(
+        update={"first_table": options.first_table + tables, "most_tables": left}
+    )
+
+
+STATUS: Final = Status.MANUAL
+
+SIEMENS_CEC: Final = Format(
+    name="siemens-cec",
+    title=TITLE,
+    sign=None,
+    units="mm",
+    spacing="equidistant, a whole number of steps; the end values beyond",
+    limits="points a table by machine data 18342 (828D: 8 tables of 200 points)",
+    status=STATUS,
+    holds=TRANSLATIONS,
+    folds=True,
+    both_directions=True,
+    options=CecOptions,
+    render=_render,
+    parse=_parse,
+    resolution=lambda options: 10.0**-options.decimals * UM_PER_MM,
+    for_band=_numbered_by_band,
+)

@@ -1,0 +1,171 @@
+"""Siemens spindle and encoder error compensation, `$AA_ENC_COMP`.
+
+A positive value moves the axis in the negative direction (808D manual): it is the error. One curve
+an axis, the same in both directions, 0 at the reference point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from app.arrays import frozen
+from app.controllers.curve import Curve
+from app.controllers.error_table import LINEAR, ErrorTable
+from app.controllers.format import (
+    SIGN_WORDS,
+    Axis,
+    ControllerFile,
+    Count,
+    Format,
+    Label,
+    Parsed,
+    ReferenceOptions,
+    Rendered,
+    Spacing,
+    Status,
+    add_curve,
+    axes_of,
+    component_named,
+    curve_code,
+    expect_some,
+    of_axis,
+)
+from app.controllers.grids import even_positions
+from app.controllers.lines import fixed, head, machine_named
+from app.controllers.siemens import END, EvenTable, assignments
+from app.errors import InvalidContent
+from app.units import UM_PER_MM
+
+FILE: Final = "_N_AX_EEC_INI"
+TITLE: Final = "Siemens encoder compensation (ENC_COMP)"
+_PLACED: Final = ("AA_ENC_COMP_STEP", "AA_ENC_COMP_MIN", "AA_ENC_COMP_MAX")
+_KNOWN: Final = frozenset((*_PLACED, "AA_ENC_COMP_IS_MODULO"))
+
+
+class EncCompOptions(ReferenceOptions):
+    """Options of encoder compensation."""
+
+    axes: dict[Axis, Label] = Field(
+        default_factory=lambda: {"x": "X1", "y": "Y1", "z": "Z1"},
+        description="The machine's name of each axis",
+    )
+    encoder: Annotated[Count, Field(ge=0, le=1)] = Field(0, description="Number of the encoder")
+    most_points: Annotated[Count, Field(ge=2, le=5000)] = Field(
+        200, description="Points of an axis: machine data 38000 (808D: 200)"
+    )
+    spacing_mm: Spacing | None = Field(
+        None, description="Distance of the points [mm]; the maps' own where not stated"
+    )
+    decimals: Annotated[Count, Field(ge=3, le=7)] = Field(
+        4, description="Decimals of the values [mm]"
+    )
+
+
+def _render(table: ErrorTable, options: EncCompOptions) -> Rendered:
+    unit_um = 10.0**-options.decimals * UM_PER_MM
+    lines = [f"%{FILE}"]
+    lines += [f"; {x}" for x in head(table.origin, TITLE, Status.MANUAL.value, SIGN_WORDS["error"])]
+    held = []
+    for axis in axes_of(table):
+        name = of_axis(options.axes, axis, "axes")
+        loaded = _evenly(table.curves[curve_code(axis, axis)], axis, options).rounded(unit_um)
+        held.append(loaded)
+        lines += _lines(loaded, name, options)
+    lines.append(END)
+    return Rendered(
+        [ControllerFile(f"{FILE[1:]}.INI", "\n".join(lines) + "\n")],
+        held,
+        ["the controller does not check the size of ENC_COMP values: look at the check table"],
+    )
+
+
+def _evenly(curve: Curve, axis: str, options: EncCompOptions) -> Curve:
+    reference = options.reference_mm.get(axis, 0.0)
+    return curve.sampled(
+        even_positions(
+            curve.positions_mm,
+            options.most_points,
+            options.spacing_mm,
+            "options.spacing_mm",
+            reference,
+        )
+    )
+
+
+def _lines(curve: Curve, name: str, options: EncCompOptions) -> list[str]:
+    at, e = curve.positions_mm, options.encoder
+    rows = [
+        f"$AA_ENC_COMP[{e},{place},{name}]={fixed(float(error) / UM_PER_MM, options.decimals)}"
+        for place, error in enumerate(curve.errors)
+    ]
+    settings = {
+        "STEP": fixed(float(at[-1] - at[0]) / (at.size - 1), 4),
+        "MIN": fixed(float(at[0]), 4),
+        "MAX": fixed(float(at[-1]), 4),
+        "IS_MODULO": "0",
+    }
+    return rows + [f"$AA_ENC_COMP_{key}[{e},{name}]={value}" for key, value in settings.items()]
+
+
+def _parse(files: Sequence[ControllerFile], options: EncCompOptions) -> Parsed:
+    curves: dict[str, Curve] = {}
+    axes = {name.upper(): axis for axis, name in options.axes.items()}
+    for file in files:
+        for (encoder, name), table in _tables_of(file).items():
+            field = f"files.{file.name}.{name}"
+            if name not in axes:
+                raise InvalidContent.of_field(
+                    field, f"expected one of the axes {sorted(axes)} (options.axes), got {name!r}"
+                )
+            if encoder != options.encoder:
+                raise InvalidContent.of_field(
+                    field, f"expected encoder {options.encoder} (options.encoder), got {encoder}"
+                )
+            table.setting("AA_ENC_COMP_IS_MODULO", field)  # one that is missing keeps what it was
+            at = table.grid(_PLACED, field)
+            values = [value * UM_PER_MM for value in table.ordered()]
+            code = curve_code(axes[name], axes[name])
+            add_curve(curves, Curve(component_named(code), frozen(at), frozen(values)), file.name)
+    expect_some(curves, files, "ENC_COMP tables ($AA_ENC_COMP[e,N,X1]=…)")
+    machine = next((m for file in files if (m := machine_named(file.content))), None)
+    return Parsed(curves, (), machine)
+
+
+def _tables_of(file: ControllerFile) -> dict[tuple[int, str], EvenTable]:
+    tables: dict[tuple[int, str], EvenTable] = {}
+    for given in assignments(file, "AA_ENC_COMP"):
+        wanted = 3 if given.name == "AA_ENC_COMP" else 2
+        if len(given.indices) != wanted:
+            raise given.line.refuse("indices such as [0,0,X1], or [0,X1] for a setting")
+        table = tables.setdefault((given.number(0), given.indices[-1]), EvenTable.empty())
+        if given.name == "AA_ENC_COMP":
+            table.set_value(given, given.number(1), given.line.error_mm(given.value))
+        elif given.name in _KNOWN:
+            table.set_setting(given)
+            if given.name.endswith("MODULO") and given.value != "0":
+                raise given.line.refuse("0: a table that repeats is no error of a linear axis")
+        else:
+            raise given.line.refuse("a known setting of encoder compensation")
+    return tables
+
+
+SIEMENS_ENC_COMP: Final = Format(
+    name="siemens-enc-comp",
+    title=TITLE,
+    sign="error",
+    units="mm",
+    spacing="equidistant through the reference point; the end values beyond",
+    limits="points an axis by machine data 38000 (808D: 200); 0 at the reference point; one "
+    "direction; displacement along the own axis only",
+    status=Status.MANUAL,
+    holds=LINEAR,
+    folds=False,
+    both_directions=False,
+    options=EncCompOptions,
+    render=_render,
+    parse=_parse,
+    resolution=lambda options: 10.0**-options.decimals * UM_PER_MM,
+)

@@ -1,0 +1,215 @@
+"""What an export says beside its files, comparing, and temperature bands."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.controllers.bands import temperature_bands
+from app.controllers.compare import compare
+from app.controllers.curve import difference
+from app.controllers.export import export
+from app.controllers.format import Parsed
+from app.controllers.grids import even_grid, even_positions
+from app.controllers.registry import FORMATS, format_named
+from app.errors import InvalidContent
+from tests.controllers.example_tables import curve, curves, error_table, options_for, read_back
+
+TABLE = error_table(
+    curve("EXX", [0.0, 100.0, 200.0], [2.0, 3.0, 8.0], [0.0, 2.0, 6.0]),
+    curve("EYX", [0.0, 200.0], [0.0, 9.1]),
+    curve("EBX", [0.0, 200.0], [0.0, 30.0]),
+    curve("SXY", [], [-25.0]),
+    ranges_mm={"x": (0.0, 200.0), "y": (0.0, 400.0)},
+    sizes_um={"EBX": 12.0, "SXY": 10.0},
+)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_component_is_held_or_its_size_is_said(name):
+    found = export(format_named(name), TABLE, options_for(name))
+    held = {one.code for one in found.held} | ({"SXY"} if format_named(name).folds else set())
+    missing = {one.component for one in found.not_held if "has no table" in one.why}
+    assert held | missing >= set(TABLE.curves)
+    assert not held & missing
+    sizes = {one.component: one.largest_um for one in found.not_held if one.component in missing}
+    assert sizes == {code: TABLE.sizes_um[code] for code in missing}
+    assert [one.largest_um for one in found.not_held] == sorted(sizes_of(found), reverse=True)
+
+
+def sizes_of(found):
+    return [one.largest_um for one in found.not_held]
+
+
+def test_linuxcnc_holds_the_own_axis_alone():
+    found = export(format_named("linuxcnc"), TABLE, options_for("linuxcnc", home_mm={"x": 100.0}))
+    assert [(n.component, n.largest_um) for n in found.not_held] == [
+        ("EBX", 12.0),
+        ("SXY", 10.0),
+        ("EYX", 9.1),
+    ]
+    assert any("steps by -3.0 µm at the first move after homing" in w for w in found.warnings)
+    assert [(c.direction, c.expected_movement_um) for c in found.check] == [
+        ("+", pytest.approx(-8.0)),
+        ("-", pytest.approx(-6.0)),
+    ]
+
+
+def test_squareness_is_folded_into_straightness_over_the_whole_axis():
+    found = export(format_named("siemens-cec"), TABLE, options_for("siemens-cec"))
+    exy = next(one for one in found.held if one.code == "EXY")
+    assert exy.at(np.array([0.0, 400.0])) == pytest.approx([0.0, -10.0])
+    assert "SXY" not in {one.component for one in found.not_held}
+
+
+def test_one_table_for_both_directions_leaves_half_the_reversal():
+    found = export(format_named("heidenhain"), TABLE, options_for("heidenhain"))
+    (half,) = [n for n in found.not_held if "both directions" in n.why]
+    assert (half.component, half.largest_um) == ("EXX", 1.0)
+    exx = next(one for one in found.held if one.code == "EXX")
+    assert exx.at(np.array([0.0]))[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_format_that_is_zero_at_its_reference_says_what_constant_is_left():
+    found = export(format_named("fagor"), TABLE, options_for("fagor", reference_mm={"x": 100.0}))
+    exx = next(one for one in found.held if one.code == "EXX")
+    assert exx.errors == pytest.approx([-1.0, 0.0, 5.0])
+    assert exx.backward_errors == pytest.approx([-3.0, -1.0, 3.0])
+    constants = {n.component: n.largest_um for n in found.not_held if "shift" in n.why}
+    assert constants == {"EXX": pytest.approx(3.0)}
+
+
+def test_a_sign_that_nobody_verified_is_warned_of():
+    unverified = export(format_named("fanuc"), TABLE, options_for("fanuc"))
+    assert any("the sign is not verified" in warning for warning in unverified.warnings)
+    verified = export(format_named("linuxcnc"), TABLE, options_for("linuxcnc"))
+    assert not any("the sign is not verified" in warning for warning in verified.warnings)
+
+
+@given(wanted=curves("EXX"), most=st.integers(3, 200))
+def test_a_grid_covers_the_curve_with_no_more_points_than_allowed(wanted, most):
+    grid = even_positions(wanted.positions_mm, most, None, "spacing_mm")
+    assert 2 <= grid.size <= most
+    assert grid[0] <= wanted.positions_mm[0] + 1e-9
+    assert grid[-1] >= wanted.positions_mm[-1] - 1e-9
+    assert np.abs(np.diff(grid) - (grid[1] - grid[0])).max() < 1e-5
+
+
+@given(wanted=curves("EXX"), at=st.floats(-900, 1500))
+def test_no_place_is_further_off_than_what_is_said(wanted, at):
+    low, high = wanted.positions_mm[[0, -1]]
+    held = wanted.sampled(even_grid(float(low), float(high), 37.0, 11.0))
+    stated = difference(held, wanted)
+    where = np.array([min(max(at, low), high)])
+    for direction in "+-":
+        off = held.at(where, direction) - wanted.at(where, direction)
+        assert abs(off[0]) <= abs(stated.largest) + 1e-9
+    assert stated.rms <= abs(stated.largest) + 1e-9
+
+
+# -- comparing ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_was_just_exported_differs_by_resampling_alone(name):
+    controller, options = format_named(name), options_for(name)
+    found = export(controller, TABLE, options)
+    compared = compare(controller, TABLE, read_back(name, found, options), options)
+    stated = {one.component: abs(one.difference.largest) for one in found.resampling}
+    both = {c.component: c.difference.largest for c in compared.components if c.state == "both"}
+    assert set(both) == set(stated)
+    for code, largest in both.items():
+        assert abs(largest) <= stated[code] + 1e-5
+
+
+def test_stale_forgotten_and_unknown_tables_are_found():
+    controller, options = format_named("siemens-cec"), options_for("siemens-cec")
+    old = error_table(
+        curve("EXX", [0.0, 100.0, 200.0], [2.0, 3.0, 3.0], [0.0, 2.0, 1.0]),
+        curve("EZX", [0.0, 200.0], [0.0, 4.0]),
+        ranges_mm=TABLE.ranges_mm,
+    )
+    held = read_back("siemens-cec", export(controller, old, options), options)
+    found = {c.component: c for c in compare(controller, TABLE, held, options).components}
+    assert {code: one.state for code, one in found.items()} == {
+        "EXX": "both",
+        "EYX": "missing",
+        "EXY": "missing",
+        "EZX": "unknown",
+    }
+    assert found["EXX"].difference.largest == pytest.approx(-5.0)
+    assert found["EXX"].difference.position_mm == 200.0
+    assert found["EYX"].difference.largest == pytest.approx(-9.1)
+    assert found["EXY"].difference.largest == pytest.approx(10.0)
+    assert found["EZX"].difference.largest == pytest.approx(4.0)
+    assert [abs(c.difference.largest) for c in found.values()] == sorted(
+        (abs(c.difference.largest) for c in found.values()), reverse=True
+    )
+
+
+def test_a_sign_that_is_wrong_shows_as_twice_the_error():
+    controller = format_named("fanuc")
+    written = export(controller, TABLE, options_for("fanuc", sign="error"))
+    wrong = options_for("fanuc", sign="compensation")
+    found = compare(controller, TABLE, read_back("fanuc", written, wrong), wrong)
+    eyx = next(c for c in found.components if c.component == "EYX")
+    assert eyx.difference.largest == pytest.approx(-18.2, abs=1.1)
+
+
+def test_another_machines_files_are_refused():
+    controller, options = format_named("linuxcnc"), options_for("linuxcnc")
+    with pytest.raises(InvalidContent, match="files of machine 'mcfv5050', got those of 'lathe'"):
+        compare(controller, TABLE, Parsed({}, machine="lathe"), options)
+    far = Parsed({"EXX": curve("EXX", [3000.0, 4000.0], [0.0, 1.0])})
+    with pytest.raises(InvalidContent, match="within the axis' 0 to 200 mm"):
+        compare(controller, TABLE, far, options)
+
+
+# -- temperature bands -------------------------------------------------------------------------
+
+
+def growing(temperatures_c):
+    """EXX grows by 2 µm/K up to 30 °C and by 5 µm/K beyond; EYX by 1 µm/K of the other sensor."""
+    t, other = temperatures_c["x-middle"], temperatures_c["spindle"]
+    end = 2.0 * (min(t, 30.0) - 20.0) + 5.0 * max(t - 30.0, 0.0)
+    return {
+        "EXX": curve("EXX", [0.0, 500.0], [0.0, end]),
+        "EYX": curve("EYX", [0.0, 500.0], [0.0, other - 20.0]),
+    }
+
+
+@pytest.mark.parametrize("step", [1.0, 3.0, 7.5, 100.0])
+def test_no_band_steps_by_more_than_is_stated(step):
+    cold, hot = {"x-middle": 20.0, "spindle": 20.0}, {"x-middle": 40.0, "spindle": 30.0}
+    bands = temperature_bands(growing, cold, hot, step)
+    assert len(bands) == int(np.ceil(70.0 / step))  # 20 µm and then 50 µm of EXX
+    assert bands[0].from_c == pytest.approx(cold)
+    assert bands[-1].to_c == pytest.approx(hot)
+    ends = [growing(band.at_c) for band in bands]
+    for before, after in pairwise(ends):
+        for code in before:
+            change = after[code].errors[-1] - before[code].errors[-1]
+            assert abs(change) <= step * (1 + 1e-6)
+    for before, after in pairwise(bands):
+        assert before.to_c == pytest.approx(after.from_c)
+    for band in bands:
+        for end in (band.from_c, band.to_c):
+            off = growing(end)["EXX"].errors[-1] - growing(band.at_c)["EXX"].errors[-1]
+            assert abs(off) <= step / 2 + 1e-6
+
+
+def test_a_range_in_which_nothing_changes_is_one_band():
+    still = {"x-middle": 25.0, "spindle": 25.0}
+    (band,) = temperature_bands(growing, still, still, 1.0)
+    assert band.at_c == still
+
+
+def test_too_many_bands_and_other_sensors_are_refused():
+    with pytest.raises(InvalidContent, match=r"which needs 700 for a change of 70\.0 µm"):
+        temperature_bands(
+            growing, {"x-middle": 20.0, "spindle": 20.0}, {"x-middle": 40.0, "spindle": 30.0}, 0.1
+        )
+    with pytest.raises(InvalidContent, match="expected the sensors"):
+        temperature_bands(growing, {"x-middle": 20.0}, {"spindle": 30.0}, 1.0)
