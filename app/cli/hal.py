@@ -1,0 +1,229 @@
+"""thermap hal: the live compensation in LinuxCNC."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+import app as package
+from app.cli.options import MachineArgument, UrlOption, command_group, connect, write_file
+from app.errors import ThermapError, list_names
+from app.hal.curves import AXES, CURVES, Nodes, nodes_of
+from app.hal.wiring import NotWired, sensor_pin, wiring
+from thermap import DEFAULT_URL
+
+if TYPE_CHECKING:
+    from thermap import ThermapClient
+
+LINUXCNC_PYTHON: Final = "/usr/bin/python3"
+MM_PER_INCH: Final = 25.4
+LAST_JOINT: Final = 15
+
+START: Final = (
+    "import sys; sys.path.append(sys.argv[1]); "
+    "from app.hal.component import main; main(sys.argv[2:])"
+)
+"""Our folder comes last: LinuxCNC's Python shall find none of our libraries before its own."""
+
+RateOption = Annotated[
+    float,
+    typer.Option(
+        "--rate",
+        metavar="µM/S",
+        min=0.01,
+        max=1000,
+        help="How fast the compensation moves an axis at most, in µm/s.",
+    ),
+]
+PeriodOption = Annotated[
+    float,
+    typer.Option(
+        "--period",
+        metavar="S",
+        min=0.005,
+        max=1,
+        help="Time between two steps; each is at most the rate times this.",
+    ),
+]
+EveryOption = Annotated[
+    float,
+    typer.Option(
+        "--every",
+        metavar="S",
+        min=0.1,
+        max=3600,
+        help="How often readings are sent and the table is asked for; three times without an "
+        "answer are stale.",
+    ),
+]
+LimitOption = Annotated[
+    float,
+    typer.Option(
+        "--limit",
+        metavar="µM",
+        min=1,
+        max=10_000,
+        help="A table that would move an axis further is not followed.",
+    ),
+]
+UnitsOption = Annotated[
+    str, typer.Option("--units", metavar="mm|inch", help="LINEAR_UNITS of the machine.")
+]
+JointsOption = Annotated[
+    str, typer.Option("--joints", metavar="X,Y,Z", help="Numbers of the joints of X, Y and Z.")
+]
+PythonOption = Annotated[
+    str,
+    typer.Option("--python", metavar="FILE", help="LinuxCNC's Python, which has its module hal."),
+]
+
+hal = command_group()
+
+
+class NotStarted(ThermapError):
+    """The component could not be started."""
+
+
+@hal.callback()
+def _describe() -> None:
+    """The live compensation in LinuxCNC: the motors follow the service's table."""
+
+
+@hal.command("wiring")
+def write_wiring(
+    machine: MachineArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.hal", help="Write it to a file."),
+    ] = None,
+    rate: RateOption = 5.0,
+    period: PeriodOption = 0.02,
+    every: EveryOption = 10.0,
+    limit: LimitOption = 500.0,
+    units: UnitsOption = "mm",
+    joints: JointsOption = "0,1,2",
+    python: PythonOption = LINUXCNC_PYTHON,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Write the HAL file of a machine: curves, sums and offsets, and the line that starts `follow`.
+
+    Its points are the positions of the maps where 16 an axis are enough, else an even grid; write
+    it again when maps at other positions are in use.
+
+    Example: `thermap hal wiring mcfv5050 --output thermap.hal`
+    """
+    numbers = _joints(joints)
+    with connect(url) as thermap:
+        stored = thermap.machine(machine)
+        nodes = _nodes(thermap, machine)
+        sensors = [sensor.name for sensor in stored.sensors]
+    command = [
+        # Whatever the PATH is where LinuxCNC is started.
+        *(sys.executable, "-m", "app", "hal", "follow", machine),
+        *("--url", url, "--rate", f"{rate:g}", "--period", f"{period:g}"),
+        *("--every", f"{every:g}", "--limit", f"{limit:g}", "--units", _units(units)),
+        *("--python", python),
+        *("--joints", ",".join(map(str, numbers))),
+        *(("--sensors", ",".join(sensors)) if sensors else ()),
+    ]
+    per_mm = 1.0 if units == "mm" else 1.0 / MM_PER_INCH
+    try:
+        for sensor in sensors:
+            sensor_pin(sensor)
+        text = wiring(nodes, dict(zip(AXES, numbers, strict=True)), per_mm, command)
+    except NotWired as error:
+        raise NotStarted(str(error)) from None
+    if output is None:
+        sys.stdout.write(text)
+    else:
+        write_file(output, text)
+
+
+@hal.command("follow")
+def follow(
+    machine: MachineArgument,
+    sensors: Annotated[
+        str,
+        typer.Option("--sensors", metavar="NAME,NAME", help="Sensors that have a pin each."),
+    ] = "",
+    rate: RateOption = 5.0,
+    period: PeriodOption = 0.02,
+    every: EveryOption = 10.0,
+    limit: LimitOption = 500.0,
+    units: UnitsOption = "mm",
+    joints: JointsOption = "0,1,2",
+    python: PythonOption = LINUXCNC_PYTHON,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Run the HAL component that follows the table; the HAL file of `wiring` starts it.
+
+    Example: `loadusr -Wn thermap thermap hal follow mcfv5050 --sensors x-middle,z-column`
+    """
+    named = [name for name in sensors.split(",") if name]
+    try:
+        for name in named:
+            sensor_pin(name)
+    except NotWired as error:
+        raise typer.BadParameter(str(error), param_hint="--sensors") from None
+    root = str(Path(package.__file__).parent.parent)
+    words = [
+        *(machine, "--url", url, "--units", _units(units)),
+        *("--every-s", str(every), "--period-s", str(period)),
+        *("--rate-um-per-s", str(rate), "--limit-um", str(limit)),
+        *(word for name in named for word in ("--sensor", name)),
+        *(word for number in _joints(joints) for word in ("--joint", str(number))),
+    ]
+    try:
+        # In its place, so that HAL waits for this process and ends it.
+        os.execv(python, [python, "-c", START, root, *words])
+    except OSError as error:
+        raise NotStarted(f"cannot run {python}: {error.strerror}") from None
+
+
+def _units(stated: str) -> str:
+    if stated not in ("mm", "inch"):
+        raise typer.BadParameter(f"expected mm or inch, got {stated!r}", param_hint="--units")
+    return stated
+
+
+def _joints(stated: str) -> list[int]:
+    words = [word.strip() for word in stated.split(",")]
+    if len(set(words)) != len(AXES) or len(words) != len(AXES) or not all(map(_is_joint, words)):
+        raise typer.BadParameter(
+            f"expected the three different joints of X, Y and Z, each 0 to {LAST_JOINT}, such as "
+            f"0,1,2, got {stated!r}",
+            param_hint="--joints",
+        )
+    return [int(word) for word in words]
+
+
+def _is_joint(word: str) -> bool:
+    return word in map(str, range(LAST_JOINT + 1))
+
+
+def _nodes(thermap: ThermapClient, machine: str) -> Nodes:
+    """Choose each axis' nodes from its maps and its travel."""
+    travels = thermap.machine(machine).axes
+    missing = [axis for axis in AXES if axis not in travels]
+    if missing:
+        raise NotStarted(
+            f"expected a machine with the travel of X, Y and Z, got none of {list_names(missing)}"
+        )
+    maps = thermap.error_maps(machine)
+    return {
+        axis: nodes_of(
+            (travels[axis].min_mm, travels[axis].max_mm),
+            [
+                position
+                for one in maps
+                for row in one.components
+                if row.component in CURVES and CURVES[row.component][1] == axis
+                for position in row.positions_mm or ()
+            ],
+        )
+        for axis in AXES
+    }

@@ -1,0 +1,341 @@
+"""The userspace component: temperatures from HAL's pins to the service, its table to the curves.
+
+The servo thread evaluates the curves at the commanded position; this program only moves their
+points, a little at each tick. What it moved stays where it is when it ends, and is where it goes
+on from when it starts again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import json
+import math
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from importlib import import_module
+from threading import Event, Lock, Thread
+from typing import Any
+from urllib.error import HTTPError
+from urllib.parse import quote, urlsplit, urlunsplit
+from urllib.request import ProxyHandler, Request, build_opener
+
+from app.hal.curves import (
+    AXES,
+    CURVES,
+    Curves,
+    Following,
+    Nodes,
+    NotFollowed,
+    Table,
+    table_of,
+)
+from app.hal.wiring import COMPONENT, curve_name, sensor_pin
+
+UM_PER_MM = 1000.0
+MM_PER_INCH = 25.4
+
+HTTP_NOT_MODIFIED = 304
+TIMEOUT_S = 5.0
+
+FAILURES = (OSError, ValueError, KeyError, TypeError, NotFollowed)
+"""No connection, no answer, an answer that is none of ours, or one that must not be followed."""
+
+
+class Service:
+    """The service, as far as the component needs it.
+
+    The client of the package needs libraries that LinuxCNC's Python does not have.
+    """
+
+    def __init__(self, url: str, machine: str, timeout_s: float) -> None:
+        parts = urlsplit(url.rstrip("/"))
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError(f"expected a URL such as http://127.0.0.1:8000, got {url!r}")
+        self._headers = {"Content-Type": "application/json"}
+        if parts.username is not None:
+            known = f"{parts.username}:{parts.password or ''}".encode()
+            self._headers["Authorization"] = f"Basic {base64.b64encode(known).decode()}"
+        place = parts.netloc.rpartition("@")[2]
+        self._room = urlunsplit(
+            parts._replace(netloc=place, path=f"{parts.path}/v1/machines/{quote(machine)}")
+        )
+        self._timeout_s = timeout_s
+        self._tag: str | None = None
+        # A proxy for the world outside is no way to a service in the shop.
+        self._opener = build_opener(ProxyHandler({}))
+
+    def store_reading(self, temperatures_c: dict[str, float], state: dict[str, float]) -> None:
+        """Send what the sensors say now."""
+        now = datetime.now(timezone.utc).isoformat().replace("+00:00", "Z")
+        reading = {"time": now, "temperatures_c": temperatures_c, "state": state}
+        self._send("readings", json.dumps(reading).encode())
+
+    def table(self) -> dict[str, Any] | None:
+        """Ask for the table at the latest reading; None where it is the one before."""
+        found = self._send("compensation", None)
+        return None if found is None else json.loads(found)
+
+    def forget(self) -> None:
+        """Ask for the whole table again, because the last one was not taken."""
+        self._tag = None
+
+    def _send(self, what: str, body: bytes | None) -> bytes | None:
+        headers = dict(self._headers)
+        if body is None and self._tag:
+            headers["If-None-Match"] = self._tag
+        request = Request(f"{self._room}/{what}", body, headers)
+        try:
+            with self._opener.open(request, timeout=self._timeout_s) as answer:
+                if body is None:
+                    self._tag = answer.headers.get("ETag")
+                content: bytes = answer.read()
+                return content
+        except HTTPError as error:
+            with error:
+                if error.code == HTTP_NOT_MODIFIED:
+                    return None
+                raise ValueError(_sentence_of(error)) from None
+
+
+def _sentence_of(error: HTTPError) -> str:
+    """Give the sentence of a refusal."""
+    try:
+        told = json.loads(error.read())
+        return "; ".join([one["message"] for one in told.get("errors", [])] or [told["detail"]])
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return f"the service answered with {error.code}"
+
+
+class Exchange(Thread):
+    """Readings to the service and tables from it, beside the ticks: no answer holds them up."""
+
+    def __init__(self, service: Service, nodes: Nodes, every_s: float, limit_um: float) -> None:
+        super().__init__(name="exchange", daemon=True)
+        self._service, self._nodes, self._every_s = service, nodes, every_s
+        self._limit_um = limit_um
+        self._lock, self._first = Lock(), Event()
+        self._temperatures_c: dict[str, float] = {}
+        self._state: dict[str, float] = {}
+        self._answers: list[tuple[Table | None, float]] = []
+        self._said = ""
+        self._not_held: tuple[str, ...] = ()
+        self.connected = False
+
+    def tell(self, temperatures_c: dict[str, float], state: dict[str, float]) -> None:
+        """Say what the pins have now."""
+        with self._lock:
+            self._temperatures_c, self._state = temperatures_c, state
+        self._first.set()
+
+    def answers(self) -> list[tuple[Table | None, float]]:
+        """Take the answers that have come, each with its time."""
+        with self._lock:
+            found, self._answers = self._answers, []
+        return found
+
+    def run(self) -> None:
+        """Exchange again and again; a failure is said once, and tried again."""
+        self._first.wait()
+        while True:
+            began = time.monotonic()
+            try:
+                self._exchange()
+                self.connected = True
+                self._say("connected")
+            except FAILURES as error:
+                self.connected = False
+                self._service.forget()
+                self._say(f"not connected, the last compensation is held: {_words_of(error)}")
+            time.sleep(max(0.0, began + self._every_s - time.monotonic()))
+
+    def _exchange(self) -> None:
+        with self._lock:
+            temperatures_c, state = self._temperatures_c, self._state
+        if temperatures_c:
+            self._service.store_reading(temperatures_c, state)
+        answer = self._service.table()
+        table = None if answer is None else table_of(answer, self._nodes, self._limit_um)
+        if table is not None and table.not_held != self._not_held:
+            self._not_held = table.not_held
+            _print(f"not in HAL's curves: {', '.join(table.not_held) or 'nothing'}")
+        with self._lock:
+            self._answers.append((table, time.monotonic()))
+
+    def _say(self, sentence: str) -> None:
+        if sentence != self._said:
+            _print(sentence)
+        self._said = sentence
+
+
+def _words_of(error: Exception) -> str:
+    if isinstance(error, (KeyError, TypeError)):
+        return f"the answer is no compensation table ({error!r})"
+    return str(error)
+
+
+def _print(sentence: str) -> None:
+    print(f"thermap: {sentence}", file=sys.stderr, flush=True)
+
+
+class Pins:
+    """The component in HAL: its own pins, and the points of the curves."""
+
+    def __init__(self, hal: Any, sensors: Sequence[str], units_per_mm: float) -> None:
+        self._hal, self._units_per_um = hal, units_per_mm / UM_PER_MM
+        self._units_per_mm = units_per_mm
+        self._written: dict[str, float] = {}
+        self._sensors = {sensor: sensor_pin(sensor) for sensor in sensors}
+        self._own = hal.component(COMPONENT)
+        # A sensor that nothing is joined to says nothing; 0 °C would be a reading.
+        for pin in [*self._sensors.values(), "spindle-rpm"]:
+            self._own.newpin(pin, hal.HAL_FLOAT, hal.HAL_IN)
+            self._own[pin] = math.nan
+        self._own.newpin("enable", hal.HAL_BIT, hal.HAL_IN)
+        self._own["enable"] = True
+        for pin in ("connected", "stale", "complete", "active", "settled"):
+            self._own.newpin(pin, hal.HAL_BIT, hal.HAL_OUT)
+        for pin in ("to-go-um", "deviation-um"):
+            self._own.newpin(pin, hal.HAL_FLOAT, hal.HAL_OUT)
+        self._own.newpin("heartbeat", hal.HAL_U32, hal.HAL_OUT)
+        self._own["stale"] = True
+
+    def ready(self) -> None:
+        """Let HAL go on."""
+        self._own.ready()
+
+    def nodes(self) -> Nodes:
+        """Read the positions of the curves' points [mm]."""
+        found = {}
+        for axis in AXES:
+            name = curve_name(f"E{axis}{axis}")
+            points = self._points(f"{name}.x-val-")
+            found[axis] = tuple(value / self._units_per_mm for value in points)
+        return found
+
+    def held(self) -> Curves:
+        """Read what the curves hold [µm]: 0 at the start, else what another run left."""
+        return {
+            code: tuple(v / self._units_per_um for v in self._points(f"{curve_name(code)}.y-val-"))
+            for code in CURVES
+        }
+
+    def write(self, curves: Curves) -> None:
+        """Move the curves' points, those that are elsewhere."""
+        for code, values in curves.items():
+            for number, value in enumerate(values):
+                name = f"{curve_name(code)}.y-val-{number:02d}"
+                if self._written.get(name) != value:
+                    self._hal.set_p(name, repr(value * self._units_per_um))
+                    self._written[name] = value
+
+    def temperatures_c(self) -> dict[str, float]:
+        """Read the sensors that say something [°C]."""
+        said = {sensor: float(self._own[pin]) for sensor, pin in self._sensors.items()}
+        return {sensor: t for sensor, t in said.items() if math.isfinite(t)}
+
+    def state(self) -> dict[str, float]:
+        """Read what else the machine says of itself."""
+        rpm = float(self._own["spindle-rpm"])
+        return {"spindle_rpm": abs(rpm)} if math.isfinite(rpm) else {}
+
+    def is_active(self, joints: Sequence[int]) -> bool:
+        """Say whether the compensation may act: switched on, and the machine homed.
+
+        An offset that acts while a joint is homed would become part of its zero.
+        """
+        homed = all(self._hal.get_value(f"joint.{joint}.homed") for joint in joints)
+        return bool(self._own["enable"]) and homed
+
+    def show(self, **pins: float) -> None:
+        """Set pins of ours, named with `_` for `-`."""
+        for name, value in pins.items():
+            self._own[name.replace("_", "-")] = value
+
+    def _points(self, stem: str) -> list[float]:
+        names = {one["NAME"] for one in self._hal.get_info_params()}
+        wanted = [f"{stem}{number:02d}" for number in range(len(names))]
+        found = [float(self._hal.get_value(name)) for name in wanted if name in names]
+        if not found:
+            raise SystemExit(
+                f"thermap: expected the curves of the HAL file that `thermap hal wiring` writes, "
+                f"got no {stem}00"
+            )
+        return found
+
+
+def follow(hal: Any, stated: argparse.Namespace) -> None:
+    """Run the component until it is told to end."""
+    units_per_mm = 1.0 if stated.units == "mm" else 1.0 / MM_PER_INCH
+    pins = Pins(hal, stated.sensor, units_per_mm)
+    nodes = pins.nodes()
+    most_um = stated.rate_um_per_s * stated.period_s
+    following = Following(nodes, pins.held(), most_um, 3.0 * stated.every_s)
+    service = Service(stated.url, stated.machine, TIMEOUT_S)
+    exchange = Exchange(service, nodes, stated.every_s, stated.limit_um)
+    pins.ready()
+    exchange.start()
+    beats = 0
+    try:
+        while True:
+            began = time.monotonic()
+            exchange.tell(pins.temperatures_c(), pins.state())
+            for table, at in exchange.answers():
+                following.answered(table, at)
+            active = pins.is_active(stated.joint)
+            pins.write(following.step(active))
+            beats = (beats + 1) % 2**32
+            _show(pins, following, active, connected=exchange.connected, beats=beats)
+            # A late step is not made up for: the rate holds between any two.
+            time.sleep(max(0.0, began + stated.period_s - time.monotonic()))
+    finally:
+        pins.show(connected=False, stale=True)
+
+
+def _show(pins: Pins, following: Following, active: bool, *, connected: bool, beats: int) -> None:
+    table = following.table
+    to_go = following.to_go_um(active)
+    pins.show(
+        connected=connected,
+        stale=following.is_stale(time.monotonic()),
+        complete=table is not None and table.complete,
+        active=active,
+        settled=to_go == 0.0,
+        to_go_um=to_go,
+        deviation_um=table.deviation_um if table else 0.0,
+        heartbeat=beats,
+    )
+
+
+def parser() -> argparse.ArgumentParser:
+    """Make the reader of the component's own command line."""
+    found = argparse.ArgumentParser(prog="thermap hal follow", allow_abbrev=False)
+    found.add_argument("machine")
+    found.add_argument("--url", required=True)
+    found.add_argument("--sensor", action="append", default=[])
+    found.add_argument("--joint", action="append", type=int, default=[])
+    found.add_argument("--units", choices=["mm", "inch"], default="mm")
+    for name in ("every-s", "period-s", "rate-um-per-s", "limit-um"):
+        found.add_argument(f"--{name}", type=float, required=True)
+    return found
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the component in LinuxCNC's Python."""
+    stated = parser().parse_args(arguments)
+    try:
+        # The module is LinuxCNC's own; nobody else's Python has it.
+        hal = import_module("hal")
+    except ImportError:
+        raise SystemExit(
+            f"thermap: {sys.executable} has no module hal: expected LinuxCNC's own Python, which "
+            "`--python` states"
+        ) from None
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        follow(hal, stated)
+    except KeyboardInterrupt:  # HAL unloads a component so
+        sys.exit(0)

@@ -1,0 +1,237 @@
+"""The compensation as LinuxCNC's HAL holds it: nine curves of at most 16 points, moved slowly.
+
+A curve is what is to be added to the commanded position, motor = commanded + curve [µm], as a
+function of one axis; three of them act on each axis: EXX(x) + EXY(y) + EXZ(z) on X.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+MOST_POINTS = 16
+"""Points of HAL's `lincurve`."""
+
+AXES = "xyz"
+
+CURVES = {f"E{moved}{along}".upper(): (moved, along) for along in AXES for moved in AXES}
+"""Component to the axis that it moves, and the axis along which it is a table."""
+
+SQUARENESS = {"SXY": "EXY", "SZX": "EXZ", "SYZ": "EYZ"}
+"""Squareness to the curve that it is folded into: E_x gains SXY·y + SZX·z, E_y gains SYZ·z."""
+
+MM_PER_M = 1000.0
+
+Nodes = Mapping[str, Sequence[float]]
+"""Axis to the positions of its curves' points [mm], increasing."""
+
+Curves = Mapping[str, Sequence[float]]
+"""Component to its compensation at the nodes of its axis [µm]."""
+
+
+class NotFollowed(Exception):
+    """A table that must not move the motors; the sentence says why."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the service as far as the curves hold it.
+
+    Parameters
+    ----------
+    curves
+        Compensation at the nodes [µm], all nine; 0 where the service has no component.
+    deviation_um
+        By how much the lines between the nodes differ from the table at most [µm].
+    not_held
+        Components that curves of one axis cannot hold, and half of each reversal, in words.
+    stale, complete
+        What the service says of its table.
+    """
+
+    curves: Curves
+    deviation_um: float
+    not_held: tuple[str, ...]
+    stale: bool
+    complete: bool
+
+
+def zero_curves(nodes: Nodes) -> Curves:
+    """Give the curves that move nothing."""
+    return {code: (0.0,) * len(nodes[along]) for code, (_, along) in CURVES.items()}
+
+
+def nodes_of(travel_mm: Sequence[float], positions_mm: Iterable[float]) -> tuple[float, ...]:
+    """Choose the nodes of an axis: its ends and those of its maps where 16 do, else an even grid.
+
+    Squareness goes on to the ends of the travel, further than a map may.
+
+    Parameters
+    ----------
+    travel_mm
+        Its lowest and highest position [mm].
+    positions_mm
+        Positions of all its maps [mm], in any order.
+    """
+    stated = sorted({round(float(one), 6) for one in (*travel_mm, *positions_mm)})
+    if 2 < len(stated) <= MOST_POINTS:
+        return tuple(stated)
+    low, high = stated[0], stated[-1]
+    step = (high - low) / (MOST_POINTS - 1)
+    return tuple(low + number * step for number in range(MOST_POINTS))
+
+
+def interpolated(at: float, positions: Sequence[float], values: Sequence[float]) -> float:
+    """Interpolate linearly at one position; the end values hold beyond.
+
+    Examples
+    --------
+    >>> interpolated(25.0, [0.0, 100.0], [0.0, 8.0]), interpolated(120.0, [0.0, 100.0], [0.0, 8.0])
+    (2.0, 8.0)
+    """
+    after = bisect_right(positions, at)
+    if after == 0 or after == len(positions):
+        return values[0 if after == 0 else -1]
+    low, high = positions[after - 1], positions[after]
+    share = (at - low) / (high - low)
+    return values[after - 1] + share * (values[after] - values[after - 1])
+
+
+def table_of(answer: Mapping[str, Any], nodes: Nodes, limit_um: float) -> Table:
+    """Read the service's answer as curves.
+
+    Both directions of a component share a curve, their mean. Squareness is folded into
+    straightness.
+
+    Parameters
+    ----------
+    answer
+        The compensation table at the latest reading, as the service's JSON has it.
+    limit_um
+        What no axis may be moved by anywhere [µm].
+
+    Raises
+    ------
+    NotFollowed
+        If an axis would be moved further than the limit.
+    """
+    curves = {code: list(values) for code, values in zero_curves(nodes).items()}
+    deviation, not_held = 0.0, []
+    for row in answer["components"]:
+        code = row["component"]
+        if code in CURVES:
+            own = nodes[CURVES[code][1]]
+            positions, values = row["positions_mm"], row["compensation_um"]
+            backward = row.get("backward_compensation_um")
+            if backward:
+                half = max(abs(b - a) for a, b in zip(values, backward)) / 2.0
+                values = [(a + b) / 2.0 for a, b in zip(values, backward)]
+                not_held.append(f"half of the reversal of {code}, up to {half:.2f} µm")
+            curve = [interpolated(at, positions, values) for at in own]
+            off = (abs(interpolated(p, own, curve) - v) for p, v in zip(positions, values))
+            deviation = max(deviation, *off)
+            curves[code] = [a + b for a, b in zip(curves[code], curve)]
+        elif code in SQUARENESS:
+            folded = curves[SQUARENESS[code]]
+            slope = row["compensation_um_per_m"] / MM_PER_M
+            for number, at in enumerate(nodes[CURVES[SQUARENESS[code]][1]]):
+                folded[number] += slope * at
+        else:
+            not_held.append(code)
+    for axis, largest in largest_moves(curves).items():
+        if not largest <= limit_um:  # not a number is beyond every limit
+            raise NotFollowed(
+                f"expected a compensation of {axis.upper()} within ±{limit_um:g} µm, got one of up "
+                f"to {largest:.1f} µm: it is not followed"
+            )
+    return Table(curves, deviation, tuple(not_held), answer["stale"], answer["complete"])
+
+
+def largest_moves(curves: Curves) -> dict[str, float]:
+    """Bound how far curves move each axis, wherever the machine stands [µm]."""
+    moves = dict.fromkeys(AXES, 0.0)
+    for code, (moved, _) in CURVES.items():
+        moves[moved] += max(abs(value) for value in curves[code])
+    return moves
+
+
+def between(curves: Curves, other: Curves) -> Curves:
+    """Subtract curves from others, node by node [µm]."""
+    return {
+        code: tuple(b - a for a, b in zip(values, other[code])) for code, values in curves.items()
+    }
+
+
+def stepped(held: Curves, target: Curves, most_um: float) -> Curves:
+    """Go from held curves towards others, all in proportion, by a step that marks no surface.
+
+    Parameters
+    ----------
+    most_um
+        What no axis moves by more than, at whatever position the machine stands [µm].
+    """
+    change = between(held, target)
+    largest = max(largest_moves(change).values())
+    if largest <= most_um:
+        return target
+    share = most_um / largest
+    return {
+        code: tuple(a + share * d for a, d in zip(values, change[code]))
+        for code, values in held.items()
+    }
+
+
+@dataclass
+class Following:
+    """The motors on their way to the last table that the service gave.
+
+    Nothing but `step` moves them, and it never by more than `most_um`: not at the start, not when
+    the service comes back after hours, not when the compensation is switched on or off.
+
+    Parameters
+    ----------
+    nodes
+        Where the curves' points are [mm].
+    held
+        What the curves hold now [µm].
+    most_um
+        What a step moves an axis by at most [µm].
+    patience_s
+        How long after an answer the table counts as that of now [s].
+    """
+
+    nodes: Nodes
+    held: Curves
+    most_um: float
+    patience_s: float
+    table: Table | None = field(default=None, init=False)
+    answered_at: float = field(default=float("-inf"), init=False)
+
+    def answered(self, table: Table | None, now_s: float) -> None:
+        """Take an answer of the service; None says that the table is the one before."""
+        self.table = table or self.table
+        self.answered_at = now_s
+
+    def step(self, active: bool) -> Curves:
+        """Move one step: to the table, or to nothing where the compensation is not active.
+
+        Until a first table has come, an active one is held as it was found.
+        """
+        self.held = stepped(self.held, self._target(active), self.most_um)
+        return self.held
+
+    def to_go_um(self, active: bool) -> float:
+        """Bound how far any axis still is from where it goes [µm]."""
+        return max(largest_moves(between(self.held, self._target(active))).values())
+
+    def is_stale(self, now_s: float) -> bool:
+        """Say whether what is held may be other than what the machine needs now."""
+        late = now_s - self.answered_at > self.patience_s
+        return self.table is None or late or self.table.stale
+
+    def _target(self, active: bool) -> Curves:
+        if not active:
+            return zero_curves(self.nodes)
+        return self.table.curves if self.table else self.held

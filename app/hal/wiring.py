@@ -1,0 +1,130 @@
+"""The HAL file that puts the live compensation between LinuxCNC's motion and its drives."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from itertools import chain
+
+from app.hal.curves import AXES, CURVES, Nodes
+
+COMPONENT = "thermap"
+LONGEST_PIN = 47
+"""HAL's HAL_NAME_LEN."""
+
+LONGEST_LINE = 1000
+"""halcmd takes lines of up to 1024 characters, and 32 words."""
+
+_HAL_NAME = re.compile(r"[A-Za-z0-9._-]+", re.ASCII)
+
+
+class NotWired(ValueError):
+    """A machine that HAL has no names for; the sentence says why."""
+
+
+def curve_name(code: str) -> str:
+    """Name the `lincurve` of a component."""
+    return f"{COMPONENT}-{code.lower()}"
+
+
+def sensor_pin(sensor: str) -> str:
+    """Name the pin that a sensor's temperature comes in on, without the component's name.
+
+    Raises
+    ------
+    NotWired
+        If HAL cannot name a pin so.
+    """
+    pin = f"temperature.{sensor}"
+    if not _HAL_NAME.fullmatch(sensor) or len(f"{COMPONENT}.{pin}") > LONGEST_PIN:
+        most = LONGEST_PIN - len(f"{COMPONENT}.temperature.")
+        raise NotWired(
+            f"expected a sensor's name of at most {most} letters, digits, '.', '_' and '-', which "
+            f"HAL names a pin by, got {sensor!r}"
+        )
+    return pin
+
+
+def wiring(
+    nodes: Nodes,
+    joints: Mapping[str, int],
+    machine_units_per_mm: float,
+    command: Iterable[str],
+    thread: str = "servo-thread",
+) -> str:
+    """Write the HAL file: curves, sums, offsets, their order in the thread, and the component.
+
+    Parameters
+    ----------
+    nodes
+        Axis to the positions of its curves' points [mm].
+    joints
+        Axis to its joint's number.
+    machine_units_per_mm
+        1 for LINEAR_UNITS = mm, 1/25.4 for inch.
+    command
+        The command line of the userspace component, word by word.
+
+    Raises
+    ------
+    NotWired
+        If that line is longer than HAL reads.
+    """
+    start = f"loadusr -Wn {COMPONENT} {' '.join(command)}"
+    if len(start) > LONGEST_LINE:
+        raise NotWired(
+            f"expected a line of at most {LONGEST_LINE} characters, which HAL reads, got "
+            f"{len(start)} with the names of all sensors: shorten them"
+        )
+    names = [curve_name(code) for code in CURVES]
+    points = ",".join(str(len(nodes[along])) for _, along in CURVES.values())
+    sums = [f"{COMPONENT}-sum-{axis}{part}" for axis in AXES for part in ("a", "b")]
+    offsets = [f"{COMPONENT}-{axis}" for axis in AXES]
+    lines = [
+        "# The live compensation of thermap: motor = commanded + offset.",
+        "# Load it after motmod, instead of the lines that join motor-pos-cmd and motor-pos-fb to",
+        "# the drives; then join the drives:",
+        *chain.from_iterable(
+            (
+                f"#   net {axis}-motor {COMPONENT}-{axis}.out => (the drive's commanded position)",
+                f"#   net {axis}-feedback (the drive's position) => {COMPONENT}-{axis}.fb-in",
+            )
+            for axis in AXES
+        ),
+        "# and the sensors, for example:",
+        f"#   net column-temperature (a pin in °C) => {COMPONENT}.temperature.z-column",
+        "# In the thread, update-feedback stands before motion-controller, and what writes to the",
+        "# drives behind update-output.",
+        f"loadrt lincurve names={','.join(names)} personality={points}",
+        f"loadrt sum2 names={','.join(sums)}",
+        f"loadrt offset names={','.join(offsets)}",
+        *(f"addf {name}.update-feedback {thread} 1" for name in offsets),
+        *(f"addf {name} {thread}" for name in chain(names, sums)),
+        *(f"addf {name}.update-output {thread}" for name in offsets),
+    ]
+    for code, (_, along) in CURVES.items():
+        lines += (
+            f"setp {curve_name(code)}.x-val-{number:02d} {at * machine_units_per_mm:.9g}"
+            for number, at in enumerate(nodes[along])
+        )
+    for axis in AXES:
+        lines += _nets_of(axis, joints[axis])
+    return "\n".join([*lines, start]) + "\n"
+
+
+def _nets_of(axis: str, joint: int) -> list[str]:
+    """Join one axis: its position to its three curves, and the three that move it to its offset."""
+    along = [f"{curve_name(code)}.in" for code, (_, a) in CURVES.items() if a == axis]
+    first, second, third = (curve_name(code) for code, (m, _) in CURVES.items() if m == axis)
+    a, b = (f"{COMPONENT}-sum-{axis}{part}" for part in "ab")
+    offset = f"{COMPONENT}-{axis}"
+    return [
+        f"net {offset}-nominal joint.{joint}.pos-cmd => {' '.join(along)}",
+        f"net {first} {first}.out => {a}.in0",
+        f"net {second} {second}.out => {a}.in1",
+        f"net {a} {a}.out => {b}.in0",
+        f"net {third} {third}.out => {b}.in1",
+        f"net {offset}-offset {b}.out => {offset}.offset",
+        f"net {offset}-commanded joint.{joint}.motor-pos-cmd => {offset}.in",
+        f"net {offset}-actual {offset}.fb-out => joint.{joint}.motor-pos-fb",
+    ]

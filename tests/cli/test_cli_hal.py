@@ -1,0 +1,94 @@
+"""thermap hal: the HAL file of a stored machine, and what the component asks the service."""
+
+import sys
+
+import pytest
+
+from app.hal.component import Service, main
+from app.hal.curves import table_of
+
+AT = {"x-middle": 24.0, "y-front": 23.0, "z-column": 26.0, "spindle": 29.0}
+
+
+def words_of(text, beginning):
+    (line,) = [line for line in text.splitlines() if line.startswith(beginning)]
+    return line.split()
+
+
+def test_the_hal_file_has_the_machine_s_positions_and_sensors(thermap, service_url, tmp_path):
+    found = thermap("hal", "wiring", "mcfv5050", "--joints", "2,1,0", "--rate", "2.5")
+    assert (found.exit_code, found.stderr) == (0, "")
+    positions = [
+        float(line.split()[2])
+        for line in found.stdout.splitlines()
+        if line.startswith("setp thermap-eyx.x-val-")
+    ]
+    assert positions == [0.0, 100.0, 500.0]
+    assert words_of(found.stdout, "net thermap-x-nominal")[2] == "joint.2.pos-cmd"
+    start = words_of(found.stdout, "loadusr")
+    assert start[:8] == ["loadusr", "-Wn", "thermap", sys.executable, "-m", "app", "hal", "follow"]
+    assert start[start.index("--url") + 1] == service_url
+    assert start[start.index("--rate") + 1] == "2.5"
+    assert start[start.index("--sensors") + 1] == "x-middle,y-front,z-column,spindle"
+    # halcmd takes no more words in a line.
+    assert max(len(line.split()) for line in found.stdout.splitlines()) <= 32
+    file = tmp_path / "thermap.hal"
+    again = thermap(
+        *("hal", "wiring", "mcfv5050", "--joints", "2,1,0", "--rate", "2.5", "--output", file)
+    )
+    assert again.exit_code == 0
+    assert file.read_text() == found.stdout
+
+
+@pytest.mark.parametrize("joints", ["0,1", "0,1,1", "0,1,16", "x,y,z"])
+def test_joints_are_three(thermap, joints):
+    found = thermap("hal", "wiring", "mcfv5050", "--joints", joints)
+    assert found.exit_code == 2
+    assert "three different joints" in found.stderr.replace("\n", " ")
+
+
+def test_a_python_that_is_not_there_is_named(run, tmp_path):
+    found = run("hal", "follow", "mcfv5050", "--python", tmp_path / "python")
+    assert found.exit_code == 1
+    assert "cannot run" in found.stderr
+    refused = run("hal", "follow", "mcfv5050", "--sensors", "Säule")
+    assert refused.exit_code == 2
+
+
+def test_a_python_without_hal_is_told_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "hal", None)
+    stated = ["--url", "http://127.0.0.1", "--every-s", "1", "--period-s", "1"]
+    with pytest.raises(SystemExit, match="expected LinuxCNC's own Python"):
+        main(["mcfv5050", *stated, "--rate-um-per-s", "1", "--limit-um", "1"])
+
+
+def test_the_component_sends_readings_and_has_the_service_s_table(service_url, client):
+    service = Service(service_url, "mcfv5050", 5.0)
+    service.store_reading(AT, {"spindle_rpm": 0.0})
+    nodes = dict.fromkeys("xyz", (0.0, 100.0, 500.0))
+    found = table_of(service.table(), nodes, 500.0)
+    table = {row.component: row for row in client.compensation("mcfv5050", AT).components}
+    assert found.curves["EXX"] == pytest.approx(table["EXX"].compensation_um)
+    assert found.curves["EXX"][-1] == pytest.approx(-20.0)
+    slope = table["SXY"].compensation_um_per_m
+    assert found.curves["EXY"] == pytest.approx([0.0, 0.1 * slope, 0.5 * slope])
+    assert "EBX" in found.not_held
+    assert not found.stale
+    # Unchanged, it is not sent again; forgotten, it is.
+    assert service.table() is None
+    service.forget()
+    assert service.table() is not None
+
+
+def test_a_refusal_has_the_service_s_sentence(service_url):
+    with pytest.raises(ValueError, match="nobody"):
+        Service(service_url, "nobody", 5.0).table()
+    with pytest.raises(ValueError, match="has no sensor 'elsewhere'"):
+        Service(service_url, "mcfv5050", 5.0).store_reading({"elsewhere": 20.0}, {})
+    with pytest.raises(ValueError, match="expected a URL"):
+        Service("ftp://here", "mcfv5050", 5.0)
+
+
+def test_nobody_there_is_a_failure_of_the_connection(no_service_url):
+    with pytest.raises(OSError, match="refused"):
+        Service(no_service_url, "mcfv5050", 5.0).table()

@@ -1,0 +1,208 @@
+"""The motors of the running LinuxCNC follow the service's table, and nothing makes them jump."""
+
+import os
+import time
+from contextlib import contextmanager
+
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import application
+from app.cli.listening import listening, serving, url_of
+from app.main import create_app
+from app.settings import Settings
+from tests.controllers.linuxcnc_machine import LINUXCNC, live_controller
+from thermap import ThermapClient
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.xdist_group("linuxcnc"),
+    pytest.mark.skipif(
+        LINUXCNC is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
+        reason="LinuxCNC is not installed (Debian: linuxcnc-uspace)",
+    ),
+]
+
+TOLERANCE_UM = 0.1
+RATE_UM_PER_S, PERIOD_S, EVERY_S = 20.0, 0.02, 0.3
+
+SENSORS = ("thermap.temperature.z-column", "thermap.temperature.x-middle")
+
+POSITIONS = [0.0, 80.0, 200.0, 310.0, 500.0]
+COLD_C, WARM_C = 20.0, 30.0
+
+WARM_UM = {
+    "EXX": [0.0, 3.0, 9.0, 8.0, 21.0],
+    "EYX": [0.0, -2.0, 4.0, 1.0, 0.0],
+    "EZX": [0.0, 1.0, 5.0, -3.0, 2.0],
+    "EXY": [0.0, 2.0, -6.0, 4.0, 1.0],
+    "EYY": [0.0, -4.0, -7.0, -12.0, -18.0],
+    "EZY": [0.0, 0.5, 1.5, 4.5, 6.0],
+    "EXZ": [0.0, -1.0, -3.0, -8.0, -9.0],
+    "EYZ": [0.0, 2.5, 1.0, 6.0, 3.0],
+    "EZZ": [0.0, 6.0, 15.0, 22.0, 33.0],
+}
+"""Errors at 30 °C [µm]; at 20 °C there are none, and between they grow evenly."""
+
+WARM_UM_PER_M = {"SXY": -12.0, "SYZ": 20.0, "SZX": 8.0}
+
+MACHINE = {
+    "id": "vmc",
+    "name": "VMC",
+    "configuration": "XYFZ",
+    "axes": {axis: {"min_mm": 0, "max_mm": 500} for axis in "xyz"},
+    "sensors": [
+        {"name": "z-column", "max_age_s": 600, "max_rate_c_per_min": 1e6},
+        {"name": "x-middle", "max_age_s": 600, "max_rate_c_per_min": 1e6},
+    ],
+}
+
+
+def map_at(label, t_c):
+    share = (t_c - COLD_C) / (WARM_C - COLD_C)
+    return {
+        "label": label,
+        "measured_at": "2026-03-01T06:00:00Z",
+        "temperatures_c": {"z-column": t_c, "x-middle": t_c},
+        "components": [
+            *(
+                {"component": c, "positions_mm": POSITIONS, "errors_um": [share * v for v in e]}
+                for c, e in WARM_UM.items()
+            ),
+            *(
+                {"component": c, "value_um_per_m": share * value}
+                for c, value in WARM_UM_PER_M.items()
+            ),
+        ],
+    }
+
+
+def error_um(axis, point, t_c):
+    """The definition written once more: E_x = EXX(x) + EXY(y) + EXZ(z) + SXY·y + SZX·z [µm]."""
+    found = 0.0
+    for along, at in zip("xyz", point, strict=True):
+        values = WARM_UM[f"E{axis}{along}".upper()]
+        number = max(n for n, p in enumerate(POSITIONS[:-1]) if p <= at)
+        low, high = POSITIONS[number : number + 2]
+        found += values[number] + (values[number + 1] - values[number]) * (at - low) / (high - low)
+    _, y, z = point
+    square = WARM_UM_PER_M
+    found += {
+        "x": (square["SXY"] * y + square["SZX"] * z) / 1000.0,
+        "y": square["SYZ"] * z / 1000.0,
+        "z": 0.0,
+    }[axis]
+    return found * (t_c - COLD_C) / (WARM_C - COLD_C)
+
+
+class Shop:
+    """A service that can be ended and begun again at its address."""
+
+    def __init__(self, database_url):
+        self._settings = Settings(database_url=database_url)
+        self.url, self._port = "", 0
+
+    @contextmanager
+    def open(self):
+        with (
+            listening("127.0.0.1", self._port, "serve") as opened,
+            serving(create_app(self._settings), opened, "warning"),
+        ):
+            self.url = url_of(opened)
+            self._port = int(self.url.rpartition(":")[2])
+            yield
+
+
+def offsets_um(ask):
+    motor = ask.get(*(f"thermap-{axis}.out" for axis in "xyz"))
+    nominal = ask.get(*(f"joint.{n}.pos-cmd" for n in range(3)))
+    return [(m - c) * 1000.0 for m, c in zip(motor, nominal, strict=True)]
+
+
+def wait_for(ask, within_s, **pins):
+    """Wait until pins of the component have these values."""
+    names = [f"thermap.{name.replace('_', '-')}" for name in pins]
+    until = time.monotonic() + within_s
+    while (found := ask.get(*names)) != list(pins.values()):
+        assert time.monotonic() < until, dict(zip(names, found, strict=True))
+        time.sleep(0.02)
+
+
+def expect_offsets(ask, point, t_c):
+    wanted = [-error_um(axis, point, t_c) for axis in "xyz"]
+    assert offsets_um(ask) == pytest.approx(wanted, abs=TOLERANCE_UM)
+    return wanted
+
+
+def warm_to(ask, t_c, largest_um):
+    """Change the temperatures, and wait as long as the documents say at most."""
+    ask(set=dict.fromkeys(SENSORS, t_c))
+    wait_for(ask, 15.0, connected=True, settled=False)  # the answer has come
+    wait_for(ask, largest_um / RATE_UM_PER_S + 5.0, settled=True, connected=True, stale=False)
+
+
+def expect_no_jump(asked):
+    """The offsets went in steps of the rate times the period, and no faster than the rate."""
+    for axis in "xyz":
+        assert asked["moved"][axis] > 0.0
+        assert asked["beyond"][axis] <= RATE_UM_PER_S * PERIOD_S + 1e-6
+        # One step may have come just before such a time, and one stands at its end.
+        assert asked["speeds"][axis] <= RATE_UM_PER_S * (1.0 + 2 * PERIOD_S / 0.4)
+
+
+def restart(ask, wiring):
+    """End the component, and start it again: the curves stay where they are all the while."""
+    start = next(line for line in wiring.splitlines() if line.startswith("loadusr"))
+    (going,) = ask.get("thermap.heartbeat")
+    ask(forget=True, shell=f"halcmd unloadusr thermap && halcmd {start}")
+    ask(set=dict.fromkeys(SENSORS, 21.0))
+    wait_for(ask, 15.0, connected=True, stale=False, settled=True)
+    assert ask.get("thermap.heartbeat") < [going]
+
+
+def test_the_motors_follow_hold_and_never_jump(tmp_path):
+    shop = Shop(f"sqlite:///{tmp_path / 'shop.db'}")
+    with shop.open():
+        with ThermapClient(shop.url) as client:
+            client.create_machine(MACHINE)
+            for t_c in (COLD_C, WARM_C):
+                client.store_error_map("vmc", map_at(f"at {t_c:g}", t_c))
+        words = ["hal", "wiring", "vmc", "--url", shop.url, "--rate", str(RATE_UM_PER_S)]
+        words += ["--period", str(PERIOD_S), "--every", str(EVERY_S)]
+        written = CliRunner().invoke(application, words)
+        assert written.exit_code == 0, written.output
+    with live_controller(written.stdout, RATE_UM_PER_S) as ask:
+        # The controller starts without the service, and nothing moves the motors.
+        assert ask.get("thermap.connected", "thermap.stale") == [False, True]
+        assert offsets_um(ask) == [0.0, 0.0, 0.0]
+        point = (150.0, 260.0, 420.0)
+        ask(mdi="G53 G0 X{} Y{} Z{}".format(*point))
+        with shop.open():
+            warm_to(ask, 24.0, 120.0)
+            expect_offsets(ask, point, 24.0)
+            warm_to(ask, 30.0, 120.0)
+            held = expect_offsets(ask, point, 30.0)
+            expect_no_jump(ask())
+        # The service is gone: what was last is held, whatever the temperatures do.
+        wait_for(ask, 10.0, connected=False, stale=True)
+        ask(forget=True, set=dict.fromkeys(SENSORS, 21.0))
+        time.sleep(1.0)
+        assert offsets_um(ask) == pytest.approx(held, abs=1e-6)
+        assert set(ask()["moved"].values()) == {0.0}
+        # And held is a curve, not a number: the motors still stand where it says.
+        point = (35.0, 480.0, 255.0)
+        ask(mdi="G53 G0 X{} Y{} Z{}".format(*point))
+        expect_offsets(ask, point, 30.0)
+        ask(forget=True)
+        with shop.open():
+            wait_for(ask, 15.0, connected=True, stale=False, settled=False)
+            wait_for(ask, 15.0, connected=True, stale=False, settled=True)
+            expect_offsets(ask, point, 21.0)
+            expect_no_jump(ask())
+            restart(ask, written.stdout)
+            expect_offsets(ask, point, 21.0)
+            assert set(ask()["moved"].values()) == {0.0}
+            ask(set={"thermap.enable": 0})
+            wait_for(ask, 10.0, active=False, settled=True)
+            assert offsets_um(ask) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+            expect_no_jump(ask())
