@@ -1,0 +1,420 @@
+"""thermap program: NC programs of measurements, and the empty files for what is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from app.cli.analyse_files import read_verifications
+from app.cli.controllers import write_files
+from app.cli.import_checks import settings_of_stored
+from app.cli.options import (
+    MachineArgument,
+    UrlOption,
+    command_group,
+    connect,
+    read_named_numbers,
+    read_number,
+    read_point,
+    read_time,
+)
+from app.errors import counted, list_names
+from app.measurement.positioning import RUNS_OF_THE_STANDARD
+from app.programs.body_diagonal import RUNS, body_diagonal_program
+from app.programs.dialects import DIALECTS, dialect_named
+from app.programs.path import Manner
+from app.programs.positioning import positioning_program
+from app.programs.program import MeasuringProgram, Stop
+from app.programs.step_diagonal import step_diagonal_program
+from app.programs.visit import visit_program
+from app.programs.warm_up import SpindleStep, warm_up_program
+from app.thermal.machine import Machine
+from app.units import SECONDS_PER_MIN
+from thermap import DEFAULT_URL
+
+ControllerOption = Annotated[
+    str,
+    typer.Option(
+        "--controller",
+        "-c",
+        envvar="THERMAP_CONTROLLER",
+        metavar="NAME",
+        help=f"Whose words: {list_names(DIALECTS)}.",
+    ),
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("--output", metavar="FOLDER", help="Folder into which both files are written."),
+]
+OverwriteOption = Annotated[
+    bool, typer.Option("--overwrite", help="Replace files that are there already.")
+]
+FeedOption = Annotated[
+    float, typer.Option("--feed", metavar="MM/MIN", help="Feed of all moves that do not cross.")
+]
+DwellOption = Annotated[
+    float, typer.Option("--dwell", metavar="S", help="Standing still at each reading.")
+]
+ReadingOption = Annotated[
+    float,
+    typer.Option(
+        "--reading", metavar="S", help="Time at rest that the instrument needs for a reading."
+    ),
+]
+OverrunOption = Annotated[
+    float,
+    typer.Option("--overrun", metavar="MM", help="How far behind a position its approach begins."),
+]
+WindowOption = Annotated[
+    float,
+    typer.Option(
+        "--window", metavar="MM", help="Tolerance of an instrument that triggers itself, ±."
+    ),
+]
+RetractOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--retract",
+        metavar="AXIS=MM",
+        help="Where an axis is out of the way; in this order. Default: z at its highest.",
+    ),
+]
+LineOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--line",
+        metavar="AXIS=MM",
+        help="Where another axis stands; the middle of its travel if not stated.",
+    ),
+]
+StepsOption = Annotated[int, typer.Option("--steps", help="Steps of each axis.")]
+OriginOption = Annotated[
+    str | None,
+    typer.Option(
+        "--origin", metavar="X,Y,Z", help="Lowest corner in mm; that of the travel if not stated."
+    ),
+]
+StepOption = Annotated[
+    str | None,
+    typer.Option(
+        "--step", metavar="X,Y,Z", help="Each axis' step in mm; over the travel if not stated."
+    ),
+]
+
+_MANNER: Final = Manner()
+
+program = command_group()
+
+
+@program.callback()
+def _describe() -> None:
+    """NC programs that move a machine through a measurement, and files for the readings.
+
+    Inside the machine's stated travel, retracted where it crosses. Beside each program lies
+    the empty file that its readings are filled into; thermap reads it back.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class _WrittenFile:
+    name: str
+    content: str
+
+
+@program.command("positioning")
+def write_positioning(
+    machine: MachineArgument,
+    controller: ControllerOption,
+    axis: Annotated[str, typer.Option("--axis", help="x, y or z.")],
+    output: OutputOption = None,
+    targets: Annotated[
+        int | None,
+        typer.Option(
+            "--targets", metavar="N", help="How many; default 11, or 5 per metre if more."
+        ),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="MM,MM,…", help="These targets instead of chosen ones."),
+    ] = None,
+    runs: Annotated[int, typer.Option("--runs", help="In each direction.")] = RUNS_OF_THE_STANDARD,
+    line: LineOption = None,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", envvar="THERMAP_SEED", min=0, help="Of the targets' random offsets."
+        ),
+    ] = 0,
+    feed: FeedOption = _MANNER.feed_mm_per_min,
+    dwell: DwellOption = _MANNER.dwell_s,
+    reading: ReadingOption = _MANNER.reading_s,
+    overrun: OverrunOption = _MANNER.overrun_mm,
+    window: WindowOption = _MANNER.window_mm,
+    retract: RetractOption = None,
+    overwrite: OverwriteOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Positioning of an axis by ISO 230-2: targets with a random offset, runs both ways.
+
+    Example: `thermap program positioning mcfv5050 --axis x -c siemens --output posx`
+    """
+    if at is not None and targets is not None:
+        raise typer.BadParameter("expected --at or --targets, got both", param_hint="--at")
+    found = positioning_program(
+        _machine(machine, url),
+        _manner(feed, dwell, reading, overrun, window, retract),
+        axis.lower(),
+        targets_mm=None if at is None else _numbers(at, "--at"),
+        count=targets,
+        runs=runs,
+        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+        seed=seed,
+    )
+    _write(found, controller, output, overwrite)
+
+
+@program.command("step-diagonal")
+def write_step_diagonal(
+    machine: MachineArgument,
+    controller: ControllerOption,
+    output: OutputOption = None,
+    steps: StepsOption = 10,
+    origin: OriginOption = None,
+    step: StepOption = None,
+    feed: FeedOption = _MANNER.feed_mm_per_min,
+    dwell: DwellOption = _MANNER.dwell_s,
+    reading: ReadingOption = _MANNER.reading_s,
+    overrun: OverrunOption = _MANNER.overrun_mm,
+    window: WindowOption = _MANNER.window_mm,
+    retract: RetractOption = None,
+    overwrite: OverwriteOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Sequential step diagonals: x, then y, then z, along each of the four body diagonals.
+
+    Example: `thermap program step-diagonal mcfv5050 -c heidenhain --output diagonals`
+    """
+    found = step_diagonal_program(
+        _machine(machine, url),
+        _manner(feed, dwell, reading, overrun, window, retract),
+        steps=steps,
+        origin_mm=_point(origin, "--origin"),
+        step_mm=_point(step, "--step"),
+    )
+    _write(found, controller, output, overwrite)
+
+
+@program.command("body-diagonal")
+def write_body_diagonal(
+    machine: MachineArgument,
+    controller: ControllerOption,
+    output: OutputOption = None,
+    steps: StepsOption = 10,
+    runs: Annotated[int, typer.Option("--runs", help="There and back, of each diagonal.")] = RUNS,
+    origin: OriginOption = None,
+    step: StepOption = None,
+    feed: FeedOption = _MANNER.feed_mm_per_min,
+    dwell: DwellOption = _MANNER.dwell_s,
+    reading: ReadingOption = _MANNER.reading_s,
+    overrun: OverrunOption = _MANNER.overrun_mm,
+    window: WindowOption = _MANNER.window_mm,
+    retract: RetractOption = None,
+    overwrite: OverwriteOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Body diagonals by ISO 230-6: all axes together, there and back.
+
+    Example: `thermap program body-diagonal mcfv5050 -c fanuc --output diagonals`
+    """
+    found = body_diagonal_program(
+        _machine(machine, url),
+        _manner(feed, dwell, reading, overrun, window, retract),
+        steps=steps,
+        runs=runs,
+        origin_mm=_point(origin, "--origin"),
+        step_mm=_point(step, "--step"),
+    )
+    _write(found, controller, output, overwrite)
+
+
+@program.command("warm-up")
+def write_warm_up(
+    machine: MachineArgument,
+    controller: ControllerOption,
+    spindle: Annotated[
+        list[str],
+        typer.Option("--spindle", metavar="RPM=MIN", help="A spindle step; in this order."),
+    ],
+    place: Annotated[
+        list[str],
+        typer.Option("--place", metavar="X,Y,Z", help="A measuring position; once for each."),
+    ],
+    output: OutputOption = None,
+    cooling: Annotated[
+        float, typer.Option("--cooling", metavar="MIN", help="With the spindle stopped, after it.")
+    ] = 60.0,
+    every: Annotated[
+        float, typer.Option("--every", metavar="MIN", help="Pause between readings.")
+    ] = 5.0,
+    spin_down: Annotated[
+        float, typer.Option("--spin-down", metavar="S", help="Until the spindle stands.")
+    ] = 15.0,
+    in_place: Annotated[
+        bool,
+        typer.Option(
+            "--in-place",
+            help="Stay at the measuring position and read while the spindle turns: for sensors "
+            "without contact.",
+        ),
+    ] = False,
+    sensor_distance: Annotated[
+        float | None,
+        typer.Option(
+            "--sensor-distance",
+            metavar="MM",
+            help="How much further along z a second pair of sensors reads x and y.",
+        ),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option("--start", metavar="TIME", help="Planned start, for the readings' times."),
+    ] = None,
+    feed: FeedOption = _MANNER.feed_mm_per_min,
+    dwell: DwellOption = _MANNER.dwell_s,
+    reading: ReadingOption = _MANNER.reading_s,
+    overrun: OverrunOption = _MANNER.overrun_mm,
+    window: WindowOption = _MANNER.window_mm,
+    retract: RetractOption = None,
+    overwrite: OverwriteOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Warming up and cooling down by ISO 230-3: spindle steps, and returns to be measured.
+
+    Example: `thermap program warm-up mcfv5050 -c linuxcnc --spindle 4000=60 --spindle 8000=60
+    --cooling 90 --place 250,200,100 --output warm-up`
+    """
+    steps = [_spindle_step(text) for text in spindle]
+    steps += [SpindleStep(0.0, cooling)] if cooling else []
+    found = warm_up_program(
+        _machine(machine, url),
+        _manner(feed, dwell, reading, overrun, window, retract),
+        steps,
+        [read_point(text, "--place", "250,200,100") for text in place],
+        every_min=every,
+        spin_down_s=spin_down,
+        in_place=in_place,
+        sensor_distance_mm=sensor_distance,
+        start_s=None if start is None else read_time(start, "--start").timestamp(),
+    )
+    _write(found, controller, output, overwrite)
+
+
+@program.command("visit")
+def write_visit(
+    machine: MachineArgument,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="The observations, as `thermap analyse --plan` has."),
+    ],
+    controller: ControllerOption,
+    output: OutputOption = None,
+    line: LineOption = None,
+    feed: FeedOption = _MANNER.feed_mm_per_min,
+    dwell: DwellOption = _MANNER.dwell_s,
+    reading: ReadingOption = _MANNER.reading_s,
+    overrun: OverrunOption = _MANNER.overrun_mm,
+    window: WindowOption = _MANNER.window_mm,
+    retract: RetractOption = None,
+    overwrite: OverwriteOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Write a planned visit: its observations in order of time, each approached as stated.
+
+    Example: `thermap program visit mcfv5050 planned.csv -c siemens --output monday`
+    """
+    from app.api.schemas.analyses import PlannedVerification
+
+    (read,) = read_verifications([file], machine, is_planned=True)
+    for remark in read.remarks:
+        typer.echo(f"{file}: note: {remark}", err=True)
+    found = visit_program(
+        _machine(machine, url),
+        _manner(feed, dwell, reading, overrun, window, retract),
+        PlannedVerification.model_validate(read.body).to_verification(),
+        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+    )
+    _write(found, controller, output, overwrite)
+
+
+def _machine(name: str, url: str) -> Machine:
+    with connect(url) as thermap:
+        return settings_of_stored(thermap.machine(name)).to_machine()
+
+
+def _manner(
+    feed: float,
+    dwell: float,
+    reading: float,
+    overrun: float,
+    window: float,
+    retract: Iterable[str] | None,
+) -> Manner:
+    places = read_named_numbers(retract, "--retract", "a position in mm")
+    return Manner(feed, dwell, reading, overrun, window, places or None)
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
+    found = [number for number in numbers if number is not None]
+    if len(found) < len(numbers):
+        raise typer.BadParameter(
+            f"expected positions in mm such as 0,100,250.5, got {text!r}", param_hint=option
+        )
+    return found
+
+
+def _point(text: str | None, option: str) -> list[float] | None:
+    return None if text is None else read_point(text, option, "50,50,40")
+
+
+def _spindle_step(text: str) -> SpindleStep:
+    """Read `RPM=MIN`; a speed may come twice."""
+    ((speed, minutes),) = read_named_numbers([text], "--spindle", "minutes").items()
+    speed_rpm = read_number(speed)
+    if speed_rpm is None:
+        raise typer.BadParameter(
+            f"expected RPM=MIN such as 4000=60, got {text!r}", param_hint="--spindle"
+        )
+    return SpindleStep(speed_rpm, minutes)
+
+
+def _write(found: MeasuringProgram, controller: str, output: Path | None, overwrite: bool) -> None:
+    """Write both files, or none, and say what they are for."""
+    dialect = dialect_named(controller)
+    files = [
+        _WrittenFile(f"{found.name}{dialect.suffix}", dialect.write(found)),
+        _WrittenFile(f"{found.name}.csv", found.readings.content),
+    ]
+    if output is not None:
+        write_files(output, files, overwrite=overwrite)
+    stops = sum(isinstance(block, Stop) for block in found.blocks)
+    typer.echo(f"{found.title}, {found.machine}, for {dialect.title}: {dialect.status}")
+    for sentence in (dialect.where, *found.head):
+        typer.echo(f"  {sentence}")
+    typer.echo(
+        f"  takes {found.seconds / SECONDS_PER_MIN:.0f} min, rapid moves and acceleration not "
+        f"counted, and waits {counted(stops, 'time')} for you"
+    )
+    for note in found.notes:
+        typer.echo(f"note: {note}", err=True)
+    names = list_names(file.name for file in files)
+    if output is None:
+        typer.echo(f"{names}: written nowhere: state --output FOLDER")
+        return
+    typer.echo(f"{names}: written to {output}")
+    command = found.readings.command.replace("FILE", str(output / files[1].name))
+    typer.echo(f"fill in {files[1].name}, then: {command}")
