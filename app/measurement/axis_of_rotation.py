@@ -50,8 +50,6 @@ class AxisFit:
     cofactor : ndarray, shape (4, 4), or (2, 2) without direction
         Covariance of crossing and tilts for coordinates whose own variance is 1 mm²
         [mm², mm·rad, rad²].
-    unknowns
-        Number of unknowns.
     """
 
     height_mm: float
@@ -85,6 +83,8 @@ class AxisFit:
         tilt, other = self.tilts_rad
         slope = np.array([np.tan(other), -np.tan(tilt) / np.cos(other)])
         change = np.eye(len(self.cofactor))
+        # The derivatives of −height · slope by both tilts: an axis that is known well at the ball
+        # is known less well at a distance from it.
         if len(change) > 2:
             change[0, 3] = -self.height_mm / np.cos(other) ** 2
             change[1, 2] = self.height_mm / (np.cos(tilt) ** 2 * np.cos(other))
@@ -163,6 +163,7 @@ def fit_axis(points_mm: FloatArray, angles_rad: FloatArray) -> AxisFit:
     mean = points_mm.mean(axis=0)
     centred = points_mm - mean
     first = fit_position(centred, angles_rad, np.zeros(angles_rad.size))
+    # A tilt [rad] moves the ball by its arm [mm]: so scaled, all unknowns act alike.
     size = np.ones(7)
     size[2:4] = 1.0 / max(first.radius_mm, np.linalg.norm(centred, axis=1).max())
 
@@ -209,7 +210,10 @@ def _slopes(unknowns: FloatArray, angles_rad: FloatArray) -> FloatArray:
     n = angles_rad.size
     about = RotaryAxis(np.zeros(3), direction)
     turned = [about.turn(np.broadcast_to(unit, (n, 3)), angles_rad) for unit in np.eye(3)]
+    # A shift of the axis moves the ball by itself less the turned shift.
     shifted = [unit - column for unit, column in zip(np.eye(3)[:2], turned[:2], strict=True)]
+    # Rodrigues' formula, cos θ · arm + sin θ · d × arm + (1 − cos θ) · d (d · arm), differentiated
+    # by the direction d, which a tilt turns about its own axis.
     tilted = []
     for about_tilt in ([np.cos(other), 0.0, -np.sin(other)], [0.0, 1.0, 0.0]):
         change = np.cross(about_tilt, direction)

@@ -11,20 +11,30 @@ of positioning of numerically controlled axes*, clause 3 (definitions) and 7 (ev
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import linregress
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
-from app.measurement.positioning_figures import bidirectional_repeatability, figures_of
-from app.measurement.positioning_notes import notes_on
 from app.measurement.result import MeasurementResult
-from app.measurement.run_means import RunMeans, mean_of_runs, table_of_means
-from app.measurement.stated_axes import expect_linear_axis
-from app.measurement.stated_numbers import as_standard_deviation
-from app.measurement.stated_runs import as_positions, as_runs
+from app.measurement.run_means import COVER, RunMeans, mean_of_runs, table_of_means
+from app.measurement.run_scatter import varies
+from app.measurement.stated_numbers import as_standard_deviation, suspiciously_small
+from app.measurement.stated_runs import as_positions, as_runs, expect_linear_axis
+from app.units import MM_PER_M
+
+RUNS_OF_THE_STANDARD: Final = 5
+TARGETS_OF_THE_STANDARD: Final = 5
+"""In each direction; targets per metre, and at least so many."""
+
+SIGNIFICANT: Final = 0.01
+"""Probability by chance below which runs are said to drift."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +156,7 @@ def _runs_of_both_ways(
         ):
             raise InvalidContent.of_field(
                 f"{way}_um",
-                "expected deviations from the targets in µm (measured minus target), came the "
+                "expected deviations from the targets in µm (measured minus target), got the "
                 "targets themselves: these look like measured positions in mm",
             )
     return runs
@@ -154,3 +164,174 @@ def _runs_of_both_ways(
 
 def _is_empty(stated: ArrayLike) -> bool:
     return isinstance(stated, list | tuple | np.ndarray) and len(stated) == 0
+
+
+def figures_of(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> dict[str, float]:
+    """Sum up the axis as the standard does.
+
+    Parameters
+    ----------
+    ways
+        `forward`, and `backward` where it was run, to the means.
+    runs
+        The same to the readings [µm].
+
+    Returns
+    -------
+    dict
+        B, M, E, R and A of both directions, E, R and A of each, noise, shift and slope from
+        run to run, and drift; the unit is in each name.
+    """
+    figures: dict[str, float] = {}
+    for name, way in ways.items():
+        figures |= _figures_of([way], f"_{name}")
+    forward, backward = ways["forward"], ways.get("backward")
+    if backward is not None:
+        reversal = forward.mean - backward.mean
+        figures["B_um"] = float(np.abs(reversal).max())
+        figures["B_mean_um"] = float(reversal.mean())
+        figures["M_um"] = float(np.ptp((forward.mean + backward.mean) / 2))
+        figures |= _figures_of([forward, backward], "")
+        at_each = bidirectional_repeatability(forward, backward)
+        if at_each is not None:
+            figures["R_um"] = float(at_each.max())
+    return figures | _scatter(ways, runs)
+
+
+def bidirectional_repeatability(forward: RunMeans, backward: RunMeans | None) -> FloatArray | None:
+    """Compute R_i = max(2 s↑ + 2 s↓ + |B_i|; R↑; R↓).
+
+    Parameters
+    ----------
+    forward, backward
+        Means and standard deviations of both directions [µm].
+
+    Returns
+    -------
+    ndarray, shape (m,), or None [µm]
+        None where a direction was not run, or only once.
+    """
+    if backward is None:
+        return None
+    up, down = forward.standard_deviation, backward.standard_deviation
+    if up is None or down is None:
+        return None
+    together: FloatArray = COVER * (up + down) + np.abs(forward.mean - backward.mean)
+    each: FloatArray = 2 * COVER * np.maximum(up, down)
+    return np.maximum(together, each)
+
+
+def drift_of(runs: Mapping[str, FloatArray]) -> tuple[float, float] | None:
+    """Fit a line to the runs' means.
+
+    Parameters
+    ----------
+    runs
+        Direction to readings, one row for each run [µm].
+
+    Returns
+    -------
+    drift, by_chance : float, or None
+        Change from the first run to the last [µm], and its probability by chance; None
+        where the directions were not run equally often.
+    """
+    if len({len(readings) for readings in runs.values()}) > 1:
+        return None
+    means = np.mean([readings.mean(axis=1) for readings in runs.values()], axis=0)
+    if means.size < 3 or np.ptp(means) == 0:
+        return float(means[-1] - means[0]), 1.0
+    line = linregress(np.arange(means.size), means)
+    return float(line.slope) * (means.size - 1), float(line.pvalue)
+
+
+def _figures_of(ways: list[RunMeans], suffix: str) -> dict[str, float]:
+    """E and A over one direction or both; R of one direction."""
+    means = np.array([way.mean for way in ways])
+    figures = {f"E{suffix}_um": float(np.ptp(means))}
+    spreads = [way.standard_deviation for way in ways if way.standard_deviation is not None]
+    if len(spreads) == len(ways):
+        band = COVER * np.array(spreads)
+        figures[f"A{suffix}_um"] = float((means + band).max() - (means - band).min())
+        if len(ways) == 1:
+            figures[f"R{suffix}_um"] = float(2 * COVER * spreads[0].max())
+    return figures
+
+
+def _scatter(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> dict[str, float]:
+    """What the runs say of themselves: noise, shift and slope from run to run, drift."""
+    scatters = [way.scatter for way in ways.values() if way.scatter is not None]
+    if not scatters:
+        return {}
+    figures = {
+        "noise_um": _root_mean_square(one.noise for one in scatters),
+        "run_shift_um": _root_mean_square(one.shift for one in scatters),
+        "noise_degrees_of_freedom": float(sum(one.degrees_of_freedom for one in scatters)),
+    }
+    slope = _root_mean_square(one.slope_per_m for one in scatters)
+    if math.isfinite(slope):
+        figures["run_slope_um_per_m"] = slope
+    drift = drift_of(runs)
+    if drift is not None:
+        figures["drift_um"] = drift[0]
+    if len(scatters) == 2 and ways["forward"].runs == ways["backward"].runs:
+        of_runs = (runs["forward"] - runs["backward"]).mean(axis=1)
+        standard_error = float(of_runs.std(ddof=1)) / math.sqrt(of_runs.size)
+        figures["B_mean_standard_error_um"] = standard_error
+    return figures
+
+
+def _root_mean_square(values: Iterable[float]) -> float:
+    return math.sqrt(float(np.mean(np.square(list(values)))))
+
+
+def notes_on(targets_mm: FloatArray, runs: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """Say what departs from the standard, what cannot be seen and what looks wrong.
+
+    Parameters
+    ----------
+    targets_mm : ndarray, shape (m,) [mm]
+        Target positions.
+    runs
+        Direction to readings, one row for each run [µm].
+    """
+    notes = _notes_on_the_standard(targets_mm, runs)
+    drift = drift_of(runs)
+    if drift is not None and drift[1] < SIGNIFICANT:
+        notes.append(
+            f"The runs drift by {drift[0]:.2f} µm from the first to the last: the axis warms up "
+            "or cools down. The means belong to the mean thermal state of the runs, and s, R "
+            "and A contain the drift."
+        )
+    for way, readings in runs.items():
+        if len(readings) > 1 and not varies(readings):
+            notes.append(
+                f"The runs of {way}_um do not differ: they do not show their noise, and standard "
+                "errors are those of repeatability_um, or unknown."
+            )
+        notes += suspiciously_small(f"{way}_um", readings)
+    return tuple(notes)
+
+
+def _notes_on_the_standard(targets_mm: FloatArray, runs: Mapping[str, FloatArray]) -> list[str]:
+    notes = []
+    fewest = min(len(readings) for readings in runs.values())
+    if fewest < RUNS_OF_THE_STANDARD:
+        less = "there is no repeatability and no accuracy" if fewest < 2 else "s is less certain"
+        notes.append(
+            f"ISO 230-2 asks for {RUNS_OF_THE_STANDARD} runs in each direction, got {fewest}: "
+            f"{less}."
+        )
+    asked = max(1.0, float(np.ptp(targets_mm)) / MM_PER_M) * TARGETS_OF_THE_STANDARD
+    if targets_mm.size < asked:
+        notes.append(
+            f"ISO 230-2 asks for at least {math.ceil(asked)} targets here, got {targets_mm.size}."
+        )
+    if "backward" not in runs:
+        notes.append("Approached in one direction only: there is no reversal error.")
+    steps = np.diff(targets_mm)
+    if steps.size > 1 and np.ptp(steps) <= 1e-9 * float(np.abs(targets_mm).max()):
+        notes.append(
+            f"The targets are evenly spaced: an error whose period divides {steps[0]:g} mm "
+            "cannot be seen."
+        )
+    return notes

@@ -17,22 +17,13 @@ LINES: Final = ("least-squares", "end-points")
 def expect_line(field: str, line: str, known: tuple[str, ...] = LINES) -> None:
     """Refuse a reference line that nobody knows.
 
-    Parameters
-    ----------
-    field
-        Field that states it.
-    line
-        The name that came.
-    known
-        The names that exist.
-
     Raises
     ------
     InvalidContent
         If it is none of them.
     """
     if line not in known:
-        raise InvalidContent.of_field(field, f"expected {' or '.join(known)}, came {line!r}")
+        raise InvalidContent.of_field(field, f"expected {' or '.join(known)}, got {line!r}")
 
 
 def line_through(positions_mm: FloatArray, line: str) -> FloatArray:

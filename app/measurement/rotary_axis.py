@@ -108,8 +108,6 @@ class RotaryAxisMeasurement:
     path
         How far the ball was beside the spindle that follows it, before and after
         compensation.
-    result
-        The components, figures and notes.
     """
 
     letter: str
@@ -286,7 +284,7 @@ def _errors(found: FittedPoints, crossing_mm: FloatArray, pivot_mm: FloatArray) 
         raise InvalidContent.of_field(
             "pivot_mm",
             f"expected a point of the nominal axis within {VALUE_LIMIT / UM_PER_MM:g} mm of the "
-            f"actual one, came {nominal.tolist()} mm where the axis is at "
+            f"actual one, got {nominal.tolist()} mm where the axis is at "
             f"{crossing_mm.round(1).tolist()} mm",
         )
     values = [*position.tolist(), *(found.fit.tilts_rad * URAD_PER_RAD).tolist()]
@@ -310,5 +308,5 @@ def _tables(
 def _checked_axis(axis: str) -> str:
     letter = axis.lower() if isinstance(axis, str) else ""
     if letter not in CODES:
-        raise InvalidContent.of_field("axis", f"expected rotary axis A, B or C, came {axis!r}")
+        raise InvalidContent.of_field("axis", f"expected rotary axis A, B or C, got {axis!r}")
     return letter

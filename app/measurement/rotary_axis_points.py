@@ -28,10 +28,10 @@ STRAIGHT: Final = 1e-3
 
 LARGEST_MISFIT_MM: Final = 1.0
 LARGEST_TILT_RAD: Final = 0.1
-HOPELESS_POSITION: Final = 30.0
+WORST_POSITION_PER_UM: Final = 30.0
 """How many µm 1 µm of noise may move the axis at the ball: 180° give 0.6, 40° 2, 3° 30."""
 
-HOPELESS_DIRECTION_URAD: Final = 1000.0
+WORST_TILT_URAD_PER_UM: Final = 1000.0
 """How far 1 µm of noise may tilt it; at a radius of 100 mm 180° give 12, 80° 50, 18° 1000.
 
 Beyond, the direction is not told from noise, and the nominal one is taken."""
@@ -67,7 +67,7 @@ def checked_points(angle_deg: ArrayLike, position_mm: ArrayLike) -> tuple[FloatA
     if angles.ndim != 1 or points.shape != (angles.size, 3):
         raise InvalidContent.of_field(
             "points",
-            "expected an angle in ° and x, y, z in mm of every point, came arrays of shape "
+            "expected an angle in ° and x, y, z in mm of every point, got arrays of shape "
             f"{angles.shape} and {points.shape}",
         )
     expect_plausible("points.position_mm", points, "mm", FARTHEST_MM, "perhaps in µm", place=_place)
@@ -104,13 +104,14 @@ def number_places(angles_deg: FloatArray) -> FloatArray:
         if turned[i] - first > SAME_ANGLE_DEG:
             first, number = turned[i], number + 1
         numbers[i] = number
+    # Just below a full turn and 0 are the same place.
     if turned.size and turned.min() + 360.0 - first <= SAME_ANGLE_DEG:
         numbers[numbers == number] = 0.0
     if np.unique(numbers).size < 2:
         raise InvalidContent.of_field(
             "points",
             f"expected points at 2 angles or more, at least {SAME_ANGLE_DEG:g}° apart within a "
-            f"turn, came {turned.size} at {np.unique(numbers).size}",
+            f"turn, got {turned.size} at {np.unique(numbers).size}",
         )
     return numbers
 
@@ -144,18 +145,18 @@ def checked_fit(
     """
     _check_extent(points_mm, places)
     fit = _fit(points_mm, angles_rad, places)
-    if _badness(fit, points_mm) > 1.0:
+    if _excess(fit, points_mm) > 1.0:
         raise InvalidContent.of_field(
             "points",
             f"expected places of a ball that a {letter.upper()} axis turned by the stated "
             f"angles, within {LARGEST_MISFIT_MM:g} mm and {LARGEST_TILT_RAD:g} rad of tilt, "
-            f"came {_misfit_mm(fit, points_mm):.3g} mm (rms) beside such an arc and "
+            f"got {_misfit_mm(fit, points_mm):.3g} mm (rms) beside such an arc and "
             f"{_tilt_rad(fit, points_mm):.3g} rad{_perhaps(letter, points_mm, angles_rad, places)}",
         )
     if fit.radius_mm < NEAREST_MM:
         raise InvalidContent.of_field(
             "points.position_mm",
-            f"expected a ball at least {NEAREST_MM:g} mm beside the axis, came "
+            f"expected a ball at least {NEAREST_MM:g} mm beside the axis, got "
             f"{fit.radius_mm:.3g} mm: perhaps in m",
         )
     _check_arc(fit, angles_rad)
@@ -163,27 +164,12 @@ def checked_fit(
 
 
 def position_per_um(fit: AxisFit) -> float:
-    """Say by how many µm 1 µm of noise moves the axis at the ball, where it moves it most.
-
-    Parameters
-    ----------
-    fit
-        The fitted axis.
-
-    Returns
-    -------
-    float
-    """
+    """Say by how many µm 1 µm of noise moves the axis at the ball, where it moves it most."""
     return float(np.sqrt(np.linalg.eigvalsh(fit.cofactor[:2, :2])[-1]))
 
 
 def urad_per_um(fit: AxisFit) -> float | None:
     """Say by how many µrad 1 µm of noise tilts the axis, where it tilts it most.
-
-    Parameters
-    ----------
-    fit
-        The fitted axis.
 
     Returns
     -------
@@ -228,7 +214,7 @@ def _check_extent(points_mm: FloatArray, places: FloatArray) -> None:
         raise InvalidContent.of_field(
             "points.position_mm",
             f"expected places of a ball beside the axis, more than {NEAREST_MM:g} mm apart, "
-            f"came {extent:.3g} mm: the ball stands on the axis, or positions are in m",
+            f"got {extent:.3g} mm: the ball stands on the axis, or positions are in m",
         )
     if np.unique(places).size < 3:
         return
@@ -236,7 +222,7 @@ def _check_extent(points_mm: FloatArray, places: FloatArray) -> None:
     if sizes[1] < STRAIGHT * sizes[0]:
         raise InvalidContent.of_field(
             "points.position_mm",
-            "expected places on an arc, came places on a straight line, to "
+            "expected places on an arc, got places on a straight line, to "
             f"{sizes[1] / sizes[0]:.1g} of its length: nothing in them shows the axis",
         )
 
@@ -244,7 +230,7 @@ def _check_extent(points_mm: FloatArray, places: FloatArray) -> None:
 def _fit(points_mm: FloatArray, angles_rad: FloatArray, places: FloatArray) -> AxisFit:
     if np.unique(places).size > 2:
         fit = fit_axis(points_mm, angles_rad)
-        if (urad_per_um(fit) or 0.0) <= HOPELESS_DIRECTION_URAD:
+        if (urad_per_um(fit) or 0.0) <= WORST_TILT_URAD_PER_UM:
             return fit
     return fit_position(points_mm, angles_rad, places)
 
@@ -261,7 +247,7 @@ def _tilt_rad(fit: AxisFit, points_mm: FloatArray) -> float:
     return float(np.arctan2(climb, across))
 
 
-def _badness(fit: AxisFit, points_mm: FloatArray) -> float:
+def _excess(fit: AxisFit, points_mm: FloatArray) -> float:
     """Say how many times misfit or tilt is what it may be."""
     return max(
         _misfit_mm(fit, points_mm) / LARGEST_MISFIT_MM, _tilt_rad(fit, points_mm) / LARGEST_TILT_RAD
@@ -279,7 +265,7 @@ def _perhaps(letter: str, points_mm: FloatArray, angles_rad: FloatArray, places:
         (f"it is the {previous.upper()} axis", backward, angles_rad),
     ]
     for what, points, turn in others:
-        if _badness(_fit(points, turn, places), points) < _FITS:
+        if _excess(_fit(points, turn, places), points) < _FITS:
             return f"; perhaps {what}"
     return ""
 
@@ -287,9 +273,9 @@ def _perhaps(letter: str, points_mm: FloatArray, angles_rad: FloatArray, places:
 def _check_arc(fit: AxisFit, angles_rad: FloatArray) -> None:
     """Refuse an arc on which a micrometre of noise is more than the axis' errors."""
     position = position_per_um(fit)
-    if position > HOPELESS_POSITION:
+    if position > WORST_POSITION_PER_UM:
         raise InvalidContent.of_field(
             "points.angle_deg",
-            f"expected a longer arc, came points over {arc_deg(angles_rad):.3g}° at a radius of "
+            f"expected a longer arc, got points over {arc_deg(angles_rad):.3g}° at a radius of "
             f"{fit.radius_mm:.3g} mm: 1 µm of noise would move the axis by {position:.0f} µm",
         )

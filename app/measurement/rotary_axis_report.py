@@ -14,13 +14,7 @@ from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.rotary_axes import AXIS_LETTERS, about, cyclic_codes
 from app.measurement.axis_of_rotation import AxisFit, fit_axis
-from app.measurement.rotary_axis_points import (
-    arc_deg,
-    number_places,
-    position_per_um,
-    urad_per_um,
-)
-from app.measurement.run_out import run_out
+from app.measurement.rotary_axis_points import arc_deg, number_places, position_per_um, urad_per_um
 from app.measurement.stated_numbers import LARGEST_UM
 from app.units import UM_PER_MM, URAD_PER_RAD
 
@@ -34,6 +28,14 @@ WEAK_DIRECTION_URAD: Final = 50.0
 LARGEST_URAD: Final = 0.01 * URAD_PER_RAD
 FEW_DEGREES_OF_FREEDOM: Final = 6
 SIGNIFICANT: Final = 0.01
+
+
+WAYS: Final = ("radial", "tangential", "axial")
+ENOUGH_ANGLES: Final = 8
+"""Mean, once and twice per turn are five unknowns."""
+
+WORST_CONDITION: Final = 3.0
+"""Of evenly spread angles it is √2; an arc cannot tell once from twice per turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,11 +117,6 @@ class FittedPoints:
 def figures_of(found: FittedPoints) -> dict[str, float]:
     """Sum up how good an R-test is.
 
-    Parameters
-    ----------
-    found
-        The fitted axis.
-
     Returns
     -------
     dict
@@ -154,14 +151,8 @@ def notes_on(found: FittedPoints, errors: Mapping[str, float]) -> tuple[str, ...
 
     Parameters
     ----------
-    found
-        The fitted axis.
     errors
         Its location errors [µm, µrad].
-
-    Returns
-    -------
-    tuple of str
     """
     notes = [
         "Errors of X, Y and Z at the points count as errors of the rotary axis; its own angular "
@@ -239,3 +230,56 @@ def _about_size(errors: Mapping[str, float]) -> list[str]:
             "axis may have stood away from 0."
         )
     return notes
+
+
+def run_out(residuals_um: FloatArray, angles_rad: FloatArray) -> dict[str, float]:
+    """Sum up radial, tangential and axial residuals.
+
+    Parameters
+    ----------
+    residuals_um : ndarray, shape (n, 3) [µm]
+        Radial (outward), tangential and axial residual of every point.
+    angles_rad : ndarray, shape (n,) [rad]
+        Its angle.
+
+    Returns
+    -------
+    dict
+        Range (largest less smallest) and root mean square each way [µm]. Where at least
+        ENOUGH_ANGLES angles lie around the turn, also the amplitudes of the harmonics
+        once and twice per turn that a fit leaves [µm].
+
+    Notes
+    -----
+    A fitted axis takes up what looks like a shift or a tilt of it: all of the axial
+    once per turn, therefore not given, and half of a purely radial once per turn. Twice
+    per turn is left whole.
+
+    Examples
+    --------
+    >>> angles = np.deg2rad(np.arange(0.0, 360.0, 30.0))
+    >>> wave = 3.0 * np.cos(2 * angles)
+    >>> found = run_out(np.column_stack([wave, 0 * wave, 0 * wave]), angles)
+    >>> round(found["radial_range_um"], 9), round(found["radial_twice_per_turn_um"], 9)
+    (6.0, 3.0)
+    """
+    figures = {}
+    for way, values in zip(WAYS, residuals_um.T, strict=True):
+        figures[f"{way}_range_um"] = float(np.ptp(values))
+        figures[f"{way}_rms_um"] = float(np.sqrt(np.mean(values**2)))
+    return figures | _harmonics(residuals_um, angles_rad)
+
+
+def _harmonics(residuals_um: FloatArray, angles_rad: FloatArray) -> dict[str, float]:
+    turns = (np.cos(angles_rad), np.sin(angles_rad), np.cos(2 * angles_rad), np.sin(2 * angles_rad))
+    design = np.column_stack([np.ones_like(angles_rad), *turns])
+    different = np.unique(np.round(np.column_stack(turns[:2]), 3), axis=0)
+    if len(different) < ENOUGH_ANGLES or np.linalg.cond(design) > WORST_CONDITION:
+        return {}
+    found, *_ = np.linalg.lstsq(design, residuals_um, rcond=None)
+    once, twice = np.hypot(found[1], found[2]), np.hypot(found[3], found[4])
+    return {
+        "radial_once_per_turn_um": float(once[0]),
+        "radial_twice_per_turn_um": float(twice[0]),
+        "axial_twice_per_turn_um": float(twice[2]),
+    }

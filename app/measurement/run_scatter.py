@@ -66,6 +66,8 @@ def scatter_of_runs(positions_mm: FloatArray, readings: FloatArray) -> RunScatte
     """
     lines = _lines(positions_mm)
     of_lines, noise = _variances(lines, readings, readings)
+    # Noise alone scatters each line's coefficient by σ², as the columns are orthonormal; less
+    # than that is chance. Their norms, √m and √m · std, turn coefficients into shift and slope.
     beyond = np.sqrt(np.maximum(np.diagonal(of_lines) - noise, 0.0)).tolist()
     m = positions_mm.size
     shift = beyond[0] / math.sqrt(m) if beyond else 0.0
@@ -148,6 +150,7 @@ def _variances(
     n, m = readings.shape
     one, other = readings - readings.mean(axis=0), others - others.mean(axis=0)
     of_lines: FloatArray = (one @ lines).T @ (other @ lines) / (n - 1)
+    # Orthonormal columns: what all readings vary less what their lines do is beside the lines.
     beside = float((one * other).sum()) / (n - 1) - float(np.trace(of_lines))
     return of_lines, beside / (m - lines.shape[1])
 

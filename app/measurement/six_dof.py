@@ -27,12 +27,9 @@ from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ROTATION_LETTERS
 from app.geometry.measuring_line import MeasuringLines
 from app.measurement.reference_line import LINES, expect_line, slope_of, without_line
 from app.measurement.result import MeasurementResult
-from app.measurement.run_means import table_of_means
-from app.measurement.six_dof_notes import notes_on
-from app.measurement.stated_axes import expect_linear_axis, stated_line
-from app.measurement.stated_numbers import as_standard_deviation
-from app.measurement.stated_runs import as_positions, as_runs
-from app.measurement.straightened_means import BothWays, means_of_both_ways, straightened
+from app.measurement.run_means import BothWays, means_of_both_ways, straightened, table_of_means
+from app.measurement.stated_numbers import as_standard_deviation, suspiciously_small
+from app.measurement.stated_runs import as_positions, as_runs, expect_linear_axis, stated_line
 from app.thermal.error_map import ComponentTable
 
 AsReadOrLine: TypeAlias = Literal["as-read", "least-squares", "end-points"]
@@ -163,9 +160,9 @@ def _readings(
 ) -> dict[str, FloatArray]:
     """Sort what came of one direction by component code, as runs over the positions."""
     sideways = LINEAR_LETTERS.replace(axis, "")
-    came: dict[str, tuple[str, ArrayLike]] = {}
+    got: dict[str, tuple[str, ArrayLike]] = {}
     if linear_um is not None:
-        came[f"E{axis}{axis}".upper()] = (f"{prefix}linear_um", linear_um)
+        got[f"E{axis}{axis}".upper()] = (f"{prefix}linear_um", linear_um)
     for field, stated, letters in (
         (f"{prefix}straightness_um", straightness_um, sideways),
         (f"{prefix}angular_urad", angular_urad, ROTATION_LETTERS),
@@ -174,25 +171,25 @@ def _readings(
             if letter not in tuple(letters):
                 raise InvalidContent.of_field(
                     field,
-                    f"expected {', '.join(letters)} as directions of axis {axis}, came {letter!r}",
+                    f"expected {', '.join(letters)} as directions of axis {axis}, got {letter!r}",
                 )
-            came[f"E{letter}{axis}".upper()] = (f"{field}.{letter}", readings)
+            got[f"E{letter}{axis}".upper()] = (f"{field}.{letter}", readings)
     return {
         code: as_runs(field, readings, positions_mm.size, COMPONENTS[code].unit.symbol)
-        for code, (field, readings) in came.items()
+        for code, (field, readings) in got.items()
     }
 
 
 def _expect_forward(forward: Mapping[str, FloatArray], backward: Mapping[str, FloatArray]) -> None:
     if not forward:
         raise InvalidContent.of_field(
-            "linear_um", "expected readings of at least one component, came none"
+            "linear_um", "expected readings of at least one component, got none"
         )
     alone = [code for code in backward if code not in forward]
     if alone:
         raise InvalidContent.of_field(
             "linear_um",
-            f"expected forward readings of what was read backward, came none of {alone[0]}",
+            f"expected forward readings of what was read backward, got none of {alone[0]}",
         )
 
 
@@ -229,3 +226,50 @@ def _straightness(code: str, positions_mm: FloatArray, mean_um: FloatArray) -> d
         f"{code}_slope_um_per_m": slope_of(positions_mm, mean_um),
         f"{code}_straightness_um": float(np.ptp(deviations)),
     }
+
+
+def notes_on(
+    axis: str, readings: Mapping[str, FloatArray], straightness_line: str, *, on_a_line: bool
+) -> tuple[str, ...]:
+    """Say what was taken for granted and what looks wrong.
+
+    Parameters
+    ----------
+    axis
+        `x`, `y` or `z`.
+    readings
+        Code of each component that was read to its forward runs [µm; µrad].
+    straightness_line
+        `as-read`, or the line that was taken out of the straightness.
+    on_a_line
+        Whether the measuring line was stated.
+    """
+    notes = _notes_on_the_line(axis, readings, on_a_line)
+    straightness = any(COMPONENTS[code].kind is Kind.STRAIGHTNESS for code in readings)
+    if straightness_line == "as-read" and straightness:
+        notes.append(
+            "Straightness as read: its slope is the axis' squareness to the laser beam, and "
+            "none if the beam was aligned to this axis. With squareness from elsewhere take the "
+            "line out."
+        )
+    for code, runs in readings.items():
+        if not COMPONENTS[code].is_rotation:
+            notes += suspiciously_small(f"the readings of {code}", runs)
+    return tuple(notes)
+
+
+def _notes_on_the_line(axis: str, readings: Mapping[str, FloatArray], on_a_line: bool) -> list[str]:
+    rotations = [f"E{letter}{axis}".upper() for letter in ROTATION_LETTERS]
+    missing = [code for code in rotations if code not in readings]
+    translations = [code for code in readings if code not in rotations]
+    if on_a_line and missing:
+        return [
+            f"{', '.join(missing)} not read: away from the measuring line the model counts "
+            "them as zero."
+        ]
+    if not on_a_line and translations and len(missing) < len(rotations):
+        return [
+            f"No measuring line is stated: the translations of {axis} are taken as free of the "
+            "rotations' effect, as if the reflector had run on the axis itself."
+        ]
+    return []

@@ -35,8 +35,6 @@ def as_array(field: str, stated: ArrayLike, expected: str, rows: str = "rows") -
 
     Parameters
     ----------
-    field
-        Field that states them.
     stated : array-like
         The numbers, of any shape.
     expected, rows
@@ -55,7 +53,7 @@ def as_array(field: str, stated: ArrayLike, expected: str, rows: str = "rows") -
         return np.asarray(stated, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidContent.of_field(
-            field, f"expected {expected}, came {rows} of unequal length or no numbers"
+            field, f"expected {expected}, got {rows} of unequal length or no numbers"
         ) from None
 
 
@@ -73,14 +71,8 @@ def expect_plausible(
 
     Parameters
     ----------
-    field
-        Field that states them.
     numbers : ndarray, of any shape [unit]
         The numbers.
-    unit
-        Their unit, for the sentence.
-    largest
-        Greatest size that can be true.
     hint
         What a larger one may be instead.
     what
@@ -99,13 +91,13 @@ def expect_plausible(
         at = wrong[0].tolist()
         where = f"{unit} at index {at}" if place is None else place(at)
         raise InvalidContent.of_field(
-            field, f"expected finite {what} in {unit}, came {numbers[tuple(at)]:g} {where}"
+            field, f"expected finite {what} in {unit}, got {numbers[tuple(at)]:g} {where}"
         )
     if numbers.size and np.abs(numbers).max() > largest:
         at = [int(i) for i in np.unravel_index(np.abs(numbers).argmax(), numbers.shape)]
         raise InvalidContent.of_field(
             field,
-            f"expected {what} within ±{largest:g} {unit}, came {numbers[tuple(at)]:g} {unit}: "
+            f"expected {what} within ±{largest:g} {unit}, got {numbers[tuple(at)]:g} {unit}: "
             f"{hint} (index {at})",
         )
 
@@ -115,8 +107,6 @@ def expect_displacements(field: str, readings_um: FloatArray, place: Place) -> N
 
     Parameters
     ----------
-    field
-        Field that states them.
     readings_um : ndarray, of any shape [µm]
         The readings along a diagonal.
     place
@@ -139,8 +129,6 @@ def as_numbers(
 
     Parameters
     ----------
-    field
-        Field that states them.
     stated : array-like
         The numbers, of any shape.
     unit, largest, hint
@@ -170,8 +158,6 @@ def as_point(field: str, stated_mm: ArrayLike, largest: float = FARTHEST_MM) -> 
 
     Parameters
     ----------
-    field
-        Field that states it.
     stated_mm : array-like, shape (3,) [mm]
         Its x, y and z.
     largest
@@ -189,7 +175,7 @@ def as_point(field: str, stated_mm: ArrayLike, largest: float = FARTHEST_MM) -> 
     point = as_numbers(field, stated_mm, "mm", largest, "perhaps in µm")
     if point.shape != (3,):
         raise InvalidContent.of_field(
-            field, f"expected x, y and z of a point in mm, came an array of shape {point.shape}"
+            field, f"expected x, y and z of a point in mm, got an array of shape {point.shape}"
         )
     return point
 
@@ -206,12 +192,8 @@ def as_standard_deviation(
 
     Parameters
     ----------
-    field
-        Field that states it.
     stated
         The number, or None where nobody knows.
-    unit
-        Its unit.
     largest
         Greatest that can be true; infinite where there is no such limit.
     zero
@@ -233,7 +215,7 @@ def as_standard_deviation(
     if math.isinf(largest):
         limits = f"of {'0 or more' if zero else 'more than 0'} in {unit}"
     raise InvalidContent.of_field(
-        field, f"expected a standard deviation {limits}, came {stated:g} {unit}"
+        field, f"expected a standard deviation {limits}, got {stated:g} {unit}"
     )
 
 
@@ -242,17 +224,10 @@ def suspiciously_small(field: str, readings: FloatArray, *, zeros: bool = False)
 
     Parameters
     ----------
-    field
-        Field that states them.
     readings : ndarray, of any shape [µm]
         The readings.
     zeros
         Whether readings that are all 0 are noted too.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
     """
     largest = float(np.abs(readings).max())
     if largest >= SUSPICIOUSLY_SMALL_UM or not (largest or zeros):

@@ -1,4 +1,4 @@
-"""Take the positions of a measurement and the runs of readings over them."""
+"""Take what is stated of a measurement along an axis: axis, line, positions and runs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,89 @@ from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray, frozen
 from app.errors import InvalidContent, counted
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind, parse_component
+from app.geometry.measuring_line import MeasuringLine
 from app.measurement.stated_numbers import FARTHEST_MM, LARGEST_UM, as_numbers
+
+
+def expect_linear_axis(axis: str) -> None:
+    """Refuse what is no linear axis.
+
+    Parameters
+    ----------
+    axis
+        `x`, `y` or `z`.
+
+    Raises
+    ------
+    InvalidContent
+        If it is something else.
+    """
+    if axis not in tuple(LINEAR_LETTERS):
+        raise InvalidContent.of_field("axis", f"expected axis x, y or z, got {axis!r}")
+
+
+def as_straightness(name: str) -> Component:
+    """Take a straightness component by its name.
+
+    Parameters
+    ----------
+    name
+        In any notation that `parse_component` reads.
+
+    Raises
+    ------
+    InvalidContent
+        If it is another kind of component.
+
+    Examples
+    --------
+    >>> as_straightness("D_x(y)").code
+    'EXY'
+    """
+    component, _ = parse_component(name)
+    if component.kind is not Kind.STRAIGHTNESS:
+        of_kind = [c.code for c in COMPONENTS.values() if c.kind is Kind.STRAIGHTNESS]
+        raise InvalidContent.of_field(
+            "component",
+            f"expected a straightness component ({', '.join(of_kind)}), got {component.code}, "
+            f"{component.kind.value}",
+        )
+    return component
+
+
+def stated_line(
+    axis: str,
+    point_mm: ArrayLike,
+    tool_offset_mm: ArrayLike,
+    point_field: str = "measuring_line_mm",
+) -> MeasuringLine:
+    """Take an axis' measuring line.
+
+    Parameters
+    ----------
+    axis
+        `x`, `y` or `z`.
+    point_mm, tool_offset_mm : array-like, shape (3,) [mm]
+        As for `MeasuringLine`.
+
+    Raises
+    ------
+    InvalidContent
+        If the point or the tool offset has not three finite coordinates; the field to
+        blame is the one that states it.
+
+    Examples
+    --------
+    >>> stated_line("x", [0, 250, 100], [0, 0, 160]).tool_offset_mm
+    (0.0, 0.0, 160.0)
+    """
+    for field, stated in ((point_field, point_mm), ("tool_offset_mm", tool_offset_mm)):
+        try:
+            MeasuringLine.make(axis, stated)
+        except InvalidContent as error:
+            raise InvalidContent.of_field(field, error.errors[0].message) from None
+    return MeasuringLine.make(axis, point_mm, tool_offset_mm)
 
 
 def as_positions(field: str, stated_mm: ArrayLike) -> FloatArray:
@@ -15,8 +97,6 @@ def as_positions(field: str, stated_mm: ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    field
-        Field that states them.
     stated_mm : array-like, shape (m,) [mm]
         Strictly increasing, at least one.
 
@@ -32,14 +112,14 @@ def as_positions(field: str, stated_mm: ArrayLike) -> FloatArray:
     positions = as_numbers(field, stated_mm, "mm", FARTHEST_MM, "perhaps in µm")
     if positions.ndim != 1 or positions.size == 0:
         raise InvalidContent.of_field(
-            field, f"expected a list of positions in mm, came an array of shape {positions.shape}"
+            field, f"expected a list of positions in mm, got an array of shape {positions.shape}"
         )
     wrong = np.flatnonzero(np.diff(positions) <= 0)
     if wrong.size:
         i = int(wrong[0])
         raise InvalidContent.of_field(
             field,
-            f"expected strictly increasing positions in mm, came {positions[i]:g} then "
+            f"expected strictly increasing positions in mm, got {positions[i]:g} then "
             f"{positions[i + 1]:g} mm (index {i + 1}); give the readings in the same order",
         )
     return frozen(positions)
@@ -50,8 +130,6 @@ def as_runs(field: str, stated: ArrayLike, positions: int, unit: str) -> FloatAr
 
     Parameters
     ----------
-    field
-        Field that states them.
     stated : array-like, shape (m,) or (n, m) [unit]
         One reading for each position in each run.
     positions
@@ -78,14 +156,10 @@ def over_positions(field: str, readings: FloatArray, positions: int, unit: str) 
 
     Parameters
     ----------
-    field
-        Field that states them.
     readings : ndarray, shape (m,) or (n, m) [unit]
         One run, or several.
     positions
         Number m of positions.
-    unit
-        Their unit, for the sentence.
 
     Returns
     -------
@@ -102,6 +176,6 @@ def over_positions(field: str, readings: FloatArray, positions: int, unit: str) 
         raise InvalidContent.of_field(
             field,
             f"expected {readings_each} in {unit}, one for each position, or runs of "
-            f"{readings_each} in {unit}, came an array of shape {readings.shape}",
+            f"{readings_each} in {unit}, got an array of shape {readings.shape}",
         )
     return runs

@@ -29,18 +29,20 @@ from app.measurement.reference_line import (
     without_line,
 )
 from app.measurement.result import MeasurementResult
-from app.measurement.stated_axes import stated_line
-from app.measurement.step_diagonal_blunders import blunders_in
-from app.measurement.step_diagonal_input import suspicions, take_walk
-from app.measurement.step_diagonal_notes import (
-    notes_of_rotations,
-    notes_of_uncertainty,
-    translations_of,
-)
-from app.measurement.step_diagonal_options import (
+from app.measurement.stated_runs import stated_line
+from app.measurement.step_diagonal_input import (
+    StepWalk,
     expect_angular,
     expect_options,
     expect_uncertainties,
+    suspicions,
+    take_walk,
+)
+from app.measurement.step_diagonal_notes import (
+    blunders_in,
+    notes_of_rotations,
+    notes_of_uncertainty,
+    translations_of,
 )
 from app.measurement.step_diagonal_readings import Target
 from app.measurement.step_diagonal_uncertainty import (
@@ -53,7 +55,6 @@ from app.measurement.step_diagonal_uncertainty import (
     table_covariance,
     variance_of,
 )
-from app.measurement.step_diagonal_walk import StepWalk
 from app.thermal.error_map import ComponentTable
 from app.units import MM_PER_M
 
@@ -96,8 +97,6 @@ def step_diagonal(
 
     Parameters
     ----------
-    chain
-        Order of the machine's three axes.
     origin_mm, step_mm : array-like, shape (3,) [mm]
         Lowest corner of the volume, and the positive steps X, Y, Z.
     diagonals : mapping of `ppp`, `npp`, `pnp`, `ppn` to array-like, shape (n, 3) [µm]
@@ -121,10 +120,6 @@ def step_diagonal(
         0 for a mirror that is no source of uncertainty. Left out, what the closures show.
     travel_mm
         Axis to the ends of its travel [mm], which the steps must not leave.
-
-    Returns
-    -------
-    StepDiagonal
 
     Raises
     ------

@@ -48,12 +48,8 @@ def step_diagonal_readings(
 
     Parameters
     ----------
-    field
-        The machine's errors at one thermal state.
     origin_mm, step_mm : array-like, shape (3,) [mm]
         Lowest corner of the volume, and the positive steps X, Y, Z.
-    steps
-        Number n of steps of each axis.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T of the target's middle.
     diagonals
@@ -126,18 +122,13 @@ def step_diagonal_readings(
 def expect_target(target: str) -> None:
     """Refuse a target that nobody knows.
 
-    Parameters
-    ----------
-    target
-        What the beam meets.
-
     Raises
     ------
     InvalidContent
         If it is neither a `point` nor a `flat-mirror`.
     """
     if target not in TARGETS:
-        raise InvalidContent.of_field("target", f"expected {list_names(TARGETS)}, came {target!r}")
+        raise InvalidContent.of_field("target", f"expected {list_names(TARGETS)}, got {target!r}")
 
 
 def _walk(start: FloatArray, step: FloatArray, steps: int) -> FloatArray:
@@ -178,9 +169,9 @@ def _rounded(readings_um: FloatArray, resolution_um: float | None) -> FloatArray
 
 def _check(steps: int, noise_um: float, rng: np.random.Generator | None) -> None:
     if steps < 1:
-        raise InvalidContent.of_field("steps", f"expected at least 1 step, came {steps}")
+        raise InvalidContent.of_field("steps", f"expected at least 1 step, got {steps}")
     if not noise_um >= 0.0 or (noise_um and rng is None):
         raise InvalidContent.of_field(
             "noise_um",
-            f"expected a standard deviation in µm and a random generator for it, came {noise_um:g}",
+            f"expected a standard deviation in µm and a random generator for it, got {noise_um:g}",
         )

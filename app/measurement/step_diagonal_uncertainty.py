@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from scipy.special import chdtri, fdtri
 
 from app.arrays import FloatArray
-from app.measurement.step_diagonal_walk import StepWalk
+from app.measurement.step_diagonal_input import StepWalk
 from app.units import MM_PER_M
 
 CERTAIN: Final = 0.99
@@ -58,11 +58,6 @@ class StepNoise:
 def solution_of(walk: StepWalk) -> FloatArray:
     """Solve the increments that three or four diagonals saw for their three directions.
 
-    Parameters
-    ----------
-    walk
-        The steps.
-
     Returns
     -------
     ndarray, shape (3, m)
@@ -79,8 +74,6 @@ def closure_um(walk: StepWalk, increments_um: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    walk
-        The steps of four diagonals.
     increments_um : ndarray, shape (4, 3, n) [µm]
         As `StepWalk.by_interval` gives them.
 
@@ -103,8 +96,6 @@ def step_noise(
 
     Parameters
     ----------
-    walk
-        The steps.
     closure : ndarray, shape (3, n), optional [µm]
         Closures; None where there are three diagonals.
     repeatability_um
@@ -113,10 +104,6 @@ def step_noise(
     mirror_angle_urad
         Stated standard uncertainty of each of a mirror's two tilts [µrad]; where None,
         what the closures' means show beyond noise.
-
-    Returns
-    -------
-    StepNoise
 
     Notes
     -----
@@ -150,12 +137,8 @@ def table_covariance(
 
     Parameters
     ----------
-    walk
-        The steps.
     solution : ndarray, shape (3, m)
         Turns m diagonals' increments into an increment's three directions.
-    noise
-        Of the readings and of the mirrors.
     axis, direction
         Which translation: 0, 1, 2 for x, y, z.
 
@@ -170,6 +153,8 @@ def table_covariance(
     nodes = np.arange(walk.steps + 1.0)
     weights = solution[direction] ** 2
     random = 2 * noise.reading_um**2 * weights.sum() * np.minimum.outer(nodes, nodes)
+    # Only the part of the step across the ray is a lever for the mirror's tilt; it adds the same
+    # to each increment, so that nodes vary together as a straight line.
     lateral_m2 = (walk.step_mm[axis] / MM_PER_M) ** 2 * (1 - walk.rays[:, axis] ** 2)
     tilted = noise.tilt_urad**2 * float(weights @ lateral_m2) * np.outer(nodes, nodes)
     covariance: FloatArray = random + tilted
@@ -181,10 +166,6 @@ def variance_of(walk: StepWalk, noise: StepNoise, weights: FloatArray) -> float 
 
     Parameters
     ----------
-    walk
-        The steps.
-    noise
-        Of the readings and of the mirrors.
     weights : ndarray, shape (m, 3, n)
         Of the increments.
 
@@ -196,6 +177,7 @@ def variance_of(walk: StepWalk, noise: StepNoise, weights: FloatArray) -> float 
     if noise.reading_um is None:
         return None
     by_reading = walk.reading_weights(weights)
+    # A tilt has no part along the ray: only the lever across it counts.
     lever_m = weights.sum(axis=2) * walk.step_mm / MM_PER_M
     across = lever_m - (lever_m * walk.rays).sum(axis=1, keepdims=True) * walk.rays
     variance = noise.reading_um**2 * (by_reading**2).sum() + noise.tilt_urad**2 * (across**2).sum()
@@ -207,8 +189,6 @@ def mirror_in_squareness(walk: StepWalk, axis: int) -> FloatArray:
 
     Parameters
     ----------
-    walk
-        The steps.
     axis
         0, 1, 2 for x, y, z: the squareness is that of the other two axes, U and V.
 
@@ -264,6 +244,8 @@ def _moments(walk: StepWalk, tilted: bool) -> tuple[float, float]:
     """Trace of the closures' covariance for readings of variance 1, and its χ²'s freedom."""
     n, m = walk.steps, len(walk.diagonals)
     diagonal, step, axis = np.indices((m, n, 3)).reshape(3, -1)
+    # An increment is the reading after a step less the one before; downwards, the first step
+    # crosses the highest interval, and the increment enters with its sign reversed.
     up = walk.ways[diagonal, axis]
     closure = axis * n + np.where(up > 0, step, n - 1 - step)
     after = diagonal * (3 * n + 1) + 3 * step + axis + 1
@@ -277,7 +259,9 @@ def _moments(walk: StepWalk, tilted: bool) -> tuple[float, float]:
     )
     covariance = by_reading @ by_reading.T
     first = float(covariance.trace())
-    second = float((covariance**2).sum())
+    second = float((covariance**2).sum())  # of a sparse array `**` is by element: tr(C²)
+    # With the axes' means M taken out, P = I − M Mᵀ: tr(PC) and tr(PCPC), without making PCP,
+    # which would not be sparse.
     if tilted:
         means = np.kron(np.eye(3), np.full((n, 1), n**-0.5))
         spread = covariance @ means
@@ -290,8 +274,11 @@ def _tilt(
     walk: StepWalk, means_um: FloatArray, reading_um: float | None, freedom: float
 ) -> tuple[float | None, float | None]:
     """Ask of the closures' means which tilt they show, and which one they would hide."""
+    # Rays of the four diagonals differ in signs alone: one stands for all. The n closures of an
+    # axis share no reading, and each has the variance of a difference of two.
     lever2_m2 = (walk.step_mm / MM_PER_M) ** 2 * (1 - walk.rays[0] ** 2)
     variance_um2 = 2 * (reading_um or ROUNDING_UM) ** 2 / walk.steps
+    # Three means against noise that was estimated are as F, against stated noise as χ²/3.
     known = 0 < freedom < np.inf
     limit = float(fdtri(3.0, freedom, CERTAIN) if known else chdtri(3.0, 1 - CERTAIN) / 3.0)
     seen_urad = None

@@ -253,19 +253,19 @@ def wrong(**changes):
     [
         (
             {d: RIGHT[d] for d in ("ppp", "npp", "ppn")},
-            "expected ppp, npp, pnp, ppn, came ppp, npp",
+            "expected ppp, npp, pnp, ppn, got ppp, npp",
         ),
-        (RIGHT | {"nnn": RIGHT["ppp"]}, "expected ppp, npp, pnp, ppn, came .*nnn"),
+        (RIGHT | {"nnn": RIGHT["ppp"]}, "expected ppp, npp, pnp, ppn, got .*nnn"),
         (RIGHT | {"pnp": {"positions_mm": [0, 1]}}, "diagonals.pnp: expected .* forward_um"),
         (wrong(spread_um=[1.0]), "diagonals.pnp: expected positions_mm, forward_um"),
         (wrong(positions_mm=[0.0, 400.0, 200.0]), "pnp.positions_mm: expected at least two incr"),
         (wrong(positions_mm=[0.0]), "pnp.positions_mm: expected at least two increasing"),
-        (wrong(positions_mm=[0.0, 2e5, 4e5]), "within ±100000 mm, came 400000 mm: are they in µm"),
+        (wrong(positions_mm=[0.0, 2e5, 4e5]), "within ±100000 mm, got 400000 mm: are they in µm"),
         (wrong(forward_um=[0.0, 1.0]), "pnp.forward_um: expected 3 readings in µm, one for each"),
         (wrong(forward_um=[]), "pnp.forward_um: expected 3 readings"),
-        (wrong(forward_um=[0.0, np.nan, 1.0]), r"pnp.forward_um: .* came nan \(at index 1\)"),
+        (wrong(forward_um=[0.0, np.nan, 1.0]), r"pnp.forward_um: .* got nan \(at index 1\)"),
         (wrong(forward_um=[[0.0, 1.0], [2.0]]), "runs of unequal length or no numbers"),
-        (wrong(forward_um=[0.0, 2e5, 4e5]), "within ±10000 µm, came 400000 µm: are they in nm"),
+        (wrong(forward_um=[0.0, 2e5, 4e5]), "within ±10000 µm, got 400000 µm: are they in nm"),
         (wrong(backward_um=[[1.0, 2.0]]), "pnp.backward_um: expected 3 readings in µm"),
     ],
 )
@@ -276,7 +276,7 @@ def test_readings_that_cannot_be_right_are_refused(diagonals, said):
 
 def test_a_volume_that_cannot_be_right_is_refused():
     small = WorkVolume((0.0, 100.0), (0.0, 100.0), (0.0, 100.0))
-    with pytest.raises(InvalidContent, match=r"along a diagonal of 173.\d+ mm, came 400 mm"):
+    with pytest.raises(InvalidContent, match=r"along a diagonal of 173.\d+ mm, got 400 mm"):
         body_diagonal(RIGHT, volume=small)
     flat = WorkVolume((0.0, 300.0), (0.0, 0.0), (0.0, 400.0))
     with pytest.raises(InvalidContent, match="expected three sides above 0 mm"):

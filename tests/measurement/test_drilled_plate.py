@@ -350,12 +350,12 @@ def test_a_machine_that_turns_leaves_what_rows_and_columns_cannot_hold():
 @pytest.mark.parametrize(
     ("nominal", "measured", "field", "message"),
     [
-        (GRID[:2], GRID[:2], "nominal_mm", r"at least 3 holes in mm, came .*\(2, 2\)"),
-        (GRID, GRID[:-1], "measured_mm", "expected 20 holes as nominal, came 19"),
+        (GRID[:2], GRID[:2], "nominal_mm", r"at least 3 holes in mm, got .*\(2, 2\)"),
+        (GRID, GRID[:-1], "measured_mm", "expected 20 holes as nominal, got 19"),
         (GRID.T, GRID.T, "nominal_mm", r"x and y of at least 3 holes .*\(2, 20\)"),
-        (GRID[:5], GRID[:5], "nominal_mm", "came holes on one line"),
-        (GRID * [1.0, 0.0], GRID, "nominal_mm", "came holes on one line"),
-        (GRID, GRID * np.nan, "measured_mm", r"came nan mm at index \[0, 0\]$"),
+        (GRID[:5], GRID[:5], "nominal_mm", "got holes on one line"),
+        (GRID * [1.0, 0.0], GRID, "nominal_mm", "got holes on one line"),
+        (GRID, GRID * np.nan, "measured_mm", r"got nan mm at index \[0, 0\]$"),
         (GRID, GRID * 1000.0, "measured_mm", "within ±100000 mm.* perhaps in µm"),
         (GRID, GRID / 25.4, "measured_mm", "another order or another unit"),
         (GRID, GRID[np.random.default_rng(0).permutation(20)], "measured_mm", "another order"),
@@ -374,10 +374,10 @@ def test_bad_holes_are_refused_by_the_field_that_is_to_blame(nominal, measured, 
     ("option", "value", "message"),
     [
         ("origin_mm", [1.0, 2.0], "x, y and z of a point in mm"),
-        ("tool_offset_mm", [1.0, 2.0, np.inf], "came inf mm"),
-        ("expansion_um_per_m_k", 23e-6 * 1e9, r"within ±100 µm/\(m K\), came 23000"),
-        ("drilled_minus_measured_c", math.nan, "within ±100 °C, came nan °C"),
-        ("repeatability_um", -1.0, "came -1 µm"),
+        ("tool_offset_mm", [1.0, 2.0, np.inf], "got inf mm"),
+        ("expansion_um_per_m_k", 23e-6 * 1e9, r"within ±100 µm/\(m K\), got 23000"),
+        ("drilled_minus_measured_c", math.nan, "within ±100 °C, got nan °C"),
+        ("repeatability_um", -1.0, "got -1 µm"),
     ],
 )
 def test_bad_options_are_refused(option, value, message):

@@ -279,16 +279,16 @@ def test_the_path_of_the_cut_is_its_measuring_line():
 @pytest.mark.parametrize(
     ("change", "field", "message"),
     [
-        ({"component": "EYY"}, "component", "straightness component .* came EYY, linear"),
-        ({"component": "SXY"}, "component", "came SXY, squareness"),
+        ({"component": "EYY"}, "component", "straightness component .* got EYY, linear"),
+        ({"component": "SXY"}, "component", "got SXY, squareness"),
         ({"positions_mm": [0.0, 1.0], "measured_um": [0, 0]}, "positions_mm", "at least 3"),
         ({"positions_mm": POSITIONS[::-1]}, "positions_mm", "strictly increasing"),
         ({"measured_um": CMM_UM[:-1]}, "measured_um", "runs of 17 readings in µm"),
         ({"measured_um": np.full(17, 80500.0)}, "measured_um", "positions instead of deviations"),
         ({"predicted_um": CMM_UM[:-1]}, "predicted_um", "runs of 17 readings in µm"),
-        ({"predicted_um": np.full(17, np.nan)}, "predicted_um", "came nan µm"),
-        ({"line": "mean"}, "line", "least-squares or end-points, came 'mean'"),
-        ({"repeatability_um": -0.1}, "repeatability_um", "came -0.1 µm"),
+        ({"predicted_um": np.full(17, np.nan)}, "predicted_um", "got nan µm"),
+        ({"line": "mean"}, "line", "least-squares or end-points, got 'mean'"),
+        ({"repeatability_um": -0.1}, "repeatability_um", "got -0.1 µm"),
         ({"measuring_line_mm": [0.0]}, "measuring_line_mm", "x, y and z of a point in mm"),
     ],
 )

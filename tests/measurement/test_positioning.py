@@ -307,10 +307,10 @@ def test_a_warm_up_is_noted_and_scatter_is_not():
 
 
 def test_what_the_standard_asks_for_is_noted():
-    assert any("5 runs in each direction, came 3" in note for note in by_hand().result.notes)
-    assert any("at least 5 targets here, came 3" in note for note in by_hand().result.notes)
+    assert any("5 runs in each direction, got 3" in note for note in by_hand().result.notes)
+    assert any("at least 5 targets here, got 3" in note for note in by_hand().result.notes)
     long = evaluate_positioning("x", [0.0, 700.0, 1000.0, 1200.0, 1500.0, 1600.0], np.zeros(6))
-    assert any("at least 8 targets here, came 6" in note for note in long.result.notes)
+    assert any("at least 8 targets here, got 6" in note for note in long.result.notes)
     even = evaluate_positioning("x", [0.0, 50.0, 100.0], np.zeros(3))
     assert any("period divides 50 mm" in note for note in even.result.notes)
     assert not any("period" in note for note in by_hand().result.notes)
@@ -325,21 +325,21 @@ def test_readings_that_may_be_millimetres_are_noted():
 @pytest.mark.parametrize(
     ("change", "field", "message"),
     [
-        ({"axis": "b"}, "axis", "expected axis x, y or z, came 'b'"),
-        ({"axis": ""}, "axis", "expected axis x, y or z, came ''"),
+        ({"axis": "b"}, "axis", "expected axis x, y or z, got 'b'"),
+        ({"axis": ""}, "axis", "expected axis x, y or z, got ''"),
         ({"targets_mm": []}, "targets_mm", "expected a list of positions in mm"),
-        ({"targets_mm": [0, 90, 90]}, "targets_mm", "came 90 then 90 mm"),
+        ({"targets_mm": [0, 90, 90]}, "targets_mm", "got 90 then 90 mm"),
         ({"targets_mm": [210, 90, 0]}, "targets_mm", "strictly increasing positions in mm"),
         ({"targets_mm": [0, 90000, 210000]}, "targets_mm", "perhaps in µm"),
-        ({"targets_mm": [0, math.nan, 210]}, "targets_mm", r"came nan mm at index \[1\]$"),
+        ({"targets_mm": [0, math.nan, 210]}, "targets_mm", r"got nan mm at index \[1\]$"),
         ({"forward_um": [[1.0, 2.0]]}, "forward_um", r"runs of 3 readings in µm.*\(1, 2\)"),
         ({"forward_um": [[1.0, 2.0, 3.0], [1.0]]}, "forward_um", "rows of equal length"),
         ({"forward_um": []}, "forward_um", "runs of 3 readings"),
         ({"forward_um": [[1.0, "a", 3.0]]}, "forward_um", "expected numbers in µm"),
-        ({"backward_um": [[1.0, math.inf, 3.0]]}, "backward_um", r"came inf µm at index \[0, 1\]$"),
+        ({"backward_um": [[1.0, math.inf, 3.0]]}, "backward_um", r"got inf µm at index \[0, 1\]$"),
         ({"forward_um": [[0.0, 90002.0, 0.0]]}, "forward_um", "within ±10000 µm.*perhaps in nm"),
         ({"forward_um": [[0.001, 90.004, 210.009]]}, "forward_um", "measured positions in mm"),
-        ({"repeatability_um": -1.0}, "repeatability_um", "from 0 to 10000 µm, came -1 µm"),
+        ({"repeatability_um": -1.0}, "repeatability_um", "from 0 to 10000 µm, got -1 µm"),
     ],
 )
 def test_bad_input_is_refused_by_the_field_that_is_to_blame(change, field, message):

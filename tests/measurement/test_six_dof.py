@@ -416,25 +416,25 @@ def test_what_the_reading_cannot_tell_is_noted():
 @pytest.mark.parametrize(
     ("change", "field", "message"),
     [
-        ({"axis": "c"}, "axis", "expected axis x, y or z, came 'c'"),
-        ({"linear_um": None}, "linear_um", "at least one component, came none"),
+        ({"axis": "c"}, "axis", "expected axis x, y or z, got 'c'"),
+        ({"linear_um": None}, "linear_um", "at least one component, got none"),
         ({"linear_um": [1.0, 2.0]}, "linear_um", "runs of 6 readings in µm"),
         ({"positions_mm": POSITIONS[::-1]}, "positions_mm", "readings in the same order"),
-        ({"straightness_um": {"x": np.zeros(6)}}, "straightness_um", "expected y, z .* came 'x'"),
-        ({"angular_urad": {"d": np.zeros(6)}}, "angular_urad", "expected a, b, c .* came 'd'"),
-        ({"angular_urad": {"ab": np.zeros(6)}}, "angular_urad", "expected a, b, c .* came 'ab'"),
-        ({"angular_urad": {"a": [np.nan] * 6}}, "angular_urad.a", "came nan µrad"),
+        ({"straightness_um": {"x": np.zeros(6)}}, "straightness_um", "expected y, z .* got 'x'"),
+        ({"angular_urad": {"d": np.zeros(6)}}, "angular_urad", "expected a, b, c .* got 'd'"),
+        ({"angular_urad": {"ab": np.zeros(6)}}, "angular_urad", "expected a, b, c .* got 'ab'"),
+        ({"angular_urad": {"a": [np.nan] * 6}}, "angular_urad.a", "got nan µrad"),
         ({"angular_urad": {"a": [2e4] * 6}}, "angular_urad.a", "within ±10000 µrad"),
         ({"straightness_um": {"y": [2e4] * 6}}, "straightness_um.y", "within ±10000 µm"),
         (
             {"backward_angular_urad": {"a": np.zeros(6)}},
             "linear_um",
-            "read backward, came none of EAX",
+            "read backward, got none of EAX",
         ),
         ({"measuring_line_mm": [1.0, 2.0]}, "measuring_line_mm", "x, y and z of a point in mm"),
         ({"measuring_line_mm": [1.0, np.nan, 2.0]}, "measuring_line_mm", "expected finite"),
         ({"straightness_line": "best"}, "straightness_line", "as-read or least-squares or end"),
-        ({"repeatability_urad": np.nan}, "repeatability_urad", "came nan µrad"),
+        ({"repeatability_urad": np.nan}, "repeatability_urad", "got nan µrad"),
     ],
 )
 def test_bad_input_is_refused_by_the_field_that_is_to_blame(change, field, message):

@@ -121,11 +121,11 @@ def test_only_the_wanted_diagonals():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"steps": 0}, "expected at least 1 step, came 0"),
-        ({"diagonals": ["nnn"]}, "expected ppp, npp, pnp, ppn, came 'nnn'"),
-        ({"noise_um": 1.0}, "a random generator for it, came 1"),
+        ({"steps": 0}, "expected at least 1 step, got 0"),
+        ({"diagonals": ["nnn"]}, "expected ppp, npp, pnp, ppn, got 'nnn'"),
+        ({"noise_um": 1.0}, "a random generator for it, got 1"),
         ({"noise_um": -1.0, "rng": np.random.default_rng(0)}, "standard deviation in µm"),
-        ({"target": "prism"}, "expected point, flat-mirror, came 'prism'"),
+        ({"target": "prism"}, "expected point, flat-mirror, got 'prism'"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(wrong, said):

@@ -224,7 +224,7 @@ def test_the_measuring_lines_go_through_the_centre_with_the_tool_offset():
 def test_only_angular_errors_are_taken_as_known():
     read = step_diagonal_readings(field_of({}), ORIGIN, STEP, 2)
     for wrong in ("EXX", "SXY", "EQX", "EYX^z", "AOC"):
-        with pytest.raises(InvalidContent, match=rf"expected angular errors .* came '{wrong[:3]}"):
+        with pytest.raises(InvalidContent, match=rf"expected angular errors .* got '{wrong[:3]}"):
             derive(read, angular={wrong: Table((), 1.0)})
 
 

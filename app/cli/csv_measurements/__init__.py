@@ -12,13 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from app.cli.csv_comments import Stated
-from app.cli.csv_measurements.comments import read_measurement_comments
-from app.cli.csv_measurements.diagonals import BODY_DIAGONAL, STEP_DIAGONAL
+from app.cli.csv_comments import Stated, read_comments
 from app.cli.csv_measurements.formats import Format
-from app.cli.csv_measurements.linear_axes import MACHINED_PART, SIX_DOF
-from app.cli.csv_measurements.points import DRILLED_PLATE, ROTARY_AXIS
-from app.cli.csv_measurements.positioning import POSITIONING
+from app.cli.csv_measurements.methods import (
+    BODY_DIAGONAL,
+    DRILLED_PLATE,
+    MACHINED_PART,
+    POSITIONING,
+    ROTARY_AXIS,
+    SIX_DOF,
+    STEP_DIAGONAL,
+)
+from app.cli.csv_measurements.thermal_drift import THERMAL_DRIFT
 from app.cli.delimited_text import Problems, parse_delimited
 from app.errors import InvalidContent, list_names
 
@@ -30,6 +35,7 @@ FORMATS: Final[Mapping[str, Format]] = {
     "machined-part": MACHINED_PART,
     "rotary-axis": ROTARY_AXIS,
     "drilled-plate": DRILLED_PLATE,
+    "thermal-drift": THERMAL_DRIFT,
 }
 
 METHODS: Final = tuple(FORMATS)
@@ -53,18 +59,12 @@ def read_csv_measurement(
     stated: Stated | None = None,
     complete: bool = False,
 ) -> CsvMeasurement:
-    """Read a measurement, and say what of the file was not read.
+    r"""Read a measurement, and say what of the file was not read.
 
     Parameters
     ----------
-    method
-        One of METHODS.
-    text
-        The whole file.
-    name
-        What to call it in messages.
     stated
-        What goes before the file's own comment lines.
+        What takes precedence over the file's own comment lines.
     complete
         Whether label, time and temperatures are needed, as for storing a map.
 
@@ -75,36 +75,30 @@ def read_csv_measurement(
     UnreadableFile
         With line and column of everything that is wrong, what was expected and what
         came.
+
+    Examples
+    --------
+    >>> turn = "# axis: C\nangle_deg,x [mm],y [mm],z [m]\n0,101,2,0.05\n180,-99,2,0.05"
+    >>> read_csv_measurement("rotary-axis", turn).body["points"][1]
+    {'angle_deg': 180.0, 'position_mm': [-99.0, 2.0, 50.0]}
     """
     if method not in FORMATS:
         raise InvalidContent.of_field(
-            "method", f"expected one of {list_names(METHODS)}, came {method!r}"
+            "method", f"expected one of {list_names(METHODS)}, got {method!r}"
         )
     wanted = FORMATS[method]
     table = parse_delimited(text, Problems(Path(name)))
     remarks: list[str] = []
-    comments = read_measurement_comments(
-        table, wanted.statements, stated or Stated(), complete, remarks
+    comments = read_comments(
+        table,
+        stated or Stated(),
+        remarks,
+        wanted.statements,
+        complete=complete,
+        is_dated=wanted.is_dated,
     )
     if not table.rows:
-        table.problems.add("expected lines of values, came none")
+        table.problems.add("expected lines of values, got none")
     body = wanted.read(table, comments.statements, remarks)
     table.problems.raise_if_any()
     return CsvMeasurement({**comments.state, **body}, comments.machine, remarks)
-
-
-def read_measurement(
-    method: str,
-    text: str,
-    *,
-    name: str = "measurement.csv",
-    stated: Stated | None = None,
-    complete: bool = False,
-) -> dict[str, Any]:
-    r"""Read a measurement into the body of its request; see `read_csv_measurement`.
-
-    >>> turn = "# axis: C\nangle_deg,x [mm],y [mm],z [m]\n0,101,2,0.05\n180,-99,2,0.05"
-    >>> read_measurement("rotary-axis", turn)["points"][1]
-    {'angle_deg': 180.0, 'position_mm': [-99.0, 2.0, 50.0]}
-    """
-    return read_csv_measurement(method, text, name=name, stated=stated, complete=complete).body

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
-from app.cli.csv_measurements.comments import Statement
-from app.cli.csv_measurements.quantities import LENGTH, POSITION, SMALL_ANGLE, Named
-from app.cli.delimited_text import DelimitedText
+from app.cli.csv_columns import LENGTH, POSITION, SMALL_ANGLE, Columns, Named
+from app.cli.csv_comments import Statement
+from app.cli.delimited_text import DelimitedText, Row
 from app.errors import InvalidContent, list_names
 
 Body = dict[str, Any]
@@ -16,23 +16,6 @@ Body = dict[str, Any]
 
 ReadBody = Callable[[DelimitedText, Mapping[str, Any], list[str]], Body]
 """Takes the file, what its comment lines state, and the list of remarks."""
-
-
-@dataclass(frozen=True, slots=True)
-class Format:
-    """A method's file.
-
-    Parameters
-    ----------
-    statements
-        The comment lines that it reads beside label, time and temperatures.
-    read
-        Makes the body of the columns.
-    """
-
-    statements: tuple[Statement, ...]
-    read: ReadBody
-
 
 RUN: Final = Named("run", None, ("cycle",))
 
@@ -45,6 +28,26 @@ MEASURING_LINE: Final = Statement(
     Named("measuring_line", POSITION), 3, "measuring_line_mm: 0, 250, 100"
 )
 
+Readings = dict[str, list[list[float]]]
+"""Field to its runs over the positions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A method's file.
+
+    Parameters
+    ----------
+    statements
+        The comment lines that it reads beside label, time and temperatures.
+    is_dated
+        Whether its lines state times and temperatures themselves, so that maps need a label alone.
+    """
+
+    statements: tuple[Statement, ...]
+    read: ReadBody
+    is_dated: bool = False
+
 
 def word_among(what: str, *words: str) -> Callable[[str], str]:
     """Make a reader of one of some words, in any case of letters."""
@@ -52,7 +55,7 @@ def word_among(what: str, *words: str) -> Callable[[str], str]:
     def read(text: str) -> str:
         found = [word for word in words if word.lower() == text.lower()]
         if not found:
-            raise InvalidContent(f"expected {what} among {list_names(words)}, came {text!r}")
+            raise InvalidContent(f"expected {what} among {list_names(words)}, got {text!r}")
         return found[0]
 
     return read
@@ -70,3 +73,96 @@ def choice_among(field: str, *words: str) -> Statement:
     return Statement(
         Named(field, None), 0, f"{field}: {words[0]}", False, word_among(field, *words)
     )
+
+
+@dataclass(slots=True)
+class Runs:
+    """Readings by field, run and position, as the lines of a table bring them.
+
+    Runs are numbered by the table, or else counted: the second line with the same
+    position is the second run.
+    """
+
+    columns: Columns
+    found: dict[tuple[str, float], dict[float, float]] = field(default_factory=dict)
+    rows: dict[float, Row] = field(default_factory=dict)
+    wrong: set[tuple[str, float]] = field(default_factory=set)
+
+    def add(
+        self, row: Row, position: float, name: str, value: float | None, run: float | None
+    ) -> None:
+        """Take one reading; None is one that was complained of already."""
+        self.rows.setdefault(position, row)
+        if value is None:
+            self.wrong.add((name, position))
+            return
+        if run is None:
+            run = 1.0 + sum(position in self.found[key] for key in self.found if key[0] == name)
+        readings = self.found.setdefault((name, run), {})
+        if position in readings:
+            self.columns.text.problems.add(
+                f"expected {name} of run {run:g} at {position:g} mm once, came again", row.line
+            )
+        readings[position] = value
+
+    def in_order(self) -> tuple[list[float], Readings]:
+        """Give the positions, increasing, and each field's runs over them.
+
+        A run that lacks a position is noted at the position's first line.
+        """
+        positions = sorted(self.rows)
+        readings: Readings = {}
+        for name, run in sorted(self.found):
+            values = self.found[name, run]
+            for position in positions:
+                if position not in values and (name, position) not in self.wrong:
+                    self.columns.text.problems.add(
+                        f"expected {name} of run {run:g} at {position:g} mm, got none",
+                        self.rows[position].line,
+                        self._place(name),
+                    )
+            readings.setdefault(name, []).append([values[p] for p in positions if p in values])
+        return positions, readings
+
+    def _place(self, name: str) -> str:
+        column = self.columns.by_field.get(name)
+        return self.columns.text.place(column.index) if column else ""
+
+
+def read_runs(columns: Columns, position: str, names: Sequence[str], rows: Sequence[Row]) -> Runs:
+    """Read lines with one position each, and a reading of some fields.
+
+    Parameters
+    ----------
+    columns
+        The table's columns; a column `run` numbers the runs.
+    names
+        Fields of the readings; their cells may be empty, but not all of a line.
+    """
+    runs = Runs(columns)
+    for row, at, run in positions_and_runs(columns, position, rows):
+        read = [name for name in names if columns.word(row, name)]
+        for name in read:
+            runs.add(row, at, name, columns.number(row, name), run)
+        asked = [name for name in names if name in columns]
+        if asked and not read:
+            columns.text.problems.add(
+                f"expected a reading of {list_names(asked)}, got none", row.line
+            )
+    return runs
+
+
+def positions_and_runs(
+    columns: Columns, position: str, rows: Sequence[Row]
+) -> Iterator[tuple[Row, float, float | None]]:
+    """Go through the lines that have a position, with the run that they state."""
+    for row in rows:
+        at = columns.needed(row, position)
+        run = columns.needed(row, "run") if "run" in columns else None
+        if at is not None and (run is not None or "run" not in columns):
+            yield row, at, run
+
+
+def flat_if_one(runs: list[list[float]]) -> list[float] | list[list[float]]:
+    """Write one run as a list, several as a list of lists."""
+    return runs[0] if len(runs) == 1 else runs

@@ -17,7 +17,7 @@ from app.api.schemas.model_change import (
 )
 
 if TYPE_CHECKING:
-    from app.services.store_measurement import MapHeader, Measured
+    from app.services.measurements import MapHeader, Measured
 
 Axis = Literal["x", "y", "z"]
 MOST_POSITIONS: Final = 2000
@@ -63,7 +63,7 @@ class MeasurementRequest(Schema):
 
     def header(self) -> MapHeader:
         """Give what a map needs beside its components."""
-        from app.services.store_measurement import MapHeader
+        from app.services.measurements import MapHeader
 
         return MapHeader(
             label=self.label,

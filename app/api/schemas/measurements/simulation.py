@@ -10,7 +10,7 @@ from app.api.schemas.base import Integer, Number, Point
 from app.api.schemas.error_field import AnswerHead, FieldRequest, head_of, triple
 
 if TYPE_CHECKING:
-    from app.services.simulate_measurement import SimulatedReadings, StepDiagonalPlan
+    from app.services.measurements import SimulatedReadings, StepDiagonalPlan
 
 MOST_STEPS: Final = 1000
 
@@ -57,7 +57,7 @@ class StepDiagonalSimulation(FieldRequest):
 
     def plan(self) -> StepDiagonalPlan:
         """Make the plan."""
-        from app.services.simulate_measurement import StepDiagonalPlan
+        from app.services.measurements import StepDiagonalPlan
 
         return StepDiagonalPlan(
             steps=self.steps,
@@ -86,13 +86,13 @@ class SimulatedStepDiagonal(AnswerHead):
     @classmethod
     def of(cls, body: StepDiagonalSimulation, found: SimulatedReadings) -> Self:
         """Show what would be read."""
-        fields: dict[str, Any] = head_of(found.asked, found.warnings)
+        fields: dict[str, Any] = head_of(found.answer, found.warnings)
         return cls(
             **fields,
             origin_mm=list(found.origin_mm),
             step_mm=list(found.step_mm),
             tool_offset_mm=list(body.tool_offset_mm),
             target=body.target,
-            temperatures_c=dict(found.asked.temperatures_c[0]),
+            temperatures_c=dict(found.answer.temperatures_c[0]),
             diagonals={name: rows.tolist() for name, rows in found.diagonals.items()},
         )

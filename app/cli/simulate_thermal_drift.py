@@ -1,0 +1,309 @@
+"""thermap simulate thermal-drift: what a nest of displacement sensors would read over hours.
+
+The model's error at the nest at the times of stored readings, with their temperatures and states,
+and noise. With `--growth` the tool drifts as the model does not know, for `thermap analyse` to
+find.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from app.cli.options import (
+    LabelOption,
+    MachineArgument,
+    MissingOption,
+    SeedOption,
+    ToolOption,
+    UrlOption,
+    connect,
+    read_named_numbers,
+    read_point,
+    read_time,
+    write_file,
+)
+from app.cli.simulate_verification import NothingToSimulate
+from app.errors import counted, list_names
+from app.geometry.components import LINEAR_LETTERS
+from app.measurement.thermal_drift import SENSORS, DriftTest
+from app.units import SECONDS_PER_H, SECONDS_PER_MIN
+from thermap import DEFAULT_URL
+
+if TYPE_CHECKING:
+    from thermap import ThermapClient
+    from thermap.answers import ReadingSchema
+
+_DECIMALS: Final = 4
+_SINGLE: Final = (("x", 0, 0), ("y", 0, 1), ("z", 0, 2))
+_DOUBLE: Final = (("x2", 1, 0), ("y2", 1, 1))
+"""Sensor, the height at which it reads, and the direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A stored reading, where the moving axis stood, and what each sensor would read [µm]."""
+
+    reading: ReadingSchema
+    target_mm: float | None
+    values: Mapping[str, float]
+
+
+def simulate_thermal_drift(
+    machine: MachineArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            envvar="THERMAP_OUTPUT",
+            metavar="FILE",
+            help="CSV, as `thermap import --method thermal-drift` reads it.",
+        ),
+    ],
+    point: Annotated[
+        str,
+        typer.Option(
+            envvar="THERMAP_POINT",
+            metavar="X,Y,Z",
+            help="Where the machine stands while the nest is read, in mm.",
+        ),
+    ],
+    tool: ToolOption = "0,0,0",
+    test: Annotated[
+        str, typer.Option(envvar="THERMAP_DRIFT_TEST", help="environment, spindle or linear-axis.")
+    ] = "spindle",
+    axis: Annotated[
+        str | None,
+        typer.Option(envvar="THERMAP_AXIS", help="The moving axis of the test linear-axis."),
+    ] = None,
+    target: Annotated[
+        list[float] | None,
+        typer.Option(
+            envvar="THERMAP_TARGETS",
+            metavar="MM",
+            help="A position at which the moving axis is read in turn; two or more.",
+        ),
+    ] = None,
+    sensor_distance: Annotated[
+        float | None,
+        typer.Option(
+            envvar="THERMAP_SENSOR_DISTANCE",
+            metavar="MM",
+            help="Five sensors: so far along Z the second ones of X and Y read.",
+        ),
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option("--from", envvar="THERMAP_FROM", metavar="TIME", help="When the test begins."),
+    ] = None,
+    hours: Annotated[
+        float, typer.Option(envvar="THERMAP_HOURS", min=0.1, help="How long it lasts, at most.")
+    ] = 8.0,
+    every: Annotated[
+        float, typer.Option(envvar="THERMAP_EVERY", min=0.0, help="Minutes between two readings.")
+    ] = 2.0,
+    growth: Annotated[
+        list[str] | None,
+        typer.Option(
+            envvar="THERMAP_GROWTHS",
+            metavar="AXIS=UM",
+            help="A drift that the model lacks, such as z=12: reached with --growth-min.",
+        ),
+    ] = None,
+    growth_min: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_GROWTH_MIN", min=0.1, help="Time constant of that drift in minutes."
+        ),
+    ] = 40.0,
+    noise: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_NOISE",
+            metavar="UM",
+            min=0.0,
+            help="Standard deviation of one reading in µm.",
+        ),
+    ] = 0.2,
+    seed: SeedOption = 0,
+    label: LabelOption = "Simulated drift test",
+    missing_as_zero: MissingOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Write what a nest of three or five displacement sensors would read on a stored machine.
+
+    At the times of its stored readings, whose temperatures and states stand beside. `thermap
+    import --method thermal-drift FILE --evaluate-only` shows what comes out of it.
+
+    Example: `thermap simulate thermal-drift vmc --point 250,200,300 --growth z=12 -o warm-up.csv`
+    """
+    import numpy as np
+
+    _expect_test(test, axis, target)
+    growths = read_named_numbers(growth, "--growth", "a growth in µm")
+    unknown = [name for name in growths if name.lower() not in LINEAR_LETTERS]
+    if unknown:
+        raise typer.BadParameter(
+            f"expected x, y or z, got {list_names(unknown)}", param_hint="--growth"
+        )
+    grown = {name.lower(): value for name, value in growths.items()}
+    heights = [read_point(tool, "--tool", "0,0,160")]
+    if sensor_distance is not None:
+        x, y, z = heights[0]
+        heights.append([x, y, z + sensor_distance])
+    places = _places(read_point(point, "--point", "250,200,300"), axis, target)
+    start = None if since is None else read_time(since, "--from")
+    with connect(url) as thermap:
+        readings = _readings(thermap, machine, start, timedelta(hours=hours), every)
+        rows = list(_predicted(thermap, machine, readings, places, heights, missing_as_zero))
+    if len(rows) < 2:
+        raise NothingToSimulate(
+            f"the model says nothing of machine {machine!r} at two of these times: there are no "
+            "readings, or no two error maps"
+        )
+    rng = np.random.default_rng(seed)
+    sensors = [name for name in SENSORS if name in rows[0].values]
+    first: dict[float | None, Mapping[str, float]] = {}
+    values: list[list[float]] = []
+    for row in rows:
+        zero = first.setdefault(row.target_mm, row.values)
+        minutes = (row.reading.time - rows[0].reading.time) / timedelta(minutes=1)
+        share = 1.0 - math.exp(-minutes / growth_min)
+        read = [row.values[s] - zero[s] + grown.get(s[0], 0.0) * share for s in sensors]
+        values.append([float(v) for v in np.array(read) + rng.normal(0.0, noise, len(read))])
+    head = [f"label: {label}", f"machine: {machine}", "instrument: simulation", f"test: {test}"]
+    head += [f"axis: {axis}"] if axis else []
+    head += [f"point_mm: {point}", f"tool_offset_mm: {tool}"]
+    head += [] if sensor_distance is None else [f"sensor_distance_mm: {sensor_distance:g}"]
+    # Sentences without a colon are read by people alone.
+    head.append(f"Simulated for training, not measured, with noise of {noise:g} µm (seed {seed})")
+    head += [
+        f"The model lacks {value:g} µm in {name} with a time constant of {growth_min:g} min"
+        for name, value in grown.items()
+    ]
+    write_file(output, _written(head, sensors, rows, values))
+    lasting = (rows[-1].reading.time - rows[0].reading.time) / timedelta(hours=1)
+    typer.echo(f"{output}: {counted(len(rows), 'reading')} over {lasting:.3g} h, simulated")
+
+
+def _expect_test(test: str, axis: str | None, targets: Sequence[float] | None) -> None:
+    if test not in tuple(DriftTest):
+        raise typer.BadParameter(
+            f"expected one of {list_names(DriftTest)}, got {test!r}", param_hint="--test"
+        )
+    moves = test == DriftTest.LINEAR_AXIS
+    if moves != (axis in tuple(LINEAR_LETTERS)) or moves != bool(targets):
+        raise typer.BadParameter(
+            "expected --axis x, y or z and --target of the test linear-axis, and of no other",
+            param_hint="--axis",
+        )
+
+
+def _places(
+    point: Sequence[float], axis: str | None, targets: Sequence[float] | None
+) -> list[tuple[float | None, list[float]]]:
+    """List where the machine stands in turn, with the target of the moving axis."""
+    if axis is None:
+        return [(None, list(point))]
+    at = LINEAR_LETTERS.index(axis)
+    return [(t, [t if i == at else p for i, p in enumerate(point)]) for t in targets or ()]
+
+
+def _readings(
+    thermap: ThermapClient,
+    machine: str,
+    since: datetime | None,
+    lasting: timedelta,
+    every_min: float,
+) -> list[ReadingSchema]:
+    """Take the stored readings of the test's time: from its beginning, or the latest."""
+    every_s = every_min * SECONDS_PER_MIN or None
+    if since is None:
+        hourly = thermap.readings(machine, every_s=SECONDS_PER_H)
+        if not hourly:
+            return []
+        latest = thermap.readings(machine, hourly[-1].time)[-1].time
+        since = latest - lasting
+    return list(thermap.readings(machine, since, since + lasting, every_s=every_s))
+
+
+def _predicted(
+    thermap: ThermapClient,
+    machine: str,
+    readings: Sequence[ReadingSchema],
+    places: Sequence[tuple[float | None, list[float]]],
+    heights: Sequence[Sequence[float]],
+    missing_as_zero: bool,
+) -> Iterator[_Row]:
+    """Ask the model for the error at the nest; a time at which it has none is left out."""
+    asked: list[dict[str, Any]] = []
+    for i, reading in enumerate(readings):
+        _, place = places[i % len(places)]
+        asked += [
+            {"time": _time(reading), "point_mm": place, "tool_offset_mm": height}
+            for height in heights
+        ]
+    if not asked:
+        return
+    missing = "zero" if missing_as_zero else "refuse"
+    found = thermap.predict(machine, asked, missing_components=missing).predicted_um
+    sensors = _SINGLE + (_DOUBLE if len(heights) > 1 else ())
+    for i, reading in enumerate(readings):
+        errors = found[i * len(heights) : (i + 1) * len(heights)]
+        if any(not isinstance(error, Sequence) for error in errors):
+            continue
+        read: Any = errors
+        values = {name: float(read[height][along]) for name, height, along in sensors}
+        yield _Row(reading, places[i % len(places)][0], values)
+
+
+def _written(
+    head: Sequence[str],
+    sensors: Sequence[str],
+    rows: Sequence[_Row],
+    values: Sequence[Sequence[float]],
+) -> str:
+    moves = rows[0].target_mm is not None
+    temperatures = list(dict.fromkeys(n for row in rows for n in row.reading.temperatures_c))
+    states = list(dict.fromkeys(n for row in rows for n in row.reading.state))
+    text = StringIO()
+    text.writelines(f"# {line}\n" for line in head)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        [
+            "time",
+            *(["position_mm"] if moves else []),
+            *(f"{sensor}_um" for sensor in sensors),
+            *(f"temperature {name}" for name in temperatures),
+            *(f"state {name}" for name in states),
+        ]
+    )
+    for row, read in zip(rows, values, strict=True):
+        reading = row.reading
+        writer.writerow(
+            [
+                _time(reading),
+                *([repr(row.target_mm)] if moves else []),
+                *(f"{value:.{_DECIMALS}f}" for value in read),
+                *(_cell(reading.temperatures_c.get(name)) for name in temperatures),
+                *(_cell(reading.state.get(name)) for name in states),
+            ]
+        )
+    return text.getvalue()
+
+
+def _time(reading: ReadingSchema) -> str:
+    return reading.time.isoformat().replace("+00:00", "Z")
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else repr(value)

@@ -1,0 +1,365 @@
+"""A drift test's record: maps of its thermal states, and its course as a verification."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Final
+
+import numpy as np
+
+from app.effects.observations import Observation, Verification
+from app.errors import Conflict, InvalidContent, list_names
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.measurement.result import MeasurementResult
+from app.measurement.thermal_drift import DriftState, ThermalDrift
+from app.search.rows import Datum
+from app.services.ask_field import Triple
+from app.services.change_model import reading_machine
+from app.services.context import Context
+from app.services.error_maps import (
+    StoredOnce,
+    preview_error_map,
+    remarks,
+    store_error_maps,
+    table_remarks,
+)
+from app.services.measurements import MapHeader, Measured, Storing
+from app.services.readings import store_readings
+from app.services.verifications import check_verification, store_verification
+from app.storage.records import StoredVerification
+from app.thermal.error_map import ComponentTable, ErrorMap
+from app.thermal.machine import Machine
+from app.thermal.reading import Reading
+from app.units import SECONDS_PER_MIN, utc_time
+
+SPINDLE_SPEED: Final = "spindle_rpm"
+"""The state that says when the spindle turned, where nobody states it."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftReading:
+    """Time, temperatures [°C] and state beside one reading of the nest."""
+
+    time: datetime
+    temperatures_c: Mapping[str, float]
+    state: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Nest:
+    """Where the nest was read; `point_mm` is None where nobody says it."""
+
+    point_mm: Triple | None
+    tool_offset_mm: Triple
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptState:
+    """A thermal state of the test, and the map that was made of it."""
+
+    label: str | None
+    after_s: float
+    time: datetime
+    temperatures_c: Mapping[str, float]
+    tables: tuple[ComponentTable, ...]
+    map_id: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KeptVerification:
+    """The stored verification, and how many readings of temperatures are new with it."""
+
+    stored: StoredVerification
+    new_readings: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredDrift:
+    """The last state as any method's result, all states, and the verification."""
+
+    measured: Measured
+    states: Sequence[KeptState]
+    verification: KeptVerification | None
+
+
+def running_of(
+    recorded: Sequence[DriftReading], since: datetime | None, until: datetime | None
+) -> tuple[float, float]:
+    """Say from when to when the spindle turned or the axis moved [s since 1970-01-01 UTC].
+
+    As stated; else from the last reading before the spindle's first speed above 0 to the last
+    with one; else the whole record.
+    """
+    times = [one.time.timestamp() for one in recorded]
+    turning = [i for i, one in enumerate(recorded) if one.state.get(SPINDLE_SPEED)]
+    first = times[max(turning[0] - 1, 0)] if turning else times[0]
+    last = times[turning[-1]] if turning else times[-1]
+    return (
+        first if since is None else since.timestamp(),
+        last if until is None else until.timestamp(),
+    )
+
+
+def keep_drift(
+    context: Context,
+    machine: Machine,
+    header: MapHeader,
+    drift: ThermalDrift,
+    nest: Nest,
+    recorded: Sequence[DriftReading],
+    storing: Storing,
+    *,
+    as_verification: bool,
+) -> MeasuredDrift:
+    """Hand the evaluation on, and store what is asked for: maps of states, a verification, both.
+
+    All is checked before anything is stored. With a verification go its temperatures, as the
+    machine's readings.
+
+    Raises
+    ------
+    InvalidContent
+        If what is to be stored has no label, no tables, or temperatures are missing; as
+        `store_error_map` and `store_verification`.
+    Conflict
+        If the machine has maps of these components from elsewhere, whose zero is another; as
+        the same.
+    """
+    states = [_kept(header.label, state, recorded) for state in drift.states]
+    for state in drift.states:
+        _expect_axes(machine, state)
+    wants_maps = storing.store or storing.preview
+    label = _label(header) if wants_maps or as_verification else ""
+    maps = [_error_map(header, state, drift.result) for state in states] if wants_maps else []
+    if maps:
+        _expect_no_other_zero(context, machine, maps)
+        previews = [preview_error_map(context, machine.id, one) for one in maps]
+    verification = None
+    if as_verification and not storing.preview:
+        verification = _verification(label, drift, nest, recorded, header.repeatability_um)
+        kept = _keep_verification(context, machine, verification, recorded)
+    notes = table_remarks(machine, drift.result.tables)
+    measured = Measured(machine, "thermal-drift", drift.result, None, notes)
+    if storing.preview:
+        notes = remarks(machine, maps[-1])
+        measured = replace(measured, remarks=notes, preview=previews[-1])
+    elif maps:
+        stored = store_error_maps(context, machine.id, maps, accept_losses=storing.accept_losses)
+        states = [replace(s, map_id=m.stored.id) for s, m in zip(states, stored, strict=True)]
+        measured = replace(measured, remarks=remarks(machine, maps[-1]), stored=_last_made(stored))
+    return MeasuredDrift(measured, states, kept if verification else None)
+
+
+def _last_made(stored: Sequence[StoredOnce]) -> StoredOnce:
+    """Give the last map, with the version that was made last."""
+    made = [one.made for one in stored if one.made is not None]
+    return replace(stored[-1], made=made[-1] if made else None)
+
+
+def _label(header: MapHeader) -> str:
+    if header.label is None:
+        raise InvalidContent.of_field("label", "expected label of what is to be stored, got none")
+    return header.label
+
+
+def _kept(label: str | None, state: DriftState, recorded: Sequence[DriftReading]) -> KeptState:
+    first_s = recorded[0].time.timestamp()
+    after_s = state.time_s - first_s
+    return KeptState(
+        None if label is None else f"{label}, {after_s / SECONDS_PER_MIN:g} min",
+        after_s,
+        utc_time(state.time_s),
+        _temperatures_at(state.time_s, recorded),
+        state.tables,
+    )
+
+
+def _temperatures_at(time_s: float, recorded: Sequence[DriftReading]) -> dict[str, float]:
+    """Interpolate each sensor between its readings; one that began later or ended is left out."""
+    found: dict[str, float] = {}
+    for sensor in dict.fromkeys(name for one in recorded for name in one.temperatures_c):
+        rows = [
+            (one.time.timestamp(), one.temperatures_c[sensor])
+            for one in recorded
+            if sensor in one.temperatures_c
+        ]
+        times, values = zip(*rows, strict=True)
+        if times[0] <= time_s <= times[-1]:
+            found[sensor] = float(np.interp(time_s, times, values))
+    return found
+
+
+def _expect_axes(machine: Machine, state: DriftState) -> None:
+    for table in state.tables:
+        if table.component.axis not in machine.chain.axes:
+            raise InvalidContent.of_field(
+                "axis",
+                f"expected an axis of {machine.chain.text}, got {table.component.axis!r}",
+            )
+
+
+def _error_map(header: MapHeader, state: KeptState, result: MeasurementResult) -> ErrorMap:
+    if not state.tables:
+        raise InvalidContent.of_field(
+            "point_mm", "expected where the nest stood in mm for the maps of its states, got none"
+        )
+    if not state.temperatures_c:
+        raise InvalidContent.of_field(
+            "readings",
+            "expected temperatures_c beside the displacements for the maps of thermal states, "
+            "got none",
+        )
+    return ErrorMap(
+        label=str(state.label),
+        measured_at=state.time,
+        temperatures_c=state.temperatures_c,
+        tables={table.component.code: table for table in state.tables},
+        measuring_lines=result.measuring_lines,
+        repeatability_um=header.repeatability_um,
+        instrument=header.instrument or "thermal-drift",
+    )
+
+
+def _expect_no_other_zero(context: Context, machine: Machine, maps: Sequence[ErrorMap]) -> None:
+    """Refuse maps that would be interpolated with others whose zero is another.
+
+    A state's map holds changes since the test began. Beside a map of whole errors, or of another
+    test, the difference of the two zeros would be taken for what the temperature does.
+    """
+    labels = {one.label for one in maps}
+    codes = set(maps[0].tables)
+    with reading_machine(context, machine.id) as change:
+        latest = change.latest
+        others = [
+            stored.error_map
+            for stored in (latest.maps if latest else [])
+            if stored.error_map.label not in labels and codes & set(stored.error_map.tables)
+        ]
+    if others:
+        shared = [code for code in COMPONENTS if code in codes & set(others[0].tables)]
+        raise Conflict(
+            f"machine {machine.id!r} has the error map {others[0].label!r} of {list_names(shared)} "
+            "with another zero than this test, whose tables are changes since its first reading: "
+            "between them the model would take the difference of the zeros for an effect of "
+            "temperature. Store the test as a verification, or delete those maps first"
+        )
+
+
+def _verification(
+    label: str,
+    drift: ThermalDrift,
+    nest: Nest,
+    recorded: Sequence[DriftReading],
+    repeatability_um: float | None,
+) -> Verification:
+    """Write the course as observations of one set-up, zeroed at its first."""
+    if all(not one.temperatures_c for one in recorded):
+        raise InvalidContent.of_field(
+            "readings",
+            "expected temperatures_c beside the displacements for the verification, got none",
+        )
+    times = np.array([one.time.timestamp() for one in recorded])
+    if drift.targets_mm.size:
+        found = _of_targets(label, drift, recorded, times)
+    elif nest.point_mm is None:
+        raise InvalidContent.of_field(
+            "point_mm", "expected where the nest stood in mm for the verification, got none"
+        )
+    else:
+        found = _at_the_nest(label, drift, nest, nest.point_mm, recorded, times)
+    return Verification(label, tuple(found), Datum.FIRST, repeatability_um)
+
+
+def _of_targets(
+    label: str, drift: ThermalDrift, recorded: Sequence[DriftReading], times: np.ndarray
+) -> list[Observation]:
+    """Observe the moving axis' components where it stood.
+
+    Each target counts from its own first reading, so each is a set-up of its own: between
+    targets nothing was measured but the change.
+    """
+    rows = {time_s: i for i, time_s in enumerate(times.tolist())}
+    found = []
+    for name, code in drift.components.items():
+        for target, course in zip(drift.targets_mm.tolist(), drift.courses[name], strict=True):
+            for time_s, value in zip(course.times_s.tolist(), course.values.tolist(), strict=True):
+                found.append(
+                    Observation(
+                        time_s=time_s,
+                        measured=(value,),
+                        component=code,
+                        position_mm=target,
+                        state=dict(recorded[rows[time_s]].state),
+                        setup=f"{label}, {target:g} mm",
+                    )
+                )
+    return sorted(found, key=lambda one: one.time_s)
+
+
+def _at_the_nest(
+    label: str,
+    drift: ThermalDrift,
+    nest: Nest,
+    point_mm: Triple,
+    recorded: Sequence[DriftReading],
+    times: np.ndarray,
+) -> list[Observation]:
+    """Observe the error at the nest's point, or the components as which displacements count.
+
+    The point where all three displacements were read and none is said to be a component's:
+    whatever part of the machine moved, the point saw it. A tilt at the nest is the sum of all
+    rotations there; it is observed as a component only where it is said to be one.
+    """
+    values = {name: of[0].values for name, of in drift.courses.items()}
+    has_point = all(name in values for name in LINEAR_LETTERS) and not drift.stated_components
+    found = []
+    for i, one in enumerate(recorded):
+        state = dict(one.state)
+        if has_point:
+            x, y, z = (float(values[name][i]) for name in LINEAR_LETTERS)
+            found.append(
+                Observation(
+                    time_s=float(times[i]),
+                    measured=(x, y, z),
+                    point_mm=point_mm,
+                    tool_offset_mm=nest.tool_offset_mm,
+                    state=state,
+                    setup=label,
+                )
+            )
+            continue
+        for name, code in drift.components.items():
+            if name not in LINEAR_LETTERS and name not in drift.stated_components:
+                continue
+            axis = str(COMPONENTS[code].axis)
+            found.append(
+                Observation(
+                    time_s=float(times[i]),
+                    measured=(float(values[name][i]),),
+                    component=code,
+                    position_mm=point_mm[LINEAR_LETTERS.index(axis)],
+                    state=state,
+                    setup=label,
+                )
+            )
+    return found
+
+
+def _keep_verification(
+    context: Context,
+    machine: Machine,
+    verification: Verification,
+    recorded: Sequence[DriftReading],
+) -> KeptVerification:
+    """Store the temperatures as readings, then the verification that is compared at them."""
+    check_verification(context, machine.id, verification)
+    readings = [
+        Reading(one.time, dict(one.temperatures_c), dict(one.state))
+        for one in recorded
+        if one.temperatures_c
+    ]
+    outcome = store_readings(context, machine.id, readings)
+    stored = store_verification(context, machine.id, verification)
+    return KeptVerification(stored.stored, outcome.stored)
