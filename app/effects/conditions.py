@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple, Protocol
+from typing import Final, Literal, NamedTuple, Protocol, overload
 
 import numpy as np
 
@@ -16,9 +16,11 @@ from app.arrays import FloatArray, IntArray
 from app.effects.low_pass import (
     SETTLED,
     Filtered,
+    FromStart,
     Hold,
     low_pass,
     low_pass_at,
+    low_pass_from_start,
 )
 from app.errors import list_names
 from app.thermal.machine import Sensor
@@ -39,11 +41,28 @@ MOST_FILTERS: Final = 256
 
 
 class Signal(NamedTuple):
-    """Something that is recorded: a sensor's temperature, or a power of a state."""
+    """Something that is recorded: a sensor's temperature, or a power of a state.
+
+    The power 0 stands for whether a state is other than 0: 1 or 0.
+    """
 
     kind: Literal["temperature", "state"]
     name: str
     power: int = 1
+
+    @overload
+    def of(self, reading: float) -> float: ...
+
+    @overload
+    def of(self, reading: FloatArray) -> FloatArray: ...
+
+    def of(self, reading: float | FloatArray) -> float | FloatArray:
+        """Make the signal of a reading, or of many.
+
+        >>> Signal("state", "spindle_rpm", 0).of(2000.0)
+        1.0
+        """
+        return reading**self.power if self.power else (reading != 0.0) * 1.0
 
 
 class Lags(Protocol):
@@ -51,6 +70,12 @@ class Lags(Protocol):
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Give a signal's low-pass at times, NaN where its past is not known."""
+
+    def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
+        """Give the same from the beginning of the unbroken record, in balance there."""
+
+    def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
+        """Give a signal at any times, later ones too, NaN where it is not known."""
 
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say in a sentence's second half what is missing."""
@@ -63,6 +88,14 @@ class NoHistory:
     """Nobody knows the past: a request with present temperatures only."""
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Give nothing."""
+        return np.full(times_s.shape, np.nan)
+
+    def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
+        """Give nothing."""
+        return FromStart.unknown(len(times_s))
+
+    def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give nothing."""
         return np.full(times_s.shape, np.nan)
 
@@ -85,8 +118,6 @@ class Recording:
         Strictly increasing.
     values : ndarray, shape (n,)
         Readings, none of them NaN.
-    hold
-        What happens between them.
     max_gap_s
         Longest gap that is bridged [s].
     """
@@ -121,6 +152,26 @@ class RecordedLags:
         filtered = self._filter(signal, time_constant_s, recording)
         return low_pass_at(filtered, times_s, time_constant_s, recording.hold, recording.max_gap_s)
 
+    def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
+        """Give a signal's low-pass from the beginning of its record (`low_pass_from_start`)."""
+        recording = self.recordings.get((signal.kind, signal.name))
+        if recording is None or recording.times_s.size == 0:
+            return FromStart.unknown(len(times_s))
+        filtered = self._filter(signal, time_constant_s, recording)
+        return low_pass_from_start(
+            filtered, times_s, time_constant_s, recording.hold, recording.max_gap_s
+        )
+
+    def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
+        """Give a signal at any times: temperatures interpolated, states as they were last read."""
+        recording = self.recordings.get((signal.kind, signal.name))
+        if recording is None:
+            return np.full(times_s.shape, np.nan)
+        if recording.hold is not Hold.LINEAR:
+            return signal.of(recording.at(times_s))
+        record = TemperatureHistory(recording.times_s, {signal.name: recording.values})
+        return record.at(signal.name, times_s, recording.max_gap_s)
+
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say how much history is needed, and how much there is."""
         have = self.record_before_s(signal, float(times_s.min()))
@@ -128,7 +179,7 @@ class RecordedLags:
         if have < SETTLED * time_constant_s:
             return (
                 f"expected {need_min:.0f} min of readings of {signal.name} before, five time "
-                f"constants, came {have / SECONDS_PER_MIN:.0f} min"
+                f"constants, got {have / SECONDS_PER_MIN:.0f} min"
             )
         return f"the readings of {signal.name} have gaps in the {need_min:.0f} min before"
 
@@ -146,7 +197,7 @@ class RecordedLags:
                 self._filtered.pop(next(iter(self._filtered)))
             self._filtered[key] = low_pass(
                 recording.times_s,
-                recording.values**signal.power,
+                signal.of(recording.values),
                 tau_s,
                 recording.hold,
                 recording.max_gap_s,
@@ -187,8 +238,6 @@ class Conditions:
         NaN where there is no usable reading.
     states : mapping of name to ndarray, shape (n,)
         The machine's state, NaN where it is not known.
-    lags
-        Who knows the past.
     rates_c_per_h : mapping of sensor to ndarray, shape (n,) [°C/h]
         How fast temperatures change, where that was asked.
     """
@@ -218,8 +267,6 @@ class Conditions:
             When [s].
         temperatures_c
             Usable temperatures [°C].
-        states
-            The machine's state.
         lags
             Who knows the past; without it, effects that need it are missing.
         """
@@ -243,6 +290,14 @@ class Conditions:
     def lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
         """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
         return self.lags.lagged(signal, time_constant_s, self.times_s)
+
+    def temperature_later(self, sensor: str, by_s: float) -> FloatArray:
+        """Give what a sensor read some time later, or earlier, shape (n,) [°C], NaN: not known."""
+        return self.lags.at(Signal("temperature", sensor), self.times_s + by_s)
+
+    def from_start(self, signal: Signal, time_constant_s: float) -> FromStart:
+        """Give a signal's low-pass from the beginning of its unbroken record, shape (n,) each."""
+        return self.lags.from_start(signal, time_constant_s, self.times_s)
 
     def take(self, rows: IntArray) -> Conditions:
         """Keep some rows; the past is shared, and so are all values until they are asked for."""
@@ -298,10 +353,6 @@ def recorded_conditions(
     own_states : mapping of name to ndarray, shape (n,)
         States that were stated beside the times themselves and go before the readings',
         NaN where none was stated.
-
-    Returns
-    -------
-    Conditions
     """
     temperatures: dict[str, FloatArray] = {}
     rates: dict[str, FloatArray] = {}
@@ -326,17 +377,7 @@ def recordings_of(
     history: TemperatureHistory,
     state_readings: Sequence[tuple[float, Mapping[str, float]]],
 ) -> dict[tuple[str, str], Recording]:
-    """Take a record apart into its signals.
-
-    Parameters
-    ----------
-    sensors, history, state_readings
-        As for `recorded_conditions`.
-
-    Returns
-    -------
-    dict of kind and name to Recording
-    """
+    """Take a record apart into its signals."""
     found: dict[tuple[str, str], Recording] = {}
     for name, sensor in sensors.items():
         if name in history.temperatures_c:

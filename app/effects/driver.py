@@ -47,6 +47,11 @@ class Driver(ABC):
         return len(self.signals) < 2
 
     @property
+    def holds_itself(self) -> bool:
+        """Whether it stays by itself within what it was learnt in."""
+        return False
+
+    @property
     def quantity(self) -> Quantity | None:
         """What it is where that is more than one signal as it is now; else None."""
         return None
@@ -118,17 +123,18 @@ class Behind(Driver):
 
 @dataclass(frozen=True)
 class Difference(Driver):
-    """The difference of two sensors, above what it was on average [K]."""
+    """The difference of two sensors, above what it was on average, times a height [K]."""
 
     name: ClassVar[str] = "difference"
     sensor: str
     minus: str
     reference_k: float
+    height: float = 1.0
 
     def at(self, conditions: Conditions) -> FloatArray:
-        """Give T_a − T_b − reference [K]."""
+        """Give T_a − T_b − reference, times the height [K]."""
         difference = conditions.temperature(self.sensor) - conditions.temperature(self.minus)
-        return difference - self.reference_k
+        return self.height * (difference - self.reference_k)
 
     @property
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:
@@ -141,7 +147,12 @@ class Difference(Driver):
     @property
     def quantity(self) -> Quantity:
         """The difference itself."""
-        return Quantity(f"{self.sensor} minus {self.minus}", "K", self.reference_k)
+        named = f"{self.sensor} minus {self.minus}"
+        if self.height != 1.0:
+            return Quantity(
+                f"{self.height:.3g} times ({named})", "K", self.height * self.reference_k
+            )
+        return Quantity(named, "K", self.reference_k)
 
 
 @dataclass(frozen=True)
@@ -155,8 +166,6 @@ class BeyondMaps(Driver):
     ----------
     sensor, minus
         The sensor, and the one that is subtracted, or an empty name.
-    own
-        The sensor that the component follows.
     in_maps_c
         In each map, in the order of the own sensor's temperature: that temperature, and what
         the sensor or the difference was [°C; °C or K].
@@ -267,15 +276,16 @@ class State(Driver):
 
 @dataclass(frozen=True)
 class SinceReference(Driver):
-    """Time since a fixed moment [days]."""
+    """Time since a fixed moment [days], times a height."""
 
     name: ClassVar[str] = "since-reference"
     grows_with_time: ClassVar[bool] = True
     reference_time_s: float
+    height: float = 1.0
 
     def at(self, conditions: Conditions) -> FloatArray:
-        """Give the time since then [days], negative before."""
-        return (conditions.times_s - self.reference_time_s) / SECONDS_PER_DAY
+        """Give the time since then [days], negative before, times the height."""
+        return (conditions.times_s - self.reference_time_s) * (self.height / SECONDS_PER_DAY)
 
 
 @dataclass(frozen=True)

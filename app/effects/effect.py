@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Final, TypeAlias
 
@@ -19,19 +19,36 @@ LEARNT: Final[TypeAdapter[LearntIn | None]] = TypeAdapter(LearntIn | None)
 
 
 @dataclass(frozen=True)
+class Provenance:
+    """Which analyses an adopted effect comes from.
+
+    Parameters
+    ----------
+    found_by
+        The analysis that found it.
+    refitted_by
+        Those that fitted it anew since, in their order.
+    verifications
+        Numbers of the verifications that it was last estimated from.
+    """
+
+    found_by: int
+    refitted_by: tuple[int, ...] = ()
+    verifications: tuple[int, ...] = ()
+
+    def refitted(self, analysis: int, verifications: Iterable[int]) -> Provenance:
+        """Say that an analysis has fitted it anew."""
+        return Provenance(self.found_by, (*self.refitted_by, analysis), tuple(verifications))
+
+
+@dataclass(frozen=True)
 class Effect:
     """One effect with its parameters and the terms that it adds.
 
     Parameters
     ----------
-    kind
-        Which kind, as the registry names it.
     variant
         Which of the kind's forms, empty where it has one only.
-    components
-        The components that it acts on.
-    sensors, states
-        What drives it.
     parameters, standard_errors
         By name with unit, such as `time_constant_min`; one standard deviation of each. A
         parameter that was not estimated has no standard error.
@@ -40,6 +57,9 @@ class Effect:
     valid
         The ranges in which it was learnt; None where an older version of this software adopted
         it, which did not keep them.
+    provenance
+        Which analyses it comes from; None before it is adopted, and where an older version of
+        this software adopted it. Effects that differ in it alone are equal.
     """
 
     kind: str
@@ -51,6 +71,7 @@ class Effect:
     standard_errors: Mapping[str, float] = field(default_factory=dict)
     terms: tuple[Term, ...] = ()
     valid: Valid | None = None
+    provenance: Provenance | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Give equal drivers one range: what any of its components has shown, holds for all."""
@@ -95,7 +116,18 @@ class Effect:
             "standard_errors": dict(self.standard_errors),
             "terms": [term.to_json() for term in self.terms],
             "valid": None if self.valid is None else self.valid.to_json(),
+            "provenance": None if self.provenance is None else asdict(self.provenance),
         }
+
+
+def _provenance(stored: Mapping[str, Any] | None) -> Provenance | None:
+    if not stored:
+        return None
+    return Provenance(
+        int(stored["found_by"]),
+        tuple(map(int, stored["refitted_by"])),
+        tuple(map(int, stored["verifications"])),
+    )
 
 
 def _stored_or_effect(stored: Any) -> Effect:
@@ -112,13 +144,7 @@ StoredEffect: TypeAlias = Annotated[
 
 
 def by_driver(terms: Iterable[Term]) -> dict[tuple[Driver, Range | None], list[Term]]:
-    """Put the terms of an effect together that have one driver, and so one range.
-
-    Parameters
-    ----------
-    terms
-        An effect's.
-    """
+    """Put the terms of an effect together that have one driver, and so one range."""
     found: dict[tuple[Driver, Range | None], list[Term]] = defaultdict(list)
     for term in terms:
         found[term.driver, term.learnt].append(term)
@@ -135,23 +161,12 @@ def _pooled(terms: Sequence[Term]) -> tuple[Term, ...]:
 
 
 def acting_on(effects: Iterable[Effect]) -> set[str]:
-    """List the components to which effects add something.
-
-    Parameters
-    ----------
-    effects
-        The effects.
-    """
+    """List the components to which effects add something."""
     return {term.component for effect in effects for term in effect.terms}
 
 
 def effect_from_json(stored: Mapping[str, Any]) -> Effect:
     """Read an effect as `Effect.to_json` wrote it.
-
-    Parameters
-    ----------
-    stored
-        The stored form.
 
     Raises
     ------
@@ -169,10 +184,11 @@ def effect_from_json(stored: Mapping[str, Any]) -> Effect:
             standard_errors=dict(stored["standard_errors"]),
             terms=_terms(stored["terms"]),
             valid=valid_from_json(stored["valid"]) if stored.get("valid") else None,
+            provenance=_provenance(stored.get("provenance")),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidContent.of_field(
-            "effects", f"expected a stored effect, came one that lacks or mistakes {error}"
+            "effects", f"expected a stored effect, got one that lacks or mistakes {error}"
         ) from None
 
 

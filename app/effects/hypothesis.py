@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.effect import Effect
+from app.effects.flexible import flexible_versions
 from app.effects.projection import Projection
 from app.effects.term import Term
-from app.search.candidate import Candidate
+from app.search.candidate import Candidate, Expected, Flexible, Part
+
+Supposed: TypeAlias = Callable[[Projection, float | None], FloatArray]
+"""Gives for a value of the nonlinear parameter what measured minus predicted would be, (n,)."""
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""
@@ -39,8 +44,6 @@ class Nonlinear:
         Values to try, increasing, in the internal unit.
     bounds
         Where it may be refined to; None where it stays on the grid.
-    log_scale
-        Whether it is refined in its logarithm.
     """
 
     name: str
@@ -48,6 +51,11 @@ class Nonlinear:
     grid: tuple[float, ...]
     bounds: tuple[float, float] | None = None
     log_scale: bool = True
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it is a time constant."""
+        return self.name.startswith("time_constant")
 
 
 class Estimate(NamedTuple):
@@ -76,26 +84,18 @@ class Hypothesis:
 
     Parameters
     ----------
-    kind, variant
-        Which kind, and which of its forms.
-    components, sensors, states
-        What it acts on and what drives it.
     unit_terms
         Gives for a value of the nonlinear parameter the amplitudes' terms, with coefficient 1.
-    amplitudes
-        How the amplitudes are called.
-    nonlinear
-        The nonlinear parameter, if there is one.
     is_trending
         Whether it must also hold forward in time.
-    is_within_visit
-        Whether a single visit shows it.
-    is_only_once
-        Whether one place has it once at most.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
     adopted_terms
         Makes the terms of what was found where `unit_terms` are only its linear part.
+    supposed
+        Of a mistake in the data, instead of `unit_terms`: what it would leave in every row.
+    expected
+        What its one amplitude is, where that is known beforehand.
     """
 
     kind: str
@@ -111,33 +111,46 @@ class Hypothesis:
     is_only_once: bool = False
     report: Callable[[Estimate], Reported] | None = None
     adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
+    supposed: Supposed | None = None
+    expected: Expected | None = None
 
     @property
     def key(self) -> str:
         """Name it among all hypotheses."""
-        parts = (self.variant, *self.components, *self.sensors, *self.states)
-        return " ".join([self.kind, *filter(None, parts)])
+        return key_of(self)
+
+    def parts(self, projection: Projection, theta: float | None) -> list[Part]:
+        """Lay out what it does to the rows, for each unit of its amplitudes."""
+        if self.supposed is None:
+            return projection.parts(self.unit_terms(theta))
+        return projection.parts_of(self.supposed(projection, theta)[:, None])
+
+    def theta_of(self, effect: Effect) -> float | None:
+        """Give the nonlinear parameter of an effect that was made of it, in the internal unit."""
+        if self.nonlinear is None:
+            return None
+        return effect.parameters[self.nonlinear.name] * self.nonlinear.per_unit
 
     def candidate(self, projection: Projection) -> Candidate:
-        """Hand it to the search.
-
-        Parameters
-        ----------
-        projection
-            The rows.
-        """
+        """Hand it to the search."""
         nonlinear = self.nonlinear
         return Candidate(
             key=self.key,
             family=self.kind,
-            columns=lambda theta: projection.parts(self.unit_terms(theta)),
+            columns=lambda theta: self.parts(projection, theta),
             grid=nonlinear.grid if nonlinear else (),
             bounds=nonlinear.bounds if nonlinear else None,
             log_scale=nonlinear.log_scale if nonlinear else True,
             trending=self.is_trending,
             within_visit=self.is_within_visit,
             only_once=self.is_only_once,
+            expected=self.expected,
+            flexible=None if self.supposed else partial(self._flexible, projection),
         )
+
+    def _flexible(self, projection: Projection, theta: float | None) -> list[Flexible]:
+        bounds = self.nonlinear.bounds if self.nonlinear and self.nonlinear.is_time else None
+        return flexible_versions(projection, self.unit_terms, theta, bounds)
 
     def fitted(self, estimate: Estimate) -> Effect:
         """Make the effect that a search has found.
@@ -176,6 +189,17 @@ class Hypothesis:
         return reported
 
 
+def key_of(one: Hypothesis | Effect) -> str:
+    """Name a hypothesis among all, or the one that an effect was found by."""
+    parts = (one.variant, *one.components, *one.sensors, *one.states)
+    return " ".join([one.kind, *filter(None, parts)])
+
+
+def no_terms(of: object) -> tuple[()]:
+    """Give nothing: what a mistake in the data adds to the model."""
+    return ()
+
+
 def reported_theta(nonlinear: Nonlinear | None, estimate: Estimate) -> Reported:
     """Name the nonlinear parameter.
 
@@ -183,8 +207,6 @@ def reported_theta(nonlinear: Nonlinear | None, estimate: Estimate) -> Reported:
     ----------
     nonlinear
         What it is; None gives an empty report.
-    estimate
-        What was found.
     """
     reported = Reported({}, {})
     if nonlinear is not None and estimate.theta is not None:

@@ -6,13 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import ClassVar, Protocol
+from typing import ClassVar, Literal, Protocol, TypeAlias
 
 from app.answer import Answer
+from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
 from app.effects.shape import Rising, Shape
-from app.effects.site import OWN_ZEROS, Site
+from app.errors import list_names
+
+DrawnOver: TypeAlias = Literal["driver", "time", "position"]
 
 
 class Need(StrEnum):
@@ -21,7 +24,7 @@ class Need(StrEnum):
     STATE = "the machine's state"
     DIRECTION = "directions of approach"
     POINTS = "observations at points"
-    VISITS = "several visits"
+    MOMENTS = "several visits, or a long one"
 
 
 class Named(Protocol):
@@ -60,7 +63,7 @@ class NotTested(Answer, published_as="NotTestedAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class Proposals:
-    """What a kind makes of a site."""
+    """What a kind makes of a campaign."""
 
     hypotheses: list[Hypothesis] = field(default_factory=list)
     not_testable: list[NotTested] = field(default_factory=list)
@@ -74,6 +77,14 @@ class EffectKind(ABC):
     only. `shown_by` is the measurement that shows it best; `against` names for a rival kind
     the one that separates both. In both, {component}, {sensor} and {state} stand for the
     effect's own.
+
+    What reports say of it: residuals are `drawn_over` its driver, time or position, and
+    `driver_note` explains the driver there; `share_of` says what a parameter `share` is a
+    share of; `remedy` what to do about it, where {components} stands for the effect's own.
+
+    A mistake in the data or the wiring is `not_adopted`, for the stated reason: there is nothing
+    that the model lacks, and what is wrong is to be put right where it is. What it `spoils`, by
+    kind with the reason, is not adopted beside it either.
     """
 
     kind: ClassVar[str]
@@ -83,44 +94,53 @@ class EffectKind(ABC):
     only_once: ClassVar[bool] = False
     shown_by: ClassVar[str]
     against: ClassVar[Mapping[str, str]] = {}
+    drawn_over: ClassVar[DrawnOver] = "driver"
+    driver_note: ClassVar[str] = ""
+    share_of: ClassVar[str] = ""
+    remedy: ClassVar[str] = ""
+    not_adopted: ClassVar[str] = ""
+    spoils: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod
-    def propose(self, site: Site) -> Proposals:
-        """List what can be tested at a site whose `needs` are met."""
+    def propose(self, view: CampaignView) -> Proposals:
+        """List what can be tested in a campaign whose `needs` are met."""
 
     @abstractmethod
     def explain(self, effect: Effect) -> str:
         """Say in one plain sentence what was found."""
 
-    def candidates(self, site: Site) -> Proposals:
-        """List what can be tested at a site, and what cannot, with the reason.
-
-        Parameters
-        ----------
-        site
-            The machine and the campaign.
-        """
-        lacking = [reason for need in sorted(self.needs) if (reason := _lacks(site, need))]
+    def candidates(self, view: CampaignView) -> Proposals:
+        """List what can be tested in a campaign, and what cannot, with the reason."""
+        lacking = [reason for need in sorted(self.needs) if (reason := _lacks(view, need))]
         if lacking:
             return Proposals(not_testable=[NotTested(self.kind, "", lacking[0])])
-        found = self.propose(site)
+        found = self.propose(view)
         hypotheses = [
             replace(h, is_only_once=self.only_once, is_trending=self.trending)
             for h in found.hypotheses
         ]
         return Proposals(hypotheses, found.not_testable)
 
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to do about what was found, in a sentence; empty where nothing need be done."""
+        return self.remedy.format(components=list_names(effect.components, 3))
+
     def separating_measurement(self, effect: Named, rival: Named) -> str:
         """Name what to measure to tell an effect from a rival.
 
-        Parameters
-        ----------
-        effect
-            The effect or hypothesis of this kind.
-        rival
-            Its rival, of any kind.
+        Nothing is brought apart from itself: of one sensor alone it is by what the two say of
+        components that they differ, or else by what shows the effect best.
         """
         text = self.against.get(rival.kind, self.shown_by)
+        if "{rival}" in text and (not rival.sensors or rival.sensors[-1:] == effect.sensors[-1:]):
+            both = {*effect.components} & {*rival.components}
+            differing = [c for c in (*effect.components, *rival.components) if c not in both]
+            text = self.shown_by
+            if differing:
+                text = (
+                    f"measure {list_names(differing, 3)} in each visit, at temperatures of "
+                    "{sensor} that differ as much as they can: only one of the two moves it"
+                )
         return text.format(
             component=effect.components[0] if effect.components else "the component",
             sensor=effect.sensors[-1] if effect.sensors else "the sensor",
@@ -139,7 +159,7 @@ def amplitudes_of(shapes: Sequence[Shape], name: str) -> tuple[Amplitude, ...]:
     Parameters
     ----------
     shapes
-        As `Site.shapes` lists them.
+        As `CampaignView.shapes` lists them.
     name
         Name with unit in mid-travel.
 
@@ -154,55 +174,47 @@ def amplitudes_of(shapes: Sequence[Shape], name: str) -> tuple[Amplitude, ...]:
     return tuple(Amplitude(rise if isinstance(shape, Rising) else name) for shape in shapes)
 
 
-def by_lasting_shapes(
-    kind: EffectKind, site: Site, propose: Callable[[str, list[Shape]], Iterable[Hypothesis]]
+def by_comparable_shapes(
+    kind: EffectKind,
+    view: CampaignView,
+    propose: Callable[[str, list[Shape]], Iterable[Hypothesis]],
 ) -> Proposals:
-    """Propose what changes from visit to visit, in the shapes in which it would show.
-
-    Parameters
-    ----------
-    kind
-        The kind.
-    site
-        The campaign.
-    propose
-        Makes hypotheses of a component and its shapes.
-    """
+    """Propose what changes from visit to visit, in the shapes in which it would show."""
     found = Proposals()
-    for code in site.components:
-        shapes = site.lasting(code, site.shapes(code))
+    for code in view.components:
+        shapes = view.comparable_shapes(code, view.shapes(code))
         found.hypotheses.extend(propose(code, shapes) if shapes else ())
         if not shapes:
             found.not_testable.append(kind.refuse(code, OWN_ZEROS))
     return found
 
 
-def constant_sensors(kind: EffectKind, site: Site) -> list[NotTested]:
+def constant_sensors(kind: EffectKind, view: CampaignView) -> list[NotTested]:
     """Name the sensors that cannot drive anything, because they are not known or stood still."""
     return [
-        kind.refuse(name, stood_still(name))
-        for name in site.conditions.temperatures_c
-        if name not in site.varying_sensors
+        kind.refuse(name, constant_sensor_reason(name))
+        for name in view.conditions.temperatures_c
+        if name not in view.varying_sensors
     ]
 
 
-def stood_still(sensor: str) -> str:
+def constant_sensor_reason(sensor: str) -> str:
     """Say why a sensor cannot drive anything."""
     return f"{sensor} did not change, or was not known, in this campaign"
 
 
-def _lacks(site: Site, need: Need) -> str:
-    if need is Need.POINTS and not site.rows.has_points:
+def _lacks(view: CampaignView, need: Need) -> str:
+    if need is Need.POINTS and not view.rows.has_points:
         return "needs observations at points of the work volume, best with tools of two lengths"
-    if need is Need.DIRECTION and not _both_directions(site):
+    if need is Need.DIRECTION and not _both_directions(view):
         return "needs observations approached from both directions"
-    if need is Need.VISITS and site.rows.visits < 2:
-        return "needs several visits, came one"
-    if need is Need.STATE and not site.conditions.states:
-        return "needs the machine's state beside readings or observations, came none"
+    if need is Need.MOMENTS and len(view.moments_s) < 2:
+        return "needs several visits, or one over hours, got a short one"
+    if need is Need.STATE and not view.conditions.states:
+        return "needs the machine's state beside readings or observations, got none"
     return ""
 
 
-def _both_directions(site: Site) -> bool:
-    directions = site.rows.directions
+def _both_directions(view: CampaignView) -> bool:
+    directions = view.rows.directions
     return bool((directions > 0).any() and (directions < 0).any())

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg import solve_banded
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 
 SETTLED: Final = 5.0
 """Time constants of history that are needed."""
@@ -45,16 +45,16 @@ class LagState:
     ----------
     time_constant_s
         τ [s].
-    hold
-        What the input does between readings.
     since_s
         When the unbroken record began [s].
     time_s
         Time of the last reading [s].
-    input
-        The last reading.
     value
         The filter's output at that time, in the input's unit.
+    first
+        The first reading of the unbroken record; NaN where it is not known.
+    moved_s
+        When a reading first differed from that [s]; the last reading's time where none did.
     """
 
     time_constant_s: float
@@ -63,13 +63,15 @@ class LagState:
     time_s: float
     input: float
     value: float
+    first: float = math.nan
+    moved_s: float = math.nan
 
     @classmethod
     def start(
         cls, time_constant_s: float, time_s: float, value: float, hold: Hold = Hold.LINEAR
     ) -> LagState:
         """Begin at rest with a first reading."""
-        return cls(time_constant_s, hold, time_s, time_s, value, value)
+        return cls(time_constant_s, hold, time_s, time_s, value, value, value, time_s)
 
     def update(self, time_s: float, value: float, max_gap_s: float = math.inf) -> LagState:
         """Take the next reading; after too long a gap begin anew.
@@ -78,8 +80,6 @@ class LagState:
         ----------
         time_s
             When [s]; a reading that is not newer changes nothing.
-        value
-            The reading.
         max_gap_s
             Longest gap that is bridged [s].
 
@@ -96,14 +96,42 @@ class LagState:
             return self.start(self.time_constant_s, time_s, value, self.hold)
         slope = (value - self.input) / step if self.hold is Hold.LINEAR else 0.0
         output = float(_advance(self.value, self.input, slope, step, self.time_constant_s))
-        return replace(self, time_s=time_s, input=value, value=output)
+        has_moved = self.input != self.first or self.moved_s < self.time_s
+        moved_s = self.moved_s if has_moved else time_s
+        return replace(self, time_s=time_s, input=value, value=output, moved_s=moved_s)
 
     def at(self, time_s: float) -> float:
         """Give the output at a time after the last reading, NaN where it has not settled."""
         if time_s - self.since_s < SETTLED * self.time_constant_s:
             return math.nan
+        return self._output(time_s)
+
+    def from_start(self, time_s: float) -> FromStart:
+        """Give the output at a time after the last reading, settled or not, with its start."""
+        parts = (self._output(time_s), self.first, self.since_s, self.moved_s)
+        return FromStart(*(np.array([part]) for part in parts))
+
+    def _output(self, time_s: float) -> float:
         elapsed = time_s - self.time_s
         return float(_advance(self.value, self.input, 0.0, elapsed, self.time_constant_s))
+
+
+class FromStart(NamedTuple):
+    """A low-pass that began in balance with the first reading of an unbroken record.
+
+    Shape (n,) each: its output, that first reading, when the record began [s], and when a reading
+    first differed from the first [s], which is the last reading's time where none did.
+    """
+
+    outputs: FloatArray
+    first: FloatArray
+    since_s: FloatArray
+    moved_s: FloatArray
+
+    @classmethod
+    def unknown(cls, n: int) -> FromStart:
+        """Know nothing at n times."""
+        return cls(*np.full((4, n), np.nan))
 
 
 class Filtered(NamedTuple):
@@ -116,6 +144,26 @@ class Filtered(NamedTuple):
     inputs: FloatArray
     outputs: FloatArray
     since_s: FloatArray
+
+    @property
+    def starts(self) -> IntArray:
+        """Place of the reading with which each one's unbroken record began, shape (n,)."""
+        begins = self.times_s == self.since_s
+        found: IntArray = np.maximum.accumulate(np.where(begins, np.arange(begins.size), 0))
+        return found
+
+    @property
+    def moved_s(self) -> FloatArray:
+        """When a reading of its record first differed from the first, shape (n,) [s].
+
+        Where none did as yet, that reading's own time.
+        """
+        starts, each = self.starts, np.arange(self.inputs.size)
+        differ = self.inputs != self.inputs[starts]
+        count = np.cumsum(differ) - np.cumsum(differ)[starts]
+        begins = (count == 0) | (differ & (count == 1))
+        found: FloatArray = self.times_s[np.maximum.accumulate(np.where(begins, each, 0))]
+        return found
 
 
 def bridged_s(time_constant_s: float, max_gap_s: float) -> float:
@@ -147,14 +195,8 @@ def low_pass(
         The readings.
     time_constant_s
         τ [s].
-    hold
-        What the input does between readings.
     max_gap_s
         Longest gap that is bridged; after a longer one the filter begins anew [s].
-
-    Returns
-    -------
-    Filtered
 
     Examples
     --------
@@ -186,8 +228,6 @@ def low_pass_at(
 
     Parameters
     ----------
-    filtered
-        What `low_pass` gave for the same time constant.
     wanted_s : ndarray, shape (m,) [s]
         When.
     time_constant_s, hold, max_gap_s
@@ -198,7 +238,48 @@ def low_pass_at(
     ndarray, shape (m,)
         NaN before five time constants of unbroken record, and where no reading is near.
     """
-    times, inputs, outputs, since = filtered
+    found, before = _between(filtered, wanted_s, time_constant_s, hold, max_gap_s)
+    settled = wanted_s - filtered.since_s[before] >= SETTLED * time_constant_s
+    return np.where(settled, found, np.nan)
+
+
+def low_pass_from_start(
+    filtered: Filtered,
+    wanted_s: FloatArray,
+    time_constant_s: float,
+    hold: Hold = Hold.LINEAR,
+    max_gap_s: float = math.inf,
+) -> FromStart:
+    """Give a low-pass between its readings, settled or not, with the start of its record.
+
+    Parameters
+    ----------
+    filtered, wanted_s, time_constant_s, hold, max_gap_s
+        As for `low_pass_at`.
+
+    Examples
+    --------
+    >>> filtered = low_pass(np.array([0.0, 60.0, 120.0]), np.array([20.0, 20.0, 21.0]), 600.0)
+    >>> found = low_pass_from_start(filtered, np.array([120.0]), 600.0)
+    >>> found.first.tolist(), found.moved_s.tolist()
+    ([20.0], [120.0])
+    """
+    outputs, before = _between(filtered, wanted_s, time_constant_s, hold, max_gap_s)
+    first = filtered.inputs[filtered.starts[before]]
+    known = (first, filtered.since_s[before], filtered.moved_s[before])
+    is_known = np.isfinite(outputs)
+    return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in known))
+
+
+def _between(
+    filtered: Filtered,
+    wanted_s: FloatArray,
+    time_constant_s: float,
+    hold: Hold,
+    max_gap_s: float,
+) -> tuple[FloatArray, IntArray]:
+    """Give outputs between readings, NaN where none is near, and the readings before."""
+    times, inputs, outputs, _ = filtered
     at = np.searchsorted(times, wanted_s, side="right") - 1
     before = np.maximum(at, 0)
     after = np.minimum(before + 1, times.size - 1)
@@ -209,8 +290,7 @@ def low_pass_at(
     elapsed = wanted_s - times[before]
     found = _advance(outputs[before], inputs[before], slope, elapsed, time_constant_s)
     near = (at >= 0) & (between | (elapsed <= max_gap_s))
-    settled = wanted_s - since[before] >= SETTLED * time_constant_s
-    return np.where(near & settled, found, np.nan)
+    return np.where(near, found, np.nan), before
 
 
 def _recursion(first: float, kept: FloatArray, added: FloatArray) -> FloatArray:

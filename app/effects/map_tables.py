@@ -9,7 +9,7 @@ machine's policy beyond the maps as the table does.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.group import Group, Member, Scale
 from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS, added, weights_of
+
+UNSTATED: Final = 0.5
+"""Standard error where a map states none, in the component's unit."""
 
 TOGETHER = " + "
 """Between the labels of maps that a model takes as one thermal state."""
@@ -31,8 +34,6 @@ class MapReading(NamedTuple):
     ----------
     weights : ndarray, shape (n, M)
         By rows of the group's matrix, sum 0; NaN where a temperature is not known.
-    sensor
-        By which sensor the maps are read.
     temperatures_c : ndarray, shape (n,) [°C]
         At which temperature of it.
     status : ndarray of object, shape (n,)
@@ -66,8 +67,6 @@ def moved(
 
     Parameters
     ----------
-    model, group
-        The compiled model and one of its groups.
     temperatures_c : ndarray, shape (n,) [°C]
         From where.
     by_k : ndarray, shape (n,) [K]
@@ -129,8 +128,6 @@ def exchanged(
 
     Parameters
     ----------
-    model, group
-        The compiled model and one of its groups.
     by_other
         One component of it on the other sensor's scale (`Group.on_scale`).
     temperatures_c, others_c : ndarray, shape (n,) [°C]
@@ -155,15 +152,6 @@ def temperatures_of_maps(
     model: CompiledModel, maps: Sequence[ErrorMap], sensor: str
 ) -> dict[str, float]:
     """Say what a sensor read in each of a model's thermal states.
-
-    Parameters
-    ----------
-    model
-        The compiled model.
-    maps
-        The error maps that it was made of.
-    sensor
-        Any sensor.
 
     Returns
     -------
@@ -190,10 +178,6 @@ def scale_by(group: Group, sensor: str, map_temperatures_c: Mapping[str, float])
 
     Parameters
     ----------
-    group
-        The group.
-    sensor
-        The sensor.
     map_temperatures_c
         Map label to its temperature then [°C].
 

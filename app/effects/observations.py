@@ -1,15 +1,16 @@
 """Verifications of a machine, laid out as rows: one number that an instrument read in each.
 
 A row belongs to a channel (a component's code, or one direction of the volumetric error at
-points) and to a visit (a verification, or a part of it between long pauses): the visit is
-what has one set-up and hardly changes its temperatures, and so it is the unit of evidence.
+points), to a visit (what was measured with one set-up) and to a block: rows of one visit at
+about one time, at which temperatures are what they are.
 """
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -18,23 +19,17 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
 from app.search.rows import Datum
+from app.search.scatter import blocks_in_time
+from app.units import SECONDS_PER_MIN
 
 Triple: TypeAlias = tuple[float, float, float]
 
 POINT_CHANNELS: Final = ("points x", "points y", "points z")
 """The volumetric error's three directions [µm]."""
 
-VISIT_GAP_S: Final = 7200.0
-"""A pause longer than this begins another visit [s]."""
-
-PAUSE: Final = 20.0
-"""So does one of so many usual intervals between observations: the set-up may be another."""
-
-SHORTEST_PAUSE_S: Final = 300.0
-"""But no pause shorter than this [s]."""
-
-REPLICATES_WITHIN_S: Final = 1800.0
-"""Repeats further apart than this have lived through something else [s]."""
+REPLICATES_WITHIN_S: Final = 120.0
+"""Repeats further apart than this have lived through something else [s]: a spindle's nose moves by
+micrometres in minutes."""
 
 SAME_PLACE_DECIMALS: Final = 6
 """Places that agree to a nanometre are one."""
@@ -60,6 +55,8 @@ class Observation:
         Approach of x, y, z: +1, −1, 0 where it is not known.
     state
         The machine's state, where the shop stated it beside the observation.
+    setup
+        Of several set-ups in a verification, the one that it belongs to; None: not stated.
     """
 
     time_s: float
@@ -70,6 +67,7 @@ class Observation:
     tool_offset_mm: Triple = (0.0, 0.0, 0.0)
     directions: tuple[int, int, int] = (0, 0, 0)
     state: Mapping[str, float] = field(default_factory=dict)
+    setup: str | None = None
 
     def __post_init__(self) -> None:
         known = self.component is not None and self.component in COMPONENTS
@@ -77,27 +75,26 @@ class Observation:
             raise InvalidContent.of_field(
                 "observations",
                 "expected a component of the table and one measured value, or a point and "
-                f"three, came component {self.component!r}, point {self.point_mm} and "
+                f"three, got component {self.component!r}, point {self.point_mm} and "
                 f"{len(self.measured)} values",
             )
         if known and self.position_mm is None and COMPONENTS[str(self.component)].is_table:
             raise InvalidContent.of_field(
-                "observations", f"expected position_mm of {self.component} in mm, came none"
+                "observations", f"expected position_mm of {self.component} in mm, got none"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """Observations that were taken with one set-up, and what their zero means.
+    """Observations, and what their zero means.
+
+    They were taken with one set-up, whatever the pauses between them, unless observations state
+    several: no pause says by itself that somebody mounted the instrument again.
 
     Parameters
     ----------
-    label
-        What the shop calls it.
     observations
         In any order.
-    datum
-        What zero means.
     repeatability_um
         Standard deviation of one observation [µm], where the shop knows it.
     is_planned
@@ -120,8 +117,8 @@ class ObservationRows:
     channels
         Names of the channels: component codes, then those of `POINT_CHANNELS`.
     channel, visit, replicate : ndarray, shape (n,)
-        Numbers of the channel, of the visit (growing with time), and of the group of
-        repeats within it (−1: none).
+        Numbers of the channel, of the visit (a verification, or what it states as a set-up;
+        growing with time), and of the group of repeats within it (−1: none).
     verification, observation : ndarray, shape (n,)
         Where a row comes from.
     times_s : ndarray, shape (n,) [s]
@@ -136,8 +133,6 @@ class ObservationRows:
         Approach of x, y, z: +1, −1 or 0.
     states : mapping of name to ndarray, shape (n,)
         States that were stated beside the observations, else NaN.
-    verifications
-        What the rows came from.
     """
 
     channels: tuple[str, ...]
@@ -178,6 +173,11 @@ class ObservationRows:
         """How many visits there are."""
         return len(np.unique(self.visit))
 
+    @cached_property
+    def block(self) -> IntArray:
+        """Number of each row's block: rows of one visit at about one time; shape (n,)."""
+        return blocks_in_time(self.visit, self.times_s / SECONDS_PER_MIN)
+
     def of_channel(self, name: str) -> IntArray:
         """List the rows of a channel."""
         if name not in self.channels:
@@ -185,30 +185,18 @@ class ObservationRows:
         return np.flatnonzero(self.channel == self.channels.index(name))
 
     def datum(self) -> dict[tuple[int, int], Datum]:
-        """Say for each visit and channel with a zero of its own what that means.
-
-        Absolute zeros are left out, and so are those that several visits share
-        (`shared_zeros`).
-        """
+        """Say for each visit and channel whose zero is not absolute what it means."""
         # As one number each: numpy sorts rows many times slower, and lets nobody else run.
-        shape = (self.visit.max(initial=0) + 1, len(self.channels), len(self.verifications))
-        rows = np.ravel_multi_index((self.visit, self.channel, self.verification), shape)
-        keys = np.column_stack(np.unravel_index(np.unique(rows), shape)).tolist()
-        visits = Counter((c, which) for _, c, which in keys)
-        found = {
-            (v, c): self.verifications[which].datum for v, c, which in keys if visits[c, which] == 1
+        numbers, first = np.unique(
+            self.visit * len(self.channels) + self.channel, return_index=True
+        )
+        which = self.verification[first].tolist()
+        datums = [self.verifications[number].datum for number in which]
+        return {
+            divmod(number, len(self.channels)): datum
+            for number, datum in zip(numbers.tolist(), datums, strict=True)
+            if datum is not Datum.ABSOLUTE
         }
-        return {key: datum for key, datum in found.items() if datum is not Datum.ABSOLUTE}
-
-    def shared_zeros(self) -> list[IntArray]:
-        """List the rows of each unknown zero that several visits of a verification share."""
-        found = []
-        for which in np.flatnonzero([v.datum is not Datum.ABSOLUTE for v in self.verifications]):
-            for channel in np.unique(self.channel[self.verification == which]):
-                own = np.flatnonzero((self.verification == which) & (self.channel == channel))
-                if len(np.unique(self.visit[own])) > 1:
-                    found.append(own)
-        return found
 
     @property
     def is_planned(self) -> BoolArray:
@@ -218,10 +206,9 @@ class ObservationRows:
 
     @property
     def has_own_zero(self) -> BoolArray:
-        """Which rows have a zero that no other visit shares, shape (n,)."""
-        own = self.datum()
-        keys = zip(self.visit.tolist(), self.channel.tolist(), strict=True)
-        return np.array([key in own for key in keys], dtype=np.bool_)
+        """Which rows have a zero of their visit's own, shape (n,)."""
+        own = np.array([v.datum is not Datum.ABSOLUTE for v in self.verifications], dtype=np.bool_)
+        return own[self.verification]
 
     def take(self, kept: BoolArray) -> ObservationRows:
         """Keep some rows; channels and visits keep their numbers.
@@ -232,8 +219,8 @@ class ObservationRows:
             Which.
         """
         arrays = (
-            *("channel", "visit", "replicate", "verification", "observation", "times_s"),
-            *("measured", "points_mm", "tool_offsets_mm", "directions"),
+            *("channel", "visit", "replicate", "verification", "observation"),
+            *("times_s", "measured", "points_mm", "tool_offsets_mm", "directions"),
         )
         return replace(
             self,
@@ -245,30 +232,18 @@ class ObservationRows:
 def observation_rows(verifications: Sequence[Verification]) -> ObservationRows:
     """Lay verifications out as rows.
 
-    A pause within a verification begins another visit if it is longer than `VISIT_GAP_S`, or
-    long beside the verification's usual intervals.
-
-    Parameters
-    ----------
-    verifications
-        At least one observation in all.
-
     Returns
     -------
     ObservationRows
         In the order in which the observations came.
 
-    Raises
-    ------
-    InvalidContent
-        If there is no observation.
-
     Examples
     --------
     >>> morning = [Observation(t, (1.0,), "EXX", 50.0) for t in (0.0, 60.0, 90000.0)]
-    >>> rows = observation_rows([Verification("week 9", morning)])
+    >>> again = Observation(180000.0, (1.0,), "EXX", 50.0, setup="again")
+    >>> rows = observation_rows([Verification("week 9", [*morning, again])])
     >>> rows.visit.tolist(), rows.replicate.tolist()
-    ([0, 0, 1], [0, 0, -1])
+    ([0, 0, 0, 1], [0, 0, -1, -1])
     """
     flat = [
         (i, j, o, k)
@@ -277,17 +252,19 @@ def observation_rows(verifications: Sequence[Verification]) -> ObservationRows:
         for k in range(len(o.measured))
     ]
     if not flat:
-        raise InvalidContent.of_field("observations", "expected at least one, came none")
+        raise InvalidContent.of_field("observations", "expected at least one, got none")
     names = [o.component or POINT_CHANNELS[k] for _, _, o, k in flat]
     order = {**ORDER, **{name: len(ORDER) + i for i, name in enumerate(POINT_CHANNELS)}}
     channels = tuple(sorted(set(names), key=order.__getitem__))
     number = {name: i for i, name in enumerate(channels)}
     verification = np.array([i for i, *_ in flat], dtype=np.intp)
+    setups = {key: i for i, key in enumerate(dict.fromkeys((i, o.setup) for i, _, o, _ in flat))}
+    setup = np.array([setups[i, o.setup] for i, _, o, _ in flat], dtype=np.intp)
     times = np.array([o.time_s for *_, o, _ in flat])
     rows = ObservationRows(
         channels=channels,
         channel=np.array([number[name] for name in names], dtype=np.intp),
-        visit=_visits(times, verification),
+        visit=_in_time(times, setup),
         replicate=np.full(len(flat), -1, dtype=np.intp),
         verification=verification,
         observation=np.array([j for _, j, *_ in flat], dtype=np.intp),
@@ -304,11 +281,6 @@ def observation_rows(verifications: Sequence[Verification]) -> ObservationRows:
 
 def repeated_rows(rows: ObservationRows) -> BoolArray:
     """Find rows that say again, to the last digit and second, what another row says.
-
-    Parameters
-    ----------
-    rows
-        All rows.
 
     Returns
     -------
@@ -346,21 +318,12 @@ def _states(observations: Sequence[Observation]) -> dict[str, FloatArray]:
     }
 
 
-def _visits(times_s: FloatArray, verification: IntArray) -> IntArray:
-    """Number the visits in the order in which they began."""
-    begun: list[tuple[float, IntArray]] = []
-    for which in np.unique(verification):
-        own = np.flatnonzero(verification == which)
-        own = own[np.argsort(times_s[own], kind="stable")]
-        pauses = np.diff(times_s[own])
-        usual_s = float(np.median(pauses[pauses > 0])) if (pauses > 0).any() else VISIT_GAP_S
-        limit_s = min(max(PAUSE * usual_s, SHORTEST_PAUSE_S), VISIT_GAP_S)
-        breaks = np.flatnonzero(pauses > limit_s) + 1
-        begun += [(float(times_s[part[0]]), part) for part in np.split(own, breaks)]
-    visits = np.empty(len(times_s), dtype=np.intp)
-    for number, (_, part) in enumerate(sorted(begun, key=lambda visit: visit[0])):
-        visits[part] = number
-    return visits
+def _in_time(times_s: FloatArray, setup: IntArray) -> IntArray:
+    """Number set-ups anew, in the order in which they began."""
+    begun_s = [float(times_s[setup == number].min()) for number in range(setup.max() + 1)]
+    place = np.empty(len(begun_s), dtype=np.intp)
+    place[np.argsort(begun_s, kind="stable")] = np.arange(len(begun_s))
+    return place[setup]
 
 
 def _replicates(rows: ObservationRows) -> IntArray:
@@ -375,14 +338,14 @@ def _replicates(rows: ObservationRows) -> IntArray:
     found = np.full(len(rows), -1, dtype=np.intp)
     number = 0
     for members in groups.values():
-        for together in _soon(members, rows.times_s):
+        for together in _within_replicate_time(members, rows.times_s):
             if len(together) > 1:
                 found[together] = number
                 number += 1
     return found
 
 
-def _soon(members: Iterable[int], times_s: FloatArray) -> list[list[int]]:
+def _within_replicate_time(members: Iterable[int], times_s: FloatArray) -> list[list[int]]:
     """Split repeats where they are too long after the first of them."""
     parts: list[list[int]] = []
     for row in sorted(members, key=lambda row: float(times_s[row])):

@@ -34,8 +34,6 @@ class Needed:
     ----------
     lags
         Signals and the time constants [s] of their low-passes.
-    states
-        Names of states.
     """
 
     lags: frozenset[tuple[Signal, float]] = frozenset()
@@ -61,8 +59,6 @@ class Past:
 
     Parameters
     ----------
-    lags
-        The filters.
     states
         Name to the time [s] and value that were last read, None before the first.
     state_gap_s
@@ -81,8 +77,6 @@ class Past:
         ----------
         sensors
             Name to sensor: how long readings serve.
-        needed
-            What is to be carried along.
         """
         gap_s = state_gap_s(sensors)
         gaps_s: dict[tuple[str, str], float] = {
@@ -108,10 +102,6 @@ class Past:
         ----------
         sensors
             Name to sensor: how long readings serve.
-        needed
-            What is carried along.
-        history
-            Temperatures that can be believed.
         state_readings
             Time [s] and the machine's state of each reading, in order of time.
         """
@@ -124,16 +114,10 @@ class Past:
         states = {name: _latest(recordings.get(("state", name))) for name in needed.states}
         return cls(LiveLags(filters, unread.lags.max_gaps_s), states, unread.state_gap_s)
 
-    def is_behind(
+    def is_out_of_order(
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
     ) -> bool:
-        """Say whether a reading comes after a later one that is in here already.
-
-        Parameters
-        ----------
-        time_s, temperatures_c, states
-            The reading, as for `update`.
-        """
+        """Say whether a reading comes after a later one that is in here already."""
         read = {"temperature": temperatures_c, "state": states}
         filters = self.lags.filters.items()
         filtered = [f.time_s for (s, _), f in filters if f is not None and s.name in read[s.kind]]
@@ -147,12 +131,8 @@ class Past:
 
         Parameters
         ----------
-        time_s
-            When it was taken [s].
         temperatures_c
             Believable temperatures [°C].
-        states
-            The machine's state.
         """
         latest = {name: (time_s, value) for name, value in states.items() if name in self.states}
         return Past(
@@ -173,13 +153,7 @@ class Past:
 
 
 def needed_past(effects: Iterable[Effect]) -> Needed:
-    """Say what effects need of the past.
-
-    Parameters
-    ----------
-    effects
-        Adopted effects.
-    """
+    """Say what effects need of the past."""
     signals = [s for effect in effects for term in effect.terms for s in term.driver.signals]
     return Needed(
         frozenset((signal, tau_s) for signal, tau_s in signals if tau_s is not None),
@@ -188,13 +162,7 @@ def needed_past(effects: Iterable[Effect]) -> Needed:
 
 
 def sensors_of(effects: Iterable[Effect]) -> set[str]:
-    """Name all sensors without which effects cannot be evaluated.
-
-    Parameters
-    ----------
-    effects
-        Adopted effects.
-    """
+    """Name all sensors without which effects cannot be evaluated."""
     found = {name for effect in effects for name in effect.sensors}
     signals = [s for effect in effects for term in effect.terms for s, _ in term.driver.signals]
     return found | {signal.name for signal in signals if signal.kind == "temperature"}
@@ -214,9 +182,11 @@ def _last(recording: Recording | None, signal: Signal, tau_s: float) -> LagState
     """Filter a whole record, and keep the filter after its last reading."""
     if recording is None or recording.times_s.size == 0:
         return None
-    values = recording.values**signal.power
+    values = signal.of(recording.values)
     found = low_pass(recording.times_s, values, tau_s, recording.hold, recording.max_gap_s)
-    since_s, time_s, value, output = (
-        float(column[-1]) for column in (found.since_s, found.times_s, found.inputs, found.outputs)
+    since_s, time_s, value, output, moved_s = (
+        float(column[-1])
+        for column in (found.since_s, found.times_s, found.inputs, found.outputs, found.moved_s)
     )
-    return LagState(tau_s, recording.hold, since_s, time_s, value, output)
+    first = float(found.inputs[found.starts[-1]])
+    return LagState(tau_s, recording.hold, since_s, time_s, value, output, first, moved_s)

@@ -7,7 +7,7 @@ gain is what the rule makes of one unit of it there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -38,14 +38,10 @@ class View:
     ----------
     rows : ndarray, shape (m,)
         Which rows.
-    channels
-        The channels that they belong to.
     gains : ndarray, shape (m,)
         The rows' change for one unit of the component.
     places
         Where the component's axis stood, and from which side it came, shape (m,) each.
-    conditions
-        What held then.
     """
 
     rows: IntArray
@@ -63,10 +59,6 @@ class Projection:
     ----------
     model
         The compiled model: its chain, its measuring lines, its tables.
-    rows
-        The observations.
-    conditions
-        What held at each row.
     """
 
     model: CompiledModel
@@ -79,7 +71,10 @@ class Projection:
         return [np.flatnonzero(self.rows.channel == n) for n in range(len(self.rows.channels))]
 
     def view(self, code: str) -> View:
-        """Find the rows in which a component shows: computed once for each."""
+        """Find the rows in which a component shows, or those of a direction at points.
+
+        Computed once for each.
+        """
         if code not in self._views:
             self._views[code] = self._make_view(code)
         return self._views[code]
@@ -89,8 +84,6 @@ class Projection:
 
         Parameters
         ----------
-        term
-            A term of an effect.
         valid
             The effect's ranges, outside which it is held (`Term.at`).
 
@@ -111,8 +104,6 @@ class Projection:
         ----------
         amplitudes
             For each of k amplitudes the terms that it scales together.
-        valid
-            As for `errors`.
 
         Returns
         -------
@@ -129,25 +120,31 @@ class Projection:
     def parts(self, amplitudes: Sequence[Sequence[Term]]) -> list[Part]:
         """Take the columns apart by channel, as the search wants them.
 
-        Parameters
-        ----------
-        amplitudes
-            As for `columns`.
-
         Returns
         -------
         list of Part
             Channels in which nothing shows are left out; rows in which a condition is
             missing count as not moved.
         """
-        columns = self.columns(amplitudes)
-        columns[np.isnan(columns)] = 0.0
         codes = {term.component for terms in amplitudes for term in terms}
         touched = {number for code in codes for number in self.view(code).channels}
+        return self.parts_of(self.columns(amplitudes), touched)
+
+    def parts_of(self, columns: FloatArray, channels: Collection[int] | None = None) -> list[Part]:
+        """Take columns over all rows apart by channel; NaN counts as not moved.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (n, k)
+            Of k amplitudes.
+        channels
+            The only ones in which something may show; None: all.
+        """
+        columns = np.nan_to_num(columns, nan=0.0)
         parts = (
             Part(number, rows, columns[rows])
-            for number in sorted(touched)
-            for rows in (self._rows_of_channels[number],)
+            for number, rows in enumerate(self._rows_of_channels)
+            if channels is None or number in channels
         )
         return [part for part in parts if part.columns.any()]
 
@@ -156,7 +153,7 @@ class Projection:
         gains[self.rows.of_channel(code)] = 1.0
         for direction, channel in enumerate(POINT_CHANNELS):
             rows = self.rows.of_channel(channel)
-            if rows.size:
+            if rows.size and code not in POINT_CHANNELS:
                 gains[rows] = unit_errors(
                     self.model.machine.chain,
                     code,
@@ -185,10 +182,6 @@ def unit_errors(
 
     Parameters
     ----------
-    chain, measuring_lines
-        The machine's.
-    code
-        The component.
     points_mm, tool_offsets_mm : ndarray, shape (n, 3) [mm]
         Points and tool offsets.
 
@@ -211,8 +204,6 @@ def places_of(code: str, points_mm: FloatArray, directions: FloatArray) -> Place
 
     Parameters
     ----------
-    code
-        The component.
     points_mm : ndarray, shape (n, 3) [mm]
         Points.
     directions : ndarray, shape (n, 3)
@@ -223,7 +214,7 @@ def places_of(code: str, points_mm: FloatArray, directions: FloatArray) -> Place
     Places
         Without an argument, positions are NaN and directions 0.
     """
-    axis = COMPONENTS[code].axis
+    axis = COMPONENTS[code].axis if code in COMPONENTS else None
     if axis is None:
         return Places(np.full(len(points_mm), np.nan), np.zeros(len(points_mm)))
     column = LINEAR_LETTERS.index(axis)
@@ -234,15 +225,6 @@ def sum_of_terms(
     projection: Projection, terms: Sequence[Term], valid: Valid | None = None
 ) -> FloatArray:
     """Add terms up over all rows.
-
-    Parameters
-    ----------
-    projection
-        The rows.
-    terms
-        Terms with their coefficients.
-    valid
-        The ranges outside which they are held.
 
     Returns
     -------
@@ -259,8 +241,6 @@ def missing_at_points(
 
     Parameters
     ----------
-    model, effects
-        The compiled model and its adopted effects.
     tool_offsets_mm : array-like, shape (n, 3) [mm]
         Tool offsets: without a lever arm a rotation is not needed.
 

@@ -6,24 +6,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import EffectKind, Named, NotTested
 from app.effects.kinds.additional_sensor import AdditionalSensor
+from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.angular import Angular
 from app.effects.kinds.backlash import Backlash
+from app.effects.kinds.clock_offset import ClockOffset
+from app.effects.kinds.detached_sensor import DetachedSensor
 from app.effects.kinds.drift import Drift
+from app.effects.kinds.exchanged_sensors import ExchangedSensors
+from app.effects.kinds.instrument_warm_up import InstrumentWarmUp
+from app.effects.kinds.late_sensor import LateSensor
+from app.effects.kinds.map_factor import MapFactor
+from app.effects.kinds.map_temperature import MapTemperature
+from app.effects.kinds.mirrored_axis import MirroredAxis
 from app.effects.kinds.nonrigid_slope import NonrigidSlope
 from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.periodic import Periodic
+from app.effects.kinds.response import Response
 from app.effects.kinds.sensor_fault import SensorFault
 from app.effects.kinds.sensor_gradient import SensorGradient
 from app.effects.kinds.state_variable import StateVariable
 from app.effects.kinds.step import Step
 from app.effects.kinds.temperature_curvature import TemperatureCurvature
 from app.effects.kinds.thermal_lag import ThermalLag
-from app.effects.site import Site
+from app.effects.kinds.tool_length import ToolLength
 from app.errors import InvalidContent, list_names
 from app.search.candidate import Candidate
 
@@ -44,6 +55,17 @@ KINDS: Final[dict[str, EffectKind]] = {
         Step(),
         SensorFault(),
         OutdatedMap(),
+        Response(),
+        ExchangedSensors(),
+        MapFactor(),
+        MapTemperature(),
+        InstrumentWarmUp(),
+        ClockOffset(),
+        MirroredAxis(),
+        LateSensor(),
+        AgeingSensor(),
+        DetachedSensor(),
+        ToolLength(),
     )
 }
 """Kind to what it does."""
@@ -51,14 +73,12 @@ KINDS: Final[dict[str, EffectKind]] = {
 
 @dataclass(frozen=True, eq=False)
 class Repertoire:
-    """Everything that can be tested at a site, and everything that cannot.
+    """Everything that can be tested in a campaign, and everything that cannot.
 
     Parameters
     ----------
     hypotheses
         Key to hypothesis; the search's candidates have the same keys.
-    candidates
-        The hypotheses as the search takes them.
     not_testable
         What these observations cannot show, with the reason.
     """
@@ -68,32 +88,21 @@ class Repertoire:
     not_testable: list[NotTested]
 
 
-def repertoire(site: Site, kinds: Sequence[str] | None = None) -> Repertoire:
+def repertoire(view: CampaignView, kinds: Sequence[str] | None = None) -> Repertoire:
     """Ask every kind what can be tested.
 
     Parameters
     ----------
-    site
-        The machine and the campaign.
     kinds
         Which kinds; all without it.
-
-    Returns
-    -------
-    Repertoire
-
-    Raises
-    ------
-    InvalidContent
-        If there is no such kind.
     """
     hypotheses: dict[str, Hypothesis] = {}
     not_testable: list[NotTested] = []
     for name in KINDS if kinds is None else kinds:
-        proposals = kind_of(name).candidates(site)
+        proposals = kind_of(name).candidates(view)
         hypotheses.update({h.key: h for h in proposals.hypotheses})
         not_testable.extend(proposals.not_testable)
-    candidates = [h.candidate(site.projection) for h in hypotheses.values()]
+    candidates = [h.candidate(view.projection) for h in hypotheses.values()]
     return Repertoire(hypotheses, candidates, not_testable)
 
 
@@ -101,7 +110,7 @@ def kind_of(name: str) -> EffectKind:
     """Find a kind by its name, or raise InvalidContent that lists what exists."""
     if name not in KINDS:
         raise InvalidContent.of_field(
-            "effects", f"expected kinds of effects ({list_names(KINDS)}), came {name!r}"
+            "effects", f"expected kinds of effects ({list_names(KINDS)}), got {name!r}"
         )
     return KINDS[name]
 
@@ -112,11 +121,5 @@ def explain(effect: Effect) -> str:
 
 
 def separating_measurement(effect: Named, rival: Named) -> str:
-    """Name what to measure to tell an effect from a rival.
-
-    Parameters
-    ----------
-    effect, rival
-        Effects or hypotheses.
-    """
+    """Name what to measure to tell an effect from a rival."""
     return kind_of(effect.kind).separating_measurement(effect, rival)

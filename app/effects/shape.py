@@ -63,14 +63,6 @@ class Shape(ABC):
 
         Parameters
         ----------
-        model
-            The compiled model.
-        component
-            Whose error it is.
-        places
-            Positions and directions.
-        conditions
-            What held then.
         driver : ndarray, shape (n,)
             The driver.
 
@@ -93,11 +85,12 @@ class Shape(ABC):
         return ""
 
 
-@dataclass(frozen=True)
-class Everywhere(Shape):
-    """The same at all positions."""
+class OfPosition(Shape):
+    """Of the position alone: nothing of the model enters."""
 
-    name: ClassVar[str] = "everywhere"
+    @abstractmethod
+    def factors(self, positions_mm: FloatArray) -> FloatArray:
+        """Give what the driver is multiplied by at positions, which are NaN without an axis."""
 
     def along(
         self,
@@ -107,12 +100,24 @@ class Everywhere(Shape):
         conditions: Conditions,
         driver: FloatArray,
     ) -> FloatArray:
-        """Give the driver itself."""
-        return driver
+        """Give the driver times the factor."""
+        found: FloatArray = driver * self.factors(places.positions_mm)
+        return found
 
 
 @dataclass(frozen=True)
-class Rising(Shape):
+class Everywhere(OfPosition):
+    """The same at all positions."""
+
+    name: ClassVar[str] = "everywhere"
+
+    def factors(self, positions_mm: FloatArray) -> FloatArray:
+        """Give 1, also where there is no axis."""
+        return np.ones(positions_mm.shape)
+
+
+@dataclass(frozen=True)
+class Rising(OfPosition):
     """A straight line: −1 at one end of the travel, 0 in its middle, +1 at the other end."""
 
     name: ClassVar[str] = "rising"
@@ -120,16 +125,9 @@ class Rising(Shape):
     middle_mm: float
     half_mm: float
 
-    def along(
-        self,
-        model: CompiledModel,
-        component: str,
-        places: Places,
-        conditions: Conditions,
-        driver: FloatArray,
-    ) -> FloatArray:
-        """Give the driver times (position − middle) / half."""
-        return driver * (places.positions_mm - self.middle_mm) / self.half_mm
+    def factors(self, positions_mm: FloatArray) -> FloatArray:
+        """Give (position − middle) / half."""
+        return (positions_mm - self.middle_mm) / self.half_mm
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
         """Need both ends."""
@@ -137,7 +135,7 @@ class Rising(Shape):
 
 
 @dataclass(frozen=True)
-class Wave(Shape):
+class Wave(OfPosition):
     """A sine or a cosine over position, counted from position 0."""
 
     name: ClassVar[str] = "wave"
@@ -145,18 +143,10 @@ class Wave(Shape):
     pitch_mm: float
     is_cosine: bool
 
-    def along(
-        self,
-        model: CompiledModel,
-        component: str,
-        places: Places,
-        conditions: Conditions,
-        driver: FloatArray,
-    ) -> FloatArray:
-        """Give the driver times the sine or cosine of 2π position / pitch."""
-        turns = places.positions_mm / self.pitch_mm
+    def factors(self, positions_mm: FloatArray) -> FloatArray:
+        """Give the sine or cosine of 2π position / pitch."""
         wave = np.cos if self.is_cosine else np.sin
-        found: FloatArray = driver * wave(2.0 * np.pi * turns)
+        found: FloatArray = wave(2.0 * np.pi * (positions_mm / self.pitch_mm))
         return found
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
@@ -180,7 +170,7 @@ class Wave(Shape):
 
 
 @dataclass(frozen=True)
-class Profile(Shape):
+class Profile(OfPosition):
     """A polygon over positions, its end values beyond them."""
 
     name: ClassVar[str] = "profile"
@@ -188,18 +178,11 @@ class Profile(Shape):
     positions_mm: tuple[float, ...]
     heights: tuple[float, ...]
 
-    def along(
-        self,
-        model: CompiledModel,
-        component: str,
-        places: Places,
-        conditions: Conditions,
-        driver: FloatArray,
-    ) -> FloatArray:
-        """Give the driver times the polygon."""
-        left, right, share = hat_weights(np.array(self.positions_mm), places.positions_mm)
+    def factors(self, positions_mm: FloatArray) -> FloatArray:
+        """Give the polygon."""
+        left, right, share = hat_weights(np.array(self.positions_mm), positions_mm)
         heights = np.array(self.heights)
-        found: FloatArray = driver * ((1.0 - share) * heights[left] + share * heights[right])
+        found: FloatArray = (1.0 - share) * heights[left] + share * heights[right]
         return found
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
@@ -215,11 +198,6 @@ class OfMaps(Shape):
         self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
     ) -> MapReading | None:
         """Say how much of each map is added for the driver's value.
-
-        Parameters
-        ----------
-        model, component, conditions, driver
-            As for `along`.
 
         Returns
         -------
@@ -280,8 +258,6 @@ class Exchange(OfMaps):
 
     Parameters
     ----------
-    sensor
-        The other sensor.
     map_temperatures_c
         Label and the other sensor's temperature of each map [°C].
     """

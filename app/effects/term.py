@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.collinear import Responding
 from app.effects.conditions import Conditions, Signal
 from app.effects.driver import DRIVERS, Driver
 from app.effects.map_tables import MapReading
@@ -26,6 +27,7 @@ from app.geometry.components import COMPONENTS
 from app.thermal.compiled_model import CompiledModel
 
 EVERYWHERE: Final = Everywhere()
+STORED_DRIVERS: Final[dict[str, type[Driver]]] = {**DRIVERS, Responding.name: Responding}
 Part = TypeVar("Part", bound=Driver | Shape)
 
 
@@ -35,10 +37,6 @@ class Term:
 
     Parameters
     ----------
-    component
-        The component's code.
-    driver
-        What makes it change.
     shape
         How it looks along the axis.
     coefficient
@@ -74,10 +72,6 @@ class Term:
         ----------
         model
             The compiled model: fingerprints are made of its tables.
-        places
-            Positions and directions of the component's axis.
-        conditions
-            What held at these moments.
         valid
             The ranges of its effect: outside them the term is held at their edge. Without, it
             is evaluated as it stands.
@@ -99,11 +93,6 @@ class Term:
     ) -> MapReading | None:
         """Say how much of each map it adds at n moments.
 
-        Parameters
-        ----------
-        model, conditions, valid
-            As for `at`.
-
         Returns
         -------
         MapReading, or None
@@ -116,13 +105,7 @@ class Term:
         return None if found is None else found.times(self.coefficient)
 
     def held_signals(self, model: CompiledModel) -> set[Signal]:
-        """List the signals that are moved to the edge where they lie outside their ranges.
-
-        Parameters
-        ----------
-        model
-            The compiled model.
-        """
+        """List the signals that are moved to the edge where they lie outside their ranges."""
         own = {signal for signal, _ in self.driver.signals if self.driver.is_held_by_signal}
         return own | {Signal("temperature", sensor) for sensor in self.sensors_of_tables(model)}
 
@@ -138,17 +121,6 @@ class Term:
         self, model: CompiledModel, places: Places, moment: Conditions, valid: Valid | None = None
     ) -> FloatArray:
         """Give the error at k places, all at one moment.
-
-        Parameters
-        ----------
-        model
-            The compiled model.
-        places
-            Positions and directions, shape (k,).
-        moment
-            Conditions of one moment.
-        valid
-            As for `at`.
 
         Returns
         -------
@@ -196,11 +168,6 @@ class Term:
 def term_from_json(stored: Mapping[str, Any]) -> Term:
     """Read a term as `Term.to_json` wrote it.
 
-    Parameters
-    ----------
-    stored
-        The stored form.
-
     Raises
     ------
     InvalidContent
@@ -208,10 +175,10 @@ def term_from_json(stored: Mapping[str, Any]) -> Term:
     """
     code = stored["component"]
     if code not in COMPONENTS:
-        raise InvalidContent.of_field("terms", f"expected an error component, came {code!r}")
+        raise InvalidContent.of_field("terms", f"expected an error component, got {code!r}")
     return Term(
         component=code,
-        driver=_part("driver", DRIVERS, stored["driver"]),
+        driver=_part("driver", STORED_DRIVERS, stored["driver"]),
         shape=_part("shape", SHAPES, stored["shape"]),
         coefficient=float(stored["coefficient"]),
         is_reversing=bool(stored["reversing"]),
@@ -223,14 +190,14 @@ def _part(what: str, kinds: Mapping[str, type[Part]], stored: Mapping[str, Any])
     kind = kinds.get(stored.get("name", ""))
     if kind is None:
         raise InvalidContent.of_field(
-            "terms", f"expected a {what} among {list_names(kinds)}, came {stored.get('name')!r}"
+            "terms", f"expected a {what} among {list_names(kinds)}, got {stored.get('name')!r}"
         )
     given = {name: _tuples(value) for name, value in stored.items() if name != "name"}
     expected = {field.name for field in fields(kind)}
     if not set(given) <= expected:
         raise InvalidContent.of_field(
             "terms",
-            f"expected {kind.name} to have {list_names(sorted(expected))}, came "
+            f"expected {kind.name} to have {list_names(sorted(expected))}, got "
             f"{list_names(sorted(given))}",
         )
     return kind(**given)

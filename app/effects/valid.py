@@ -69,15 +69,7 @@ class Valid:
         )
 
     def for_driver(self, driver: Driver, conditions: Conditions, held: Conditions) -> Conditions:
-        """Choose what a driver is to be evaluated at.
-
-        Parameters
-        ----------
-        driver
-            The driver.
-        conditions, held
-            As they are, and at the edge.
-        """
+        """Choose what a driver is to be evaluated at."""
         if driver.grows_with_time:
             return replace(conditions, times_s=np.clip(conditions.times_s, self.from_s, self.to_s))
         return held if driver.is_held_by_signal else conditions

@@ -21,8 +21,6 @@ def parameter(effect: Effect, name: str, unit: str | None = None) -> str:
 
     Parameters
     ----------
-    effect
-        The effect.
     name
         The parameter's name, which ends in its unit.
     unit
@@ -37,8 +35,6 @@ def size_along(effect: Effect, stem: str, symbol: str) -> str:
 
     Parameters
     ----------
-    effect
-        The effect.
     stem
         What its parameters' names begin with: `slope`.
     symbol

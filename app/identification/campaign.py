@@ -10,6 +10,7 @@ from app.effects.effect import Effect
 from app.effects.observations import Verification, observation_rows
 from app.identification.doubted_sensors import trusted_readings
 from app.identification.residuals.residuals import Residuals, compute_residuals
+from app.identification.zeroed import with_true_zeros
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.temperature_history import TemperatureHistory
@@ -23,19 +24,15 @@ class Campaign:
 
     Parameters
     ----------
-    model
-        The compiled model.
-    maps
-        The error maps that it was made of.
-    verifications
-        What was measured.
     readings
         Temperatures as they came, believable or not, from well before the first observation:
         an effect with a time constant needs five of them.
     state_readings
         Time [s] and the machine's state of each reading, in order of time.
     effects
-        Effects that the model version has adopted already.
+        What the model has adopted.
+    verification_ids
+        Numbers under which the verifications are stored; none where they are not.
     """
 
     model: CompiledModel
@@ -44,19 +41,11 @@ class Campaign:
     readings: TemperatureHistory
     state_readings: Sequence[tuple[float, Mapping[str, float]]] = ()
     effects: Sequence[Effect] = ()
+    verification_ids: Sequence[int] = ()
 
 
 def residuals_of(campaign: Campaign) -> Residuals:
     """Subtract what the model says, adopted effects included, from what was measured.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-
-    Returns
-    -------
-    Residuals
 
     Raises
     ------
@@ -64,7 +53,7 @@ def residuals_of(campaign: Campaign) -> Residuals:
         If no observation can be compared with the model, or values are in another unit.
     """
     machine = campaign.model.machine
-    rows = observation_rows(campaign.verifications)
+    rows = with_true_zeros(observation_rows(campaign.verifications))
     conditions = recorded_conditions(
         machine.sensors,
         trusted_readings(campaign.model, campaign.readings),

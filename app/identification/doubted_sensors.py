@@ -27,8 +27,6 @@ def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> Temp
     model
         The compiled model: a sensor that its components follow is not left out, as the
         effect `sensor-fault` says what its failure does to the tables.
-    readings
-        Temperatures as they came.
 
     Returns
     -------
@@ -43,13 +41,7 @@ def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> Temp
 
 
 def doubts(model: CompiledModel, readings: TemperatureHistory) -> tuple[NotTested, ...]:
-    """Name the sensors that left their neighbours, and what became of their readings.
-
-    Parameters
-    ----------
-    model, readings
-        As for `trusted_readings`.
-    """
+    """Name the sensors that left their neighbours, and what became of their readings."""
     found = doubtful_sensors(_looking_back(model, readings))
     return tuple(
         NotTested(SensorFault.kind, one.sensor, _reason(one, one.sensor in _followed(model)))
@@ -58,13 +50,7 @@ def doubts(model: CompiledModel, readings: TemperatureHistory) -> tuple[NotTeste
 
 
 def comparisons(doubted: Sequence[NotTested]) -> tuple[str, ...]:
-    """Say what to do about doubtful sensors.
-
-    Parameters
-    ----------
-    doubted
-        What `doubts` found.
-    """
+    """Say what to do about doubtful sensors."""
     return tuple(
         f"Compare {one.on} with a calibrated thermometer at its place: it {one.reason}."
         for one in doubted
@@ -73,9 +59,11 @@ def comparisons(doubted: Sequence[NotTested]) -> tuple[str, ...]:
 
 def _looking_back(model: CompiledModel, readings: TemperatureHistory) -> TemperatureHistory:
     """Leave out what could not be believed at its time, or proved later to have been stuck."""
-    trusted, thawed = (judge(model.machine, readings) for judge in (believed, without_stuck))
+    trusted, without_frozen = (
+        judge(model.machine, readings) for judge in (believed, without_stuck)
+    )
     cleaned = {
-        name: np.where(np.isnan(thawed.temperatures_c[name]), np.nan, values)
+        name: np.where(np.isnan(without_frozen.temperatures_c[name]), np.nan, values)
         for name, values in trusted.temperatures_c.items()
     }
     return TemperatureHistory(trusted.times_s, cleaned)

@@ -1,4 +1,8 @@
-"""Whether something is left that no term explains."""
+"""Whether something is left that no term explains.
+
+N. Draper, H. Smith, Applied Regression Analysis (1998): lack of fit against pure error.
+S. Self, K. Liang, J. Am. Stat. Assoc. 82 (1987) 605: likelihood ratios at a boundary.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,16 @@ import numpy as np
 from scipy.special import fdtrc
 
 from app.arrays import BoolArray
+from app.search.channel import ASSUMED_SHIFT
 from app.search.draws import Draws
 from app.search.findings import HeldOut, Unexplained
 from app.search.joint_fit import Fit
 from app.search.noise import ENOUGH_REPLICATES, pure_error, repeatability
 from app.search.problem import Problem, Term
 from app.search.scan import Scan
+from app.search.scatter import FEWEST_BLOCKS
 from app.search.selection import Selector
 from app.search.threshold import threshold, upper_tail
-from app.search.visit_scatter import FEWEST_VISITS, multipliers
 
 TESTS: Final = 4
 """So many tests share the false-alarm probability."""
@@ -26,17 +31,20 @@ TESTS: Final = 4
 OVER_FLOOR: Final = 1.3
 """Held-out RMS over the noise floor from which something is missing."""
 
-SURELY: Final = 1.15
+OVER_FLOOR_AT_LEAST: Final = 1.15
 """So much of it must hold at the lower end of its interval: there are many components."""
 
-OF_ONE_FAMILY: Final = 3
+TOO_MANY_OF_A_FAMILY: Final = 3
 """So many terms of one family on one channel imitate something unknown."""
 
-ORDINARY: Final = 16.0
+USUAL_MULTIPLE: Final = 16.0
 """Multiple of the assumed variance up to which undeclared set-ups scatter: two repeatabilities."""
 
-LEADS: Final = 3
-"""So many leads of the generic test are named."""
+USUAL_WANDER: Final = USUAL_MULTIPLE * ASSUMED_SHIFT**2
+"""Variance, in that of an observation, up to which they wander in time: as much."""
+
+MOST_NAMED: Final = 3
+"""So many quantities of the generic test are named."""
 
 
 def adequacy(
@@ -51,20 +59,8 @@ def adequacy(
 
     Parameters
     ----------
-    selector
-        Holds the library and the false-alarm level.
-    terms, fit
-        What was found.
     use : ndarray, shape (n,)
         Rows that take part.
-    draws
-        Draws of noise.
-    held_out
-        Figures on held-out visits.
-
-    Returns
-    -------
-    list of Unexplained
     """
     problem, level = selector.library.problem, selector.false_alarm / TESTS
     return [
@@ -81,22 +77,26 @@ def _generic(
     selector: Selector, terms: Sequence[Term], draws: Draws, level: float
 ) -> list[Unexplained]:
     """The largest of all smooth shapes, against its distribution under noise."""
-    candidates, entries = selector.library.candidates, selector.library.entries
+    problem, entries = selector.library.problem, selector.library.entries
+    candidates = selector.library.candidates
     generic = np.array([candidates[e.candidate].generic for e in entries])
     if not generic.any():
         return []
     found = selector.scan(terms, draws, generic=True)
     rank = found.rank * generic
-    limit = threshold(Scan(found.ratio, found.noise, rank), selector.groups, level)
-    surprises = limit.of(Scan(found.ratio, found.noise, rank))
-    leads = [i for i in np.argsort(-surprises, kind="stable") if surprises[i] >= limit.surprise]
+    tested = Scan(found.ratio, found.noise, rank)
+    together = np.zeros(len(rank), dtype=np.intp)
+    halves = problem.has_expected_wander
+    limit = threshold(tested, selector.groups, together, level, halves)
+    excess = np.where(generic, limit.excess(tested), -np.inf)
+    surprising = [i for i in np.argsort(-excess, kind="stable") if excess[i] >= 0]
     return [
         Unexplained(
             "generic",
             _channel_of(selector, int(i)),
             candidates[entries[i].candidate].key,
         )
-        for i in leads[:LEADS]
+        for i in surprising[:MOST_NAMED]
     ]
 
 
@@ -116,6 +116,7 @@ def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> li
         spent = fixed.channel.nuisance.shape[1] + len(fixed.channel.starts)
         if freedom < ENOUGH_REPLICATES or pure <= 0 or n - spent <= freedom:
             continue
+        # The fit's squares, maps and terms included; its pure error is taken off below.
         left = fit.scatter[c] * fixed.channel.scale**2 * n
         ratio = (left - pure * freedom) / max(n - freedom, 1) / pure
         p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
@@ -128,13 +129,20 @@ def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> 
     """Visits that scatter more than was declared: an unknown cause changes between them."""
     problem = selector.library.problem
     declared = [
-        c for c in problem.fixed if (n := problem.rows.noise.get(c)) and n.setup_shift is not None
+        c
+        for c, fixed in problem.fixed.items()
+        if (n := problem.rows.noise.get(c))
+        and n.setup_shift is not None
+        # How far things wander nobody declares.
+        and not fixed.channel.blocks.may_wander
     ]
     found = []
     states = selector.given(terms) if declared else {}
     for c in declared:
         channel, null = states[c].fixed.channel, states[c].null - states[c].fixed.channel.prior
         ratio = 2.0 * float(null.max() - null[: channel.declared + 1].max())
+        # Only larger variances speak against the declaration: it lies on the boundary, and half
+        # of all noise gives a ratio of 0. Two variances may grow, those of shift and of tilt.
         p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
         if p * len(declared) < level:
             found.append(Unexplained("visit-variance", c, None))
@@ -146,13 +154,17 @@ def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Un
     few = {
         c: s
         for c, s in selector.given(terms).items()
-        if len(s.fixed.channel.starts) < FEWEST_VISITS
+        if len(s.fixed.channel.starts) < FEWEST_BLOCKS
     }
     found = []
     for c, state in few.items():
         channel, null = state.fixed.channel, state.null - state.fixed.channel.prior
-        tilts = channel.shapes.shape[1] - 1
-        usual = (multipliers(tilts, not bool(channel.free.all())) <= ORDINARY).all(axis=1)
+        usual = np.array(
+            [
+                max(t.shift, t.tilt) <= USUAL_MULTIPLE and t.wander <= USUAL_WANDER
+                for t in channel.tried
+            ]
+        )
         ratio = 2.0 * float(null.max() - null[usual].max())
         if 0.5 * upper_tail(ratio, 2.0) * len(few) < level:
             found.append(Unexplained("far-off", c, None))
@@ -164,9 +176,9 @@ def _above_floor(
 ) -> list[Unexplained]:
     found = []
     for c, h in held_out.items():
-        if h.floor > 0 and h.visits >= FEWEST_VISITS:
+        if h.floor > 0 and h.visits >= FEWEST_BLOCKS:
             floor = h.floor * _allowance(problem, use, c)
-            if h.after.low > SURELY * floor and h.after.rms > OVER_FLOOR * floor:
+            if h.after.low > OVER_FLOOR_AT_LEAST * floor and h.after.rms > OVER_FLOOR * floor:
                 found.append(Unexplained("held-out", c, None))
     return found
 
@@ -189,16 +201,16 @@ def _imitation(terms: Sequence[Term]) -> list[Unexplained]:
         [
             Unexplained("many-of-one-family", c, family)
             for (family, c), count in families.items()
-            if count >= OF_ONE_FAMILY
+            if count >= TOO_MANY_OF_A_FAMILY
         ]
         + [
             Unexplained("many-of-one-family", channels[0], family)
             for (family, channels), count in twice.items()
-            if 1 < count < OF_ONE_FAMILY
+            if 1 < count < TOO_MANY_OF_A_FAMILY
         ]
         + [
             Unexplained("many-at-one-place", channels[0], None)
             for channels, count in places.items()
-            if count >= OF_ONE_FAMILY
+            if count >= TOO_MANY_OF_A_FAMILY
         ]
     )

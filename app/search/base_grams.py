@@ -42,8 +42,6 @@ class BaseGrams:
 
     Parameters
     ----------
-    library
-        The entries.
     states
         Channel to state on these cells, without terms.
     """
@@ -59,19 +57,7 @@ class BaseGrams:
         return next(iter(self._states.values())).cells
 
     def of(self, number: int, channel: int) -> BaseGram:
-        """Give a batch's information in one channel.
-
-        Parameters
-        ----------
-        number
-            The batch's number in the library.
-        channel
-            One of its channels.
-
-        Returns
-        -------
-        BaseGram
-        """
+        """Give a batch's information in one channel."""
         key = (number, channel)
         if key not in self._known:
             self._known[key] = _base_gram(self._library.batches[number], self._states[channel])
@@ -84,8 +70,6 @@ def blocks(columns: FloatArray, k: int) -> FloatArray:
     Parameters
     ----------
     columns : ndarray, shape (n, g k)
-    k
-        Columns of each entry.
 
     Returns
     -------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,6 @@ class Part(NamedTuple):
 
     Parameters
     ----------
-    channel
-        The channel.
     rows : ndarray, shape (m,)
         Which rows; zero elsewhere.
     columns : ndarray, shape (m, k)
@@ -30,14 +28,65 @@ class Part(NamedTuple):
     columns: FloatArray
 
 
+class Expected(NamedTuple):
+    """How large an amplitude is where it is what it is called: a sign is reversed whole or not.
+
+    Parameters
+    ----------
+    values
+        What it may be, each as likely as the others.
+    spread
+        Standard deviation about each, as a share of it.
+    """
+
+    values: tuple[float, ...]
+    spread: float
+
+    def cost(self, amplitude: float, variance: float) -> float:
+        """Give what the expectation costs against an amplitude that is entirely free.
+
+        Parameters
+        ----------
+        amplitude, variance
+            As estimated.
+
+        Returns
+        -------
+        float
+            −2 ln of the likelihood's mean over what is expected, over its maximum.
+
+        Examples
+        --------
+        >>> whole = Expected((1.0,), 0.05)
+        >>> round(whole.cost(1.0, 0.0), 3), round(whole.cost(0.5, 0.0), 3)
+        (0.0, 100.0)
+        """
+        costs = []
+        for value in self.values:
+            prior = (self.spread * value) ** 2
+            ratio = variance / (variance + prior)
+            occam = -np.log(ratio) if variance > 0 else 0.0
+            costs.append((amplitude - value) ** 2 / (variance + prior) + occam)
+        return float(min(costs) + 2.0 * np.log(len(costs)))
+
+
+OFFSET: Final = "offset"
+"""The flexible version that is a constant beside a candidate."""
+
+
+class Flexible(NamedTuple):
+    """What a candidate would add if it were only about right, and in what it then differs."""
+
+    words: str
+    parts: Sequence[Part]
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One effect that the residuals may hold.
 
     Parameters
     ----------
-    key
-        Names it among all candidates.
     family
         What it competes within: the prior is spread evenly inside a family.
     columns
@@ -58,6 +107,12 @@ class Candidate:
     generic
         Whether it is a smooth shape without a physical meaning: it is never found, but
         says that something is left.
+    expected
+        What its one amplitude is, where that is known beforehand: it costs no parameter, and
+        one that is found to be another is evidence against it.
+    flexible
+        Gives for the value of the nonlinear parameter what it would add if it were only about
+        right; None: nothing can be said.
     """
 
     key: str
@@ -70,6 +125,9 @@ class Candidate:
     within_visit: bool = False
     only_once: bool = False
     generic: bool = False
+    expected: Expected | None = None
+
+    flexible: Callable[[float | None], Sequence[Flexible]] | None = None
 
     def __post_init__(self) -> None:
         if any(b <= a for a, b in zip(self.grid, self.grid[1:], strict=False)):
@@ -101,3 +159,26 @@ class Candidate:
         below = [g for g in self.grid if g < theta and not np.isclose(g, theta)]
         above = [g for g in self.grid if g > theta and not np.isclose(g, theta)]
         return max([low, *below[-1:]]), min([high, *above[:1]])
+
+
+class KnownTerm(NamedTuple):
+    """A candidate that the model has already, with the nonlinear parameter that it has there."""
+
+    candidate: Candidate
+    theta: float | None
+
+
+class Known(NamedTuple):
+    """What the model has already, and is fitted anew beside whatever is found.
+
+    Parameters
+    ----------
+    terms
+        What it is made of.
+    explained : ndarray, shape (n,)
+        What all of them together explain of each row in the model as it is; the residuals do
+        not hold it.
+    """
+
+    terms: Sequence[KnownTerm]
+    explained: FloatArray

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from app.arrays import BoolArray, FloatArray, IntArray, SparseArray
 from app.search.rows import Datum, DeclaredNoise, Nuisance, Rows
-from app.search.visit_scatter import UNLIMITED, log_prior, multipliers
+from app.search.scatter import FEWEST_SETUPS, WIDE, Blocks, Scatter, Whitening, log_prior, scatters
 
 DECLARED_WEIGHT: Final = 20.0
 """A declared repeatability counts as much as so many repeated observations."""
@@ -22,6 +22,9 @@ ESTIMATED_WEIGHT: Final = 2.0
 ASSUMED_SHIFT, ASSUMED_TILT = 0.5, 0.3
 """Where the search for an undeclared set-up scatter starts, in repeatabilities."""
 
+TILTING: Final = (0.03, 1.0)
+"""Within these a wander's tilt lies, as variances over its shift's."""
+
 POOLED_WEIGHT: Final = 10.0
 """One that leans on the replicates of channels that are alike."""
 
@@ -31,7 +34,7 @@ FREE_PRIOR: Final = 1e4
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One channel's rows, in multiples of its repeatability, sorted by cell and visit.
+    """One channel's rows, in multiples of its repeatability, sorted by cell and block.
 
     Parameters
     ----------
@@ -49,23 +52,25 @@ class Channel:
         The columns' amplitudes as combinations of unit errors that channels share; columns
         that are zero have errors of their own.
     shapes : ndarray, shape (n, 1 + q)
-        One and the tilt columns: what a visit may do.
+        One and the tilt columns: what a block may do.
     starts : ndarray, shape (b,)
-        First row of each visit.
-    visits, cells : ndarray, shape (b,)
-        The visit's number and the cell (fold and early or late) that it belongs to.
+        First row of each block: rows of one visit at about one time.
+    numbers, cells : ndarray, shape (b,)
+        The block's number and the cell (fold and early or late) that it belongs to.
     gram : ndarray, shape (b, 1 + q, 1 + q)
-        Shapes' products within each visit.
-    variances : ndarray, shape (L, b, 1 + q)
-        Variances of a visit's shapes for each set of multipliers.
+        Shapes' products within each block.
+    blocks
+        How the blocks lie in time and in visits.
+    tried
+        Sets of variances of what rows share, L of them.
     prior : ndarray, shape (L,)
-        Log prior of the multipliers: flat where nothing is declared.
+        Their log prior: flat where nothing is declared.
     declared
-        Which multipliers are what was declared.
+        Which of them is what was declared.
     weight
         How many observations the repeatability counts for by itself.
-    free : ndarray, shape (b,)
-        Visits whose zero is unknown.
+    expected : ndarray, shape (L,), or None
+        How probable the other channels make each set of variances; None: they say nothing.
     """
 
     number: int
@@ -76,23 +81,28 @@ class Channel:
     shared: SparseArray
     shapes: FloatArray
     starts: IntArray
-    visits: IntArray
+    numbers: IntArray
     cells: IntArray
     gram: FloatArray
-    variances: FloatArray
+    blocks: Blocks
+    tried: tuple[Scatter, ...]
     prior: FloatArray
     declared: int
     weight: float
-    free: BoolArray
+    expected: FloatArray | None = None
+
+    def whitening(self, level: int, use: BoolArray) -> Whitening:
+        """Factorise the covariance of some blocks at one set of variances."""
+        return self.blocks.whitening(self.tried[level], self.gram, use)
 
     @property
     def block(self) -> IntArray:
-        """Number of the visit's block of every row."""
+        """Place of its block for every row."""
         counts = np.diff(np.append(self.starts, len(self.rows)))
         return np.repeat(np.arange(len(self.starts)), counts)
 
     def reduce(self, columns: FloatArray) -> FloatArray:
-        """Sum columns within each visit, weighted with each of its shapes.
+        """Sum columns within each block, weighted with each of its shapes.
 
         Parameters
         ----------
@@ -109,14 +119,12 @@ class Channel:
         return np.stack(sums, axis=1)
 
     def by_cell(self, left: FloatArray, right: FloatArray, cells: int) -> FloatArray:
-        """Multiply two sets of columns within each cell of visits.
+        """Multiply two sets of columns within each cell of blocks.
 
         Parameters
         ----------
         left : ndarray, shape (n, m)
         right : ndarray, shape (n, k)
-        cells
-            How many cells there are.
 
         Returns
         -------
@@ -147,83 +155,87 @@ def prepare(
 
     Parameters
     ----------
-    rows, nuisance
-        As the caller gives them.
-    number
-        The channel.
     scale, weight
         Its repeatability, and how many observations that counts for by itself.
     use : ndarray, shape (n,)
         Which rows take part.
-    cell_of
-        Visit to cell.
-
-    Returns
-    -------
-    Channel
     """
     index = _sorted_rows(rows, np.flatnonzero((rows.channel == number) & use), cell_of)
-    visits, starts = _blocks(rows.visit[index])
+    starts = np.flatnonzero(np.append(True, np.diff(rows.block[index]) != 0)).astype(np.intp)
+    numbers = rows.block[index[starts]]
     noise = rows.noise.get(number, DeclaredNoise())
-    free = np.array(
-        [rows.datum.get((int(v), number), Datum.ABSOLUTE) != Datum.ABSOLUTE for v in visits]
-    )
+    known = noise.setup_shift is not None
     shapes = np.column_stack([np.ones(len(index)), rows.tilt[index]])
-    scales = multipliers(rows.tilt.shape[1], not bool(free.all()))
-    variances = _variances(noise, scale, free, scales, rows.tilt.shape[1])
+    blocks = _blocks(rows, index, starts, noise, scale)
+    tried = scatters(blocks, known)
     gram = np.stack(
         [np.add.reduceat(shapes * s[:, None], starts, axis=0) for s in shapes.T], axis=1
     )
-    known = noise.setup_shift is not None
     return Channel(
         number=number,
         rows=index,
         scale=scale,
-        values=_without_free_constants(rows.values[index] / scale, starts, free),
+        values=_without_free_constants(rows.values[index] / scale, blocks, starts),
         nuisance=_unit_prior_columns(nuisance, number, index, len(rows.values), scale),
         shared=_shared(nuisance, number),
         shapes=shapes,
         starts=starts,
-        visits=visits,
-        cells=np.array([cell_of[int(v)] for v in visits], dtype=np.intp),
+        numbers=numbers,
+        cells=np.array([cell_of[int(b)] for b in numbers], dtype=np.intp),
         gram=gram,
-        variances=variances,
-        prior=log_prior(scales) if known else np.zeros(len(scales)),
-        declared=int(np.flatnonzero((scales == 1.0).all(axis=1))[0]),
+        blocks=blocks,
+        tried=tried,
+        prior=log_prior(tried) if known else np.zeros(len(tried)),
+        declared=tried.index(Scatter(1.0, 1.0)),
         weight=weight,
-        free=free,
     )
 
 
 def _sorted_rows(rows: Rows, index: IntArray, cell_of: dict[int, int]) -> IntArray:
     """Sort by content, so that the caller's order decides nothing."""
-    cells = np.array([cell_of[int(v)] for v in rows.visit[index]])
+    block = rows.block[index]
+    cells = np.array([cell_of[int(b)] for b in block])
     tilt = tuple(rows.tilt[index].T)
-    order = np.lexsort((rows.replicate[index], rows.values[index], *tilt, rows.visit[index], cells))
+    order = np.lexsort((rows.replicate[index], rows.values[index], *tilt, block, cells))
     return index[order].astype(np.intp)
 
 
-def _blocks(visit: IntArray) -> tuple[IntArray, IntArray]:
-    starts = np.flatnonzero(np.append(True, np.diff(visit) != 0)).astype(np.intp)
-    return visit[starts].astype(np.intp), starts
-
-
-def _variances(
-    noise: DeclaredNoise, scale: float, free: BoolArray, scales: FloatArray, tilts: int
-) -> FloatArray:
+def _blocks(
+    rows: Rows, index: IntArray, starts: IntArray, noise: DeclaredNoise, scale: float
+) -> Blocks:
+    """Say how blocks lie in time and what is expected of their set-ups."""
+    visits, number = rows.visit[index[starts]], int(rows.channel[index[0]])
+    counts = np.diff(np.append(starts, len(index)))
+    minutes = np.zeros(len(index)) if rows.minutes is None else rows.minutes[index]
+    zeros = [rows.datum.get((int(v), number), Datum.ABSOLUTE) for v in visits]
+    tilts = rows.tilt.shape[1]
     shift = ASSUMED_SHIFT if noise.setup_shift is None else noise.setup_shift / scale
     tilt = ASSUMED_TILT if noise.setup_tilt is None else np.asarray(noise.setup_tilt) / scale
-    found = np.empty((len(scales), len(free), 1 + tilts))
-    found[:, :, 0] = np.where(free, UNLIMITED, scales[:, :1] * shift**2)
-    found[:, :, 1:] = scales[:, 1:, None] * np.broadcast_to(tilt, tilts) ** 2
-    return found
+    own = np.append(shift, np.broadcast_to(tilt, tilts)) ** 2
+    # The wander tilts as much beside its shift as set-ups do.
+    share = own[1:] / own[0] if own[0] > 0 else np.full(tilts, (ASSUMED_TILT / ASSUMED_SHIFT) ** 2)
+    is_record = len(np.unique(visits)) < len(visits)
+    few = len(np.unique(visits)) < FEWEST_SETUPS
+    is_own_unknown = is_record and few and noise.setup_shift is None
+    if is_own_unknown:
+        own = np.full(1 + tilts, WIDE)
+    return Blocks(
+        setups=visits,
+        minutes=np.add.reduceat(minutes, starts) / counts,
+        free=np.array([zero is not Datum.ABSOLUTE for zero in zeros]),
+        own=own,
+        wander=np.append(1.0, np.clip(share, *TILTING)),
+        is_own_unknown=is_own_unknown,
+    )
 
 
-def _without_free_constants(values: FloatArray, starts: IntArray, free: BoolArray) -> FloatArray:
+def _without_free_constants(values: FloatArray, blocks: Blocks, starts: IntArray) -> FloatArray:
     """Take off the means that carry nothing: no precision is lost on them later."""
     counts = np.diff(np.append(starts, len(values)))
-    means = np.add.reduceat(values, starts) / counts
-    return np.asarray(values - np.repeat(np.where(free, means, 0.0), counts))
+    of_setup = np.unique(blocks.setups, return_inverse=True)[1]
+    sums = np.bincount(of_setup, weights=np.add.reduceat(values, starts))
+    means = (sums / np.bincount(of_setup, weights=counts))[of_setup]
+    return np.asarray(values - np.repeat(np.where(blocks.free, means, 0.0), counts))
 
 
 def _shared(nuisance: Sequence[Nuisance], number: int) -> SparseArray:

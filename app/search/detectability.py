@@ -16,7 +16,7 @@ from app.search.findings import Detectable
 from app.search.joint_fit import inverse
 from app.search.library import Batch, Library
 from app.search.moments import moments_of
-from app.search.rivals import HARDLY
+from app.search.rivals import TIED_BELOW
 from app.search.selection import penalties
 from app.search.small_inverse import inverse_roots
 from app.search.state import State
@@ -24,8 +24,8 @@ from app.search.state import State
 POWER: Final = 1.2816
 """Standard normal quantile of nine times in ten."""
 
-TELLING: Final = (POWER + float(np.sqrt(POWER**2 + HARDLY))) ** 2
-"""Expected evidence between two explanations that exceeds HARDLY nine times in ten."""
+TELLING_APART: Final = (POWER + float(np.sqrt(POWER**2 + TIED_BELOW))) ** 2
+"""Expected evidence between two explanations that exceeds TIED_BELOW nine times in ten."""
 
 SAME: Final = 1e-6
 """If less than this of an effect is its own, nothing tells it from its rival."""
@@ -48,8 +48,6 @@ class Information:
         Information about its amplitudes beside visits and maps.
     metric : ndarray, shape (k, k)
         Products of its columns.
-    rows
-        How many rows it acts on.
     """
 
     own: FloatArray
@@ -63,29 +61,23 @@ def smallest_effects(
     level: Mapping[int, int],
     scatter: Mapping[int, float],
     allowed: np.ndarray,
-    limit: float,
+    limit: float | FloatArray,
     rivals: bool = True,
 ) -> list[Detectable]:
     """Give the smallest effects at known visit variances.
 
     Parameters
     ----------
-    library
-        All entries.
     states
         Channel to state, without terms.
     level, scatter
         Channel to its visit variances, and to the variance of one observation.
     allowed : ndarray, shape (entries,)
         Which entries count.
-    limit
-        Probability that one entry must stay below to count as found.
+    limit : float or ndarray, shape (entries,)
+        Probability that an entry must stay below to count as found.
     rivals
         Whether each is also held against its rivals, which takes much longer.
-
-    Returns
-    -------
-    list of Detectable
     """
     known = informations(library, states, level, scatter)
     chosen = [i for i in _middles(library, allowed) if i in known]
@@ -93,10 +85,12 @@ def smallest_effects(
     if rivals and chosen:
         overlaps = _overlaps(library, states, level, scatter, known, chosen)
     cost = penalties(library, sum(s.count for s in states.values()))
+    limits = np.broadcast_to(limit, len(library.entries))
     found = []
     for entry in chosen:
         size = library.entries[entry].size
-        needed = (np.sqrt(max(chdtri(size, limit), cost[entry])) + POWER) ** 2
+        # An effect must pass the threshold and pay for its parameters: whichever asks for more.
+        needed = (np.sqrt(max(chdtri(size, limits[entry]), cost[entry])) + POWER) ** 2
         one = _one(library, entry, known[entry], float(needed), overlaps.get(entry))
         if one is not None:
             found.append(one)
@@ -123,18 +117,20 @@ def _one(
         return None
     candidate = library.candidates[entry.candidate]
     smallest = float(np.sqrt(needed * spread / known.rows))
-    rival, told = None, smallest
+    rival, distinguishable = None, smallest
     if overlap is not None:
         if overlap.rival is not None:
             rival = library.candidates[library.entries[overlap.rival].candidate].key
         apart = 1.0 - overlap.share
-        told = float(np.sqrt(TELLING * spread / known.rows / apart)) if apart > SAME else np.inf
+        distinguishable = (
+            float(np.sqrt(TELLING_APART * spread / known.rows / apart)) if apart > SAME else np.inf
+        )
     return Detectable(
         candidate.key,
         candidate.family,
         entry.theta,
         smallest,
-        max(smallest, told),
+        max(smallest, distinguishable),
         rival,
         None if overlap is None else overlap.share,
     )
@@ -150,8 +146,6 @@ def informations(
 
     Parameters
     ----------
-    library
-        All entries.
     states
         Channel to state on those visits, without terms.
     level, scatter

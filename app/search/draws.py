@@ -1,4 +1,7 @@
-"""Noise as the null model would make it: the same draws throughout a search."""
+"""Noise as the null model would make it: the same draws throughout a search.
+
+B. Efron, R. Tibshirani, An Introduction to the Bootstrap (1993): draws from a fitted model.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from app.search.channel import Channel
 from app.search.moments import Fixed, Moments, moments_of
 from app.search.state import State
 
-WORD: Final = 2**32
+SEED_MODULUS: Final = 2**32
 """Seeds are not negative; numbers of channels may be."""
 
 
@@ -47,15 +50,7 @@ class Response:
 
 @dataclass(eq=False)
 class Draws:
-    """Unit draws of everything that scatters, from one seed.
-
-    Parameters
-    ----------
-    seed
-        Of the draws.
-    count
-        How many.
-    """
+    """Unit draws of everything that scatters, from one seed."""
 
     seed: int
     count: int
@@ -65,18 +60,13 @@ class Draws:
     def noise(self, fixed: Fixed) -> NDArray[np.float32]:
         """Draw the repeatability of each row of a channel, once; in short numbers.
 
-        Parameters
-        ----------
-        fixed
-            The channel.
-
         Returns
         -------
         ndarray, shape (n, B)
         """
         number = fixed.channel.number
         if number not in self._noise:
-            random = np.random.default_rng([self.seed, 0, number % WORD])
+            random = np.random.default_rng([self.seed, 0, number % SEED_MODULUS])
             shape = (len(fixed.channel.rows), self.count)
             self._noise[number] = random.standard_normal(shape, dtype=np.float32)
         return self._noise[number]
@@ -86,8 +76,6 @@ class Draws:
 
         Parameters
         ----------
-        fixed
-            The channel.
         columns : ndarray, shape (n, m)
 
         Returns
@@ -101,24 +89,21 @@ class Draws:
 
         The visit variances of each draw are themselves drawn from their profile
         likelihood: with few visits they are known poorly, and a threshold from the best
-        fit alone would be too low whenever that fit happens to be small.
-
-        Parameters
-        ----------
-        state
-            The channel, on all cells.
-
-        Returns
-        -------
-        Response
+        fit alone would be too low whenever that fit happens to be small. Where other channels
+        say how a channel may wander, the second half of the draws wanders as they do: an
+        effect that the null model has swallowed as wander would else hide itself.
         """
         fixed, channel = state.fixed, state.fixed.channel
-        random = np.random.default_rng([self.seed, 1, channel.number % WORD])
+        random = np.random.default_rng([self.seed, 1, channel.number % SEED_MODULUS])
         shape = (len(channel.starts), channel.shapes.shape[1], self.count)
-        level = _drawn_levels(state.null, random.random(self.count))
-        root = np.sqrt(channel.variances[level]).transpose(1, 2, 0)
-        root[channel.free, 0] = 0.0
-        shift = random.standard_normal(shape) * root
+        level = _drawn_levels(np.exp(state.null - state.null.max()), random.random(self.count))
+        if channel.expected is not None:
+            second = slice(self.count // 2, None)
+            level[second] = _drawn_levels(channel.expected, random.random(self.count)[second])
+        shift = random.standard_normal(shape)
+        for i in np.unique(level):
+            own = level == i
+            shift[..., own] = channel.blocks.draw(channel.tried[i], shift[..., own])
         maps = self._maps(channel, random.standard_normal((channel.nuisance.shape[1], self.count)))
         size = np.sqrt(state.scatter(state.rss))[level]
         return self._combined(state, fixed, shift, maps, size)
@@ -143,6 +128,8 @@ class Draws:
         taken_up = np.einsum("bqp,bqm->pm", crossed, shift)
         with_nuisance = noise.nuisance.sum(axis=0).T + taken_up + own @ maps
         reduced = noise.reduced + visits + crossed @ maps
+        # y'y of y = e + Zb + Jm, put together from products of the three parts: the rows of Zb
+        # and Jm, as many for every draw, are never formed.
         squares = (
             square
             + np.sum(shift * (2.0 * noise.reduced + visits), axis=(0, 1))
@@ -167,6 +154,6 @@ class Draws:
         return self._moments[number]
 
 
-def _drawn_levels(null: FloatArray, uniform: FloatArray) -> np.ndarray:
-    weights = np.exp(null - null.max())
-    return np.searchsorted(np.cumsum(weights) / weights.sum(), uniform).clip(max=len(null) - 1)
+def _drawn_levels(weights: FloatArray, uniform: FloatArray) -> np.ndarray:
+    drawn = np.searchsorted(np.cumsum(weights) / weights.sum(), uniform)
+    return drawn.clip(max=len(weights) - 1)

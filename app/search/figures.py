@@ -1,4 +1,7 @@
-"""Figures of residuals on held-out visits, with intervals over visits."""
+"""Figures of residuals on held-out visits, with intervals over visits.
+
+A. Davison, D. Hinkley, Bootstrap Methods and their Application (1997): resampling of clusters.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,6 @@ def figure(residuals: FloatArray, visit: IntArray, seed: int) -> Figure:
         In any unit.
     visit : ndarray, shape (n,)
         The visit of each.
-    seed
-        Of the resampling.
-
-    Returns
-    -------
-    Figure
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -43,14 +43,10 @@ class Rival:
 
     Parameters
     ----------
-    key, family, theta
-        The other candidate.
     behind
         2 ln B of the term against it; below 6 the evidence hardly decides.
     alias_share
         Share of the term's fitted signal that the rival reproduces.
-    tied
-        Whether these rows cannot tell the two apart.
     """
 
     key: str
@@ -59,6 +55,8 @@ class Rival:
     behind: float
     alias_share: float
     tied: bool
+    with_offset: bool = False
+    """Whether it comes so close only with a constant beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +87,14 @@ class FoundTerm:
         On the last visits, found on the earlier ones: for trends.
     inclusion
         Share of the folds that find it, or one it is tied with, again.
-    status
-        What the held-out visits say.
     strongest_visits, leverage
         The two visits that carry most of the evidence, and their share of it.
+    doubts
+        In what the values differ from it, so that its name is not sure; empty: in nothing.
+    place
+        Its number among all chosen terms.
+    origin
+        Of a term that the model has already, its number there; None for what is new.
     """
 
     key: str
@@ -113,6 +115,9 @@ class FoundTerm:
     status: Status
     strongest_visits: tuple[int, ...]
     leverage: float
+    doubts: tuple[str, ...] = ()
+    place: int = 0
+    origin: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,10 +135,6 @@ class HeldOut:
 
     Parameters
     ----------
-    rows, visits
-        How many.
-    after
-        With the terms, and the maps refitted beside them.
     floor
         What repeatability and set-up scatter alone would leave (RMS).
     """
@@ -153,10 +154,6 @@ class ChannelNoise:
     repeatability, origin
         Standard deviation of one observation, and whether it was `declared`, came from
         `replicates` or from `residuals`.
-    fitted
-        The same from what the final model leaves.
-    visits, rows
-        How many took part.
     """
 
     repeatability: float
@@ -177,13 +174,13 @@ class Unexplained:
         `many-at-one-place`, `far-off`.
     channel
         Where; None: everywhere.
-    lead
+    moves_with
         What it moves with: a generic candidate's key, a family; None: not known.
     """
 
     test: str
     channel: int | None
-    lead: str | None
+    moves_with: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,23 +238,24 @@ class Findings:
     ----------
     verdict
         In a word; `unexplained` may still hold terms: they are proxies then.
-    terms
-        Found terms, the strongest first.
-    unexplained
-        What remains, with leads.
-    noise
-        Channel to its scatter.
-    held_out
-        Channel to figures of what is left.
     global_p
         Probability that noise alone surprises as much as the strongest candidate did.
     excluded, untested
         What took no part, and what could not be tested.
-    detectable
-        The smallest effects that would have been seen.
     predicted, adopted : ndarray, shape (n,)
         Predicted part of each row by a model that did not see its visit, with refitted maps
-        and by the terms alone; nan: excluded.
+        and by the terms alone, those that are refitted included; nan: excluded.
+    is_cut
+        Whether more terms pay, and were not taken because there are so many already.
+    refitted
+        Terms that the model has already, as they are beside those that were found.
+    dropped
+        Numbers of such terms that no longer pay.
+    known : ndarray, shape (n,), or None
+        As `adopted`, of what is refitted or dropped alone.
+    beside
+        Fits what is refitted and some of the found terms, by their places, again without the
+        other found terms; gives the found ones and the refitted ones.
     """
 
     verdict: Verdict
@@ -271,3 +269,8 @@ class Findings:
     detectable: tuple[Detectable, ...]
     predicted: FloatArray
     adopted: FloatArray
+    is_cut: bool = False
+    refitted: tuple[FoundTerm, ...] = ()
+    dropped: tuple[int, ...] = ()
+    known: FloatArray | None = None
+    beside: Callable[[Collection[int]], tuple[list[FoundTerm], list[FoundTerm]]] | None = None

@@ -13,7 +13,6 @@ from app.search.findings import Slope
 from app.search.joint_fit import Fit, fit_terms
 from app.search.problem import Problem, Term
 from app.search.state import Given, State
-from app.search.visit_scatter import factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +21,6 @@ class Learned:
 
     Parameters
     ----------
-    terms
-        Its terms.
-    fit
-        Their fit.
     states
         Channel to state on the visits that taught it, without terms.
     """
@@ -34,28 +29,28 @@ class Learned:
     fit: Fit
     states: Mapping[int, State]
 
-    def effect(self, channel: int) -> FloatArray:
+    def effect(self, channel: int, *, known_alone: bool = False) -> FloatArray:
         """Predict what the terms alone do to all rows of a channel, in repeatabilities.
 
         Parameters
         ----------
-        channel
-            The channel.
+        known_alone
+            Whether only of those that the model has already.
 
         Returns
         -------
         ndarray, shape (n,)
         """
-        count = len(self.states[channel].fixed.channel.rows)
-        return effect_of(self.terms, self.fit, channel, count)
+        found, start = np.zeros(len(self.states[channel].fixed.channel.rows)), 0
+        for term in self.terms:
+            part = slice(start, start + term.size)
+            start += term.size
+            if channel in term.columns and not (known_alone and term.origin is None):
+                found += term.columns[channel] @ self.fit.amplitudes[part]
+        return found
 
     def prediction(self, channel: int) -> FloatArray:
         """Predict all rows of a channel: refitted maps and terms, in repeatabilities.
-
-        Parameters
-        ----------
-        channel
-            The channel.
 
         Returns
         -------
@@ -81,40 +76,8 @@ def learn(states: Mapping[int, State], terms: Sequence[Term]) -> Learned:
     ----------
     states
         Channel to state on those visits, without terms.
-    terms
-        The terms.
-
-    Returns
-    -------
-    Learned
     """
     return Learned(terms, fit_terms(states, terms), states)
-
-
-def effect_of(terms: Sequence[Term], fit: Fit, channel: int, count: int) -> FloatArray:
-    """Add up what terms do to a channel.
-
-    Parameters
-    ----------
-    terms
-        The terms.
-    fit
-        Their amplitudes.
-    channel
-        The channel.
-    count
-        Its number of rows.
-
-    Returns
-    -------
-    ndarray, shape (n,), in repeatabilities
-    """
-    found, start = np.zeros(count), 0
-    for term in terms:
-        if channel in term.columns:
-            found += term.columns[channel] @ fit.amplitudes[start : start + term.size]
-        start += term.size
-    return found
 
 
 def calibration_slope(problem: Problem, learned: Learned, number: int, held: BoolArray) -> Slope:
@@ -127,12 +90,6 @@ def calibration_slope(problem: Problem, learned: Learned, number: int, held: Boo
 
     Parameters
     ----------
-    problem
-        The campaign.
-    learned
-        The model.
-    number
-        Which of its terms.
     held : ndarray, shape (cells,)
         Which cells were held out.
 
@@ -150,6 +107,7 @@ def calibration_slope(problem: Problem, learned: Learned, number: int, held: Boo
             change = learned.prediction(channel) - without.prediction(channel)
             seen = _seen(without, channel, change, held)
             measured, information = measured + seen[0], information + seen[1]
+    # Without information the slope is not 0 but unknown: its error is infinite.
     if information <= 1e-9:
         return Slope(0.0, float("inf"), 0.0)
     return Slope(measured / information, float(information**-0.5), information)
@@ -192,8 +150,7 @@ def _whitened_products(
     """Multiply columns over the held-out rows, each visit weighted by its own scatter."""
     channel = state.fixed.channel
     blocks = held[channel.cells]
-    factor, _ = factors(channel.gram[blocks], channel.variances[level][blocks])
-    turned = (factor @ channel.reduce(columns)[blocks]).reshape(-1, columns.shape[1])
+    turned = channel.whitening(level, blocks).turn(channel.reduce(columns)[blocks])
     kept = columns[blocks[channel.block]]
     found: FloatArray = kept.T @ kept - turned.T @ turned
     return found

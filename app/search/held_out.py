@@ -16,7 +16,7 @@ from app.search.problem import Problem
 from app.search.state import State
 from app.search.validation import Validation
 
-MOST_SAY: Final = 6.0
+LARGEST_VOTE: Final = 6.0
 """Log likelihood by which one channel may speak against a common set-up scatter."""
 
 
@@ -25,20 +25,15 @@ def held_out_figures(
 ) -> dict[int, HeldOut]:
     """Sum up what is left of every channel, in its unit.
 
-    Where a visit's zero is unknown, its mean is taken off.
+    Where a visit's zero is unknown, its mean is taken off; where too few set-ups tell how they
+    scatter, shift and tilt of each.
 
     Parameters
     ----------
-    problem
-        The campaign.
     fit
         The final model: its scatter is the floor where none was declared.
     typical
         Channel to the set-up scatter that is usual in this campaign (`typical_level`).
-    checked
-        Predictions for held-out rows.
-    seed
-        Of the intervals.
 
     Returns
     -------
@@ -52,7 +47,7 @@ def held_out_figures(
         if not seen.any():
             continue
         left = channel.scale * _left(channel, checked.after[channel.rows])[seen]
-        visit = channel.visits[channel.block][seen]
+        visit = channel.blocks.setups[channel.block][seen]
         floor = channel.scale**2 * _floor(problem, channel, fit, typical[c])[seen]
         found[c] = HeldOut(
             rows=len(visit),
@@ -65,9 +60,15 @@ def held_out_figures(
 
 def _left(channel: Channel, predicted: FloatArray) -> FloatArray:
     left = channel.values - predicted
-    counts = np.diff(np.append(channel.starts, len(left)))
-    means = np.add.reduceat(left, channel.starts) / counts
-    return np.asarray(left - np.where(channel.free, means, 0.0)[channel.block])
+    of_setup = np.unique(channel.blocks.setups, return_inverse=True)[1][channel.block]
+    if channel.blocks.is_own_unknown:
+        for setup in np.unique(of_setup):
+            own = of_setup == setup
+            shapes = channel.shapes[own]
+            left[own] -= shapes @ np.linalg.lstsq(shapes, left[own], rcond=None)[0]
+        return np.asarray(left)
+    means = np.bincount(of_setup, weights=left) / np.bincount(of_setup)
+    return np.asarray(left - np.where(channel.blocks.free[channel.block], means[of_setup], 0.0))
 
 
 def typical_level(states: Mapping[int, State]) -> dict[int, int]:
@@ -75,22 +76,12 @@ def typical_level(states: Mapping[int, State]) -> dict[int, int]:
 
     One channel whose visits scatter much more than those of all others does so for a cause;
     its own fit would take that for its set-up.
-
-    Parameters
-    ----------
-    states
-        Channel to state, with the found terms.
-
-    Returns
-    -------
-    dict
-        Channel to its set of visit variances.
     """
     found: dict[int, int] = {}
     for size in {len(s.levels) for s in states.values()}:
         same = {c: s for c, s in states.items() if len(s.levels) == size}
         # No channel may outvote the others by more than so much.
-        votes = sum(np.maximum(s.null - s.null.max(), -MOST_SAY) for s in same.values())
+        votes = sum(np.maximum(s.null - s.null.max(), -LARGEST_VOTE) for s in same.values())
         found |= dict.fromkeys(same, int(np.argmax(votes)))
     return found
 
@@ -99,12 +90,8 @@ def _floor(problem: Problem, channel: Channel, fit: Fit, typical: int) -> FloatA
     """Give each row's variance from repeatability and set-up alone, in scales squared."""
     declared = problem.rows.noise.get(channel.number)
     known = declared is not None and declared.setup_shift is not None
-    level = channel.declared if known else typical
-    variances = np.where(
-        channel.free[:, None] & (np.arange(channel.shapes.shape[1]) == 0),
-        0.0,
-        channel.variances[level],
-    )
+    level = channel.declared if known and not channel.blocks.are_records else typical
+    variances = channel.blocks.own_variances(channel.tried[level])
     # Beside a stated repeatability the fitted one may hide what is unexplained.
     stated = declared is not None and declared.repeatability is not None
     scatter = 1.0 if known or stated else fit.scatter[channel.number]

@@ -1,4 +1,8 @@
-"""All chosen terms at once, in all channels: amplitudes, their covariance, the likelihood."""
+"""All chosen terms at once, in all channels: amplitudes, their covariance, the likelihood.
+
+W. Oberhofer, J. Kmenta, Econometrica 42 (1974) 579: generalised least squares and variances in
+turn lead to a maximum of the likelihood.
+"""
 
 from __future__ import annotations
 
@@ -81,10 +85,6 @@ def fit_terms(states: Mapping[int, State], terms: Sequence[Term]) -> Fit:
     terms
         The terms; none: the null model.
 
-    Returns
-    -------
-    Fit
-
     Notes
     -----
     Amplitudes by generalised least squares at the current visit variances and
@@ -98,6 +98,7 @@ def fit_terms(states: Mapping[int, State], terms: Sequence[Term]) -> Fit:
     null = {c: _null(s) for c, s in states.items()}
     width = sum(t.size for t in terms)
     alone = {c: s.alone() for c, s in shares.items()}
+    # The likelihood may have several maxima: an effect can pass for scatter between visits.
     starts = [alone]
     if any(len(t.columns) > 1 for t in terms):
         starts.append({c: null[c][1:] for c in shares})
@@ -113,6 +114,27 @@ def fit_terms(states: Mapping[int, State], terms: Sequence[Term]) -> Fit:
     )
 
 
+def unexpected(term: Term, fit: Fit, place: int) -> float:
+    """Give what it costs that a term's amplitude is not what it is expected to be.
+
+    Parameters
+    ----------
+    fit, place
+        A fit of it, and where its amplitudes begin there.
+
+    Returns
+    -------
+    float
+        On the scale of twice the log likelihood (`Expected.cost`); 0 where nothing is expected,
+        or nothing excites it.
+    """
+    expected, norm = term.candidate.expected, float(term.norms[0])
+    if expected is None or norm <= 0.0:
+        return 0.0
+    variance = float(fit.covariance[place, place]) / norm**2
+    return expected.cost(float(fit.amplitudes[place]) / norm, variance)
+
+
 def _null(state: State) -> tuple[float, int, float]:
     level = int(state.null.argmax())
     return float(state.null[level]), level, float(state.scatter(state.rss[level]))
@@ -123,14 +145,8 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
 
     Parameters
     ----------
-    state
-        The channel.
     terms
         All terms, also those that do not act on it.
-
-    Returns
-    -------
-    Share
     """
     fixed, number = state.fixed, state.fixed.channel.number
     offsets = np.cumsum([0, *(t.size for t in terms)])
@@ -172,6 +188,7 @@ def inverse(gram: FloatArray) -> FloatArray:
     if not gram.size:
         return gram
     values, vectors = np.linalg.eigh(gram)
+    # Directions without information get variance 0, not infinity: their amplitudes stay at 0.
     keep = values > RANK * np.maximum(values.max(axis=-1, keepdims=True), 1e-30)
     scale = np.where(keep, 1.0 / np.where(keep, values, 1.0), 0.0)
     found: FloatArray = (vectors * scale[..., None, :]) @ np.swapaxes(vectors, -1, -2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +11,6 @@ from app.arrays import FloatArray
 from app.search.foresight import Learned, learn
 from app.search.problem import Term
 from app.search.selection import Selector
-from app.search.visit_scatter import factors
 
 STRONGEST = 2
 """So many visits are named."""
@@ -20,15 +20,6 @@ def leverage(
     selector: Selector, terms: Sequence[Term], number: int
 ) -> tuple[tuple[int, ...], float]:
     """Find the visits that carry most of the evidence for a term.
-
-    Parameters
-    ----------
-    selector
-        Holds the rows that take part.
-    terms
-        All terms.
-    number
-        Which of them.
 
     Returns
     -------
@@ -41,24 +32,32 @@ def leverage(
     near = {c: s for c, s in selector.states.items() if c in term.columns}
     others = [t for i, t in enumerate(terms) if i != number]
     full, without = learn(near, terms), learn(near, others)
-    gains: dict[int, float] = {}
+    by_visit: dict[int, float] = defaultdict(float)
+    by_block: dict[int, float] = defaultdict(float)
     for channel in term.channels:
-        before, after = (_by_visit(m, full, channel) for m in (without, full))
-        visits = near[channel].fixed.channel.visits[near[channel].blocks]
-        for visit, gain in zip(visits.tolist(), before - after, strict=True):
-            gains[visit] = gains.get(visit, 0.0) + float(gain)
-    total = sum(max(g, 0.0) for g in gains.values())
-    strongest = sorted(gains, key=lambda v: (-gains[v], v))[:STRONGEST]
-    held = sum(max(gains[v], 0.0) for v in strongest)
-    return tuple(strongest), held / total if total > 0 else 1.0
+        before, after = (_by_block(m, full, channel) for m in (without, full))
+        own, use = near[channel].fixed.channel, near[channel].blocks
+        numbers = zip(own.blocks.setups[use].tolist(), own.numbers[use].tolist(), strict=True)
+        for (visit, block), gain in zip(numbers, before - after, strict=True):
+            by_visit[visit] += float(gain)
+            by_block[block] += float(gain)
+    strongest = sorted(by_visit, key=lambda v: (-by_visit[v], v))[:STRONGEST]
+    # One or two long visits always carry everything: there, moments are what evidence stands on.
+    gains = by_visit if len(by_visit) > STRONGEST else by_block
+    largest = sorted((max(g, 0.0) for g in gains.values()), reverse=True)
+    total = sum(largest)
+    return tuple(strongest), sum(largest[:STRONGEST]) / total if total > 0 else 1.0
 
 
-def _by_visit(model: Learned, weights: Learned, channel: int) -> FloatArray:
-    """Give each visit's weighted squares left by a model, weights from the full one."""
+def _by_block(model: Learned, weights: Learned, channel: int) -> FloatArray:
+    """Give each block's weighted squares left by a model, weights from the full one."""
     state = model.states[channel]
     fixed, level = state.fixed.channel, weights.fit.level[channel]
     left = fixed.values - model.prediction(channel)
-    factor, _ = factors(fixed.gram, fixed.variances[level])
-    turned = (factor @ fixed.reduce(left[:, None]))[..., 0]
-    squares = np.add.reduceat(left**2, fixed.starts) - np.sum(turned**2, axis=1)
+    whitening = fixed.whitening(level, np.ones(len(fixed.starts), dtype=np.bool_))
+    reduced = fixed.reduce(left[:, None])
+    turned_back = whitening.turn_back(whitening.turn(reduced), fixed.shapes.shape[1])
+    # Blocks that scatter together share their squares r'V⁻¹r: each has r_i'(V⁻¹r)_i of them.
+    taken = np.sum(reduced[..., 0] * turned_back.reshape(reduced.shape)[..., 0], axis=1)
+    squares = np.add.reduceat(left**2, fixed.starts) - taken
     return np.asarray(squares[state.blocks] / weights.fit.scatter[channel])

@@ -65,8 +65,6 @@ class Sheet:
     ----------
     own : ndarray, shape (cells, g, k, k)
         Products of each entry's own columns.
-    moments
-        Products with nuisance, values and visits.
     noise : ndarray, shape (g k, B)
         Products with the draws of noise.
     columns : ndarray, shape (n, g k) or None
@@ -99,19 +97,7 @@ class Batch:
 
 @dataclass(eq=False)
 class Library:
-    """Every entry, in batches.
-
-    Parameters
-    ----------
-    problem
-        The campaign.
-    candidates
-        The candidates.
-    entries
-        Every candidate at every value of its grid.
-    batches
-        The excited ones with their products.
-    """
+    """Every entry, in batches."""
 
     problem: Problem
     candidates: Sequence[Candidate]
@@ -120,13 +106,6 @@ class Library:
 
     def columns(self, batch: Batch, channel: int) -> FloatArray:
         """Give a batch's columns in one channel, kept or evaluated again.
-
-        Parameters
-        ----------
-        batch
-            The batch.
-        channel
-            One of its channels.
 
         Returns
         -------
@@ -164,17 +143,7 @@ class Library:
         return Library(self.problem, self.candidates, self.entries, kept)
 
     def term(self, entry: int) -> Term:
-        """Evaluate one entry.
-
-        Parameters
-        ----------
-        entry
-            Its number.
-
-        Returns
-        -------
-        Term
-        """
+        """Evaluate one entry."""
         one = self.entries[entry]
         return self.problem.term(self.candidates[one.candidate], one.theta)
 
@@ -201,18 +170,10 @@ def read_library(
 
     Parameters
     ----------
-    problem
-        The campaign.
-    candidates
-        The candidates.
     draws
         Draws of noise; None: none are needed.
     step
         Told how far it is, 0 to 1; may raise to stop.
-
-    Returns
-    -------
-    Library
 
     Raises
     ------
@@ -220,12 +181,12 @@ def read_library(
         If the products would take more memory than is stated.
     """
     library = Library(problem, candidates)
-    gathering = _Gathering(library, draws)
+    builder = _BatchBuilder(library, draws)
     for share, entry, term in _terms(problem, library, candidates):
         step(share)
         if library.entries[entry].excited:
-            gathering.add(entry, term)
-    gathering.finish()
+            builder.add(entry, term)
+    builder.finish()
     return library
 
 
@@ -240,7 +201,7 @@ def _terms(
 
 
 @dataclass(eq=False)
-class _Gathering:
+class _BatchBuilder:
     """Entries on their way into batches.
 
     Those with the same key wait for each other until they fill a batch. What waits is of as
@@ -295,7 +256,7 @@ class _Gathering:
         visits = max(len(channel.starts) for channel in channels)
         directions = max(channel.nuisance.shape[1] for channel in channels)
         raise InvalidContent(
-            f"expected a search whose candidates take at most {MOST_BYTES / GB:g} GB, came more, "
+            f"expected a search whose candidates take at most {MOST_BYTES / GB:g} GB, got more, "
             f"of {visits:,} visits and {directions:,} ways in which the maps may be wrong: analyse "
             "fewer verifications at once, name the kinds of effects to be tested, or store maps "
             "with fewer positions"

@@ -35,10 +35,6 @@ class Fixed:
 
     Parameters
     ----------
-    channel
-        The channel.
-    cells
-        How many cells there are.
     nuisance
         Products of J; its own `nuisance` is J'J.
     values
@@ -59,16 +55,8 @@ def moments_of(channel: Channel, columns: FloatArray, cells: int) -> Moments:
 
     Parameters
     ----------
-    channel
-        The channel.
     columns : ndarray, shape (n, m)
         In its order of rows, in repeatabilities.
-    cells
-        How many cells there are.
-
-    Returns
-    -------
-    Moments
     """
     right = np.column_stack([channel.nuisance, channel.values])
     products = channel.by_cell(columns, right, cells)
@@ -76,19 +64,7 @@ def moments_of(channel: Channel, columns: FloatArray, cells: int) -> Moments:
 
 
 def fixed_of(channel: Channel, cells: int) -> Fixed:
-    """Multiply what no candidate changes with itself.
-
-    Parameters
-    ----------
-    channel
-        The channel.
-    cells
-        How many cells there are.
-
-    Returns
-    -------
-    Fixed
-    """
+    """Multiply what no candidate changes with itself."""
     y = channel.values[:, None]
     return Fixed(
         channel,

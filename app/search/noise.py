@@ -1,4 +1,8 @@
-"""Repeatability of a channel: declared, from replicates, or from what the residuals leave."""
+"""Repeatability of a channel: declared, from replicates, or from what the residuals leave.
+
+N. Draper, H. Smith, Applied Regression Analysis (1998): pure error of replicates.
+F. Hampel, J. Am. Stat. Assoc. 69 (1974) 383: the median absolute deviation as a scale.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from app.search.rows import DeclaredNoise, Rows
 ENOUGH_REPLICATES: Final = 5
 """Degrees of freedom below which replicates say too little about the scatter."""
 
-LEANT: Final = 20
+MOST_POOLED: Final = 20
 """So many degrees of freedom the replicates of channels that are alike count for at most."""
 
 NORMAL: Final = 1.4826
@@ -34,10 +38,6 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
 
     Parameters
     ----------
-    rows
-        The residuals.
-    channel
-        The channel.
     use : ndarray, shape (n,)
         Which rows take part.
 
@@ -51,11 +51,11 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
         return Repeatability(declared, "declared", DECLARED_WEIGHT)
     variance, freedom = pure_error(rows, channel, use)
     if freedom >= ENOUGH_REPLICATES and variance > 0:
-        return _leaning(rows, channel, use, variance, freedom)
+        return _pooled_with_alike(rows, channel, use, variance, freedom)
     return Repeatability(_within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT)
 
 
-def _leaning(
+def _pooled_with_alike(
     rows: Rows, channel: int, use: BoolArray, variance: float, freedom: int
 ) -> Repeatability:
     """Let few replicates lean on those of the channels that are alike."""
@@ -66,9 +66,26 @@ def _leaning(
     if not count:
         return Repeatability(float(np.sqrt(variance)), "replicates", ESTIMATED_WEIGHT)
     common = sum(v * f for v, f in pooled) / count
-    leant = min(LEANT, count)
+    leant = min(MOST_POOLED, count)
     value = (variance * freedom + common * leant) / (freedom + leant)
     return Repeatability(float(np.sqrt(value)), "replicates", POOLED_WEIGHT)
+
+
+def replicate_scatter(rows: Rows, channel: int, use: BoolArray) -> float | None:
+    """Give what replicates alone show of the scatter of one observation; None where too few do.
+
+    As few degrees of freedom as are enough leave it uncertain by a third, so those of channels
+    that are alike are pooled with them.
+
+    Parameters
+    ----------
+    use : ndarray, shape (n,)
+        Which rows take part.
+    """
+    variance, freedom = pure_error(rows, channel, use)
+    if freedom < ENOUGH_REPLICATES or variance <= 0:
+        return None
+    return _pooled_with_alike(rows, channel, use, variance, freedom).value
 
 
 def pure_error(rows: Rows, channel: int, use: BoolArray) -> tuple[float, int]:
@@ -76,10 +93,6 @@ def pure_error(rows: Rows, channel: int, use: BoolArray) -> tuple[float, int]:
 
     Parameters
     ----------
-    rows
-        The residuals.
-    channel
-        The channel.
     use : ndarray, shape (n,)
         Which rows take part.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from app.search.noise import repeatability
 from app.search.rows import Nuisance, Rows
 from app.search.state import State
 
+FEWEST_OTHERS: Final = 3
+"""Fewer other channels do not say what to expect of one."""
+
 
 @dataclass(eq=False)
 class Term:
@@ -23,16 +27,14 @@ class Term:
 
     Parameters
     ----------
-    candidate
-        The candidate.
-    theta
-        Its nonlinear parameter.
     columns
         Channel to columns, shape (n, k), in repeatabilities, divided by `norms`.
     norms : ndarray, shape (k,)
         Length of each column over all channels; 0: nothing excites it.
     theta_error
         Standard error of theta; None where theta stays on the grid.
+    origin
+        Of a term that the model has already, its number there; None for what is new.
     """
 
     candidate: Candidate
@@ -40,6 +42,7 @@ class Term:
     columns: Mapping[int, FloatArray]
     norms: FloatArray
     theta_error: float | None = None
+    origin: int | None = None
     _moments: dict[int, Moments] = field(default_factory=dict)
 
     @property
@@ -58,17 +61,7 @@ class Term:
         return sum(columns.nbytes for columns in self.columns.values())
 
     def moments(self, fixed: Fixed) -> Moments:
-        """Multiply its columns in one channel, once.
-
-        Parameters
-        ----------
-        fixed
-            The channel.
-
-        Returns
-        -------
-        Moments
-        """
+        """Multiply its columns in one channel, once."""
         number = fixed.channel.number
         if number not in self._moments:
             self._moments[number] = moments_of(fixed.channel, self.columns[number], fixed.cells)
@@ -81,12 +74,6 @@ class Problem:
 
     Parameters
     ----------
-    rows
-        As the caller gave them.
-    fixed
-        Channel to its products.
-    cells
-        How many cells of visits there are.
     place : ndarray, shape (n,)
         Where each of the caller's rows stands in its channel; −1: takes no part.
     """
@@ -96,6 +83,11 @@ class Problem:
     cells: int
     place: IntArray
     _origins: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
+
+    @property
+    def has_expected_wander(self) -> bool:
+        """Whether channels say of each other how they wander."""
+        return any(one.channel.expected is not None for one in self.fixed.values())
 
     @property
     def count(self) -> int:
@@ -118,19 +110,7 @@ class Problem:
         return {c: State(f, cells) for c, f in self.fixed.items() if cells[f.channel.cells].any()}
 
     def term(self, candidate: Candidate, theta: float | None) -> Term:
-        """Evaluate a candidate on all rows that take part.
-
-        Parameters
-        ----------
-        candidate
-            The candidate.
-        theta
-            Its nonlinear parameter.
-
-        Returns
-        -------
-        Term
-        """
+        """Evaluate a candidate on all rows that take part."""
         columns: dict[int, FloatArray] = {}
         for part in candidate.columns(theta):
             if part.channel not in self.fixed:
@@ -155,7 +135,7 @@ class Problem:
         """Say which row of a part each row of its channel is; the one after its last: none."""
         if (self.rows.channel[part.rows] != part.channel).any():
             raise InvalidContent.of_field(
-                candidate.key, f"expected rows of channel {part.channel}, came rows of others"
+                candidate.key, f"expected rows of channel {part.channel}, got rows of others"
             )
         found = np.full(len(self.fixed[part.channel].channel.rows), len(part.rows), dtype=np.intp)
         here = self.place[part.rows]
@@ -174,18 +154,8 @@ def make_problem(
 
     Parameters
     ----------
-    rows, nuisance
-        As the caller gives them.
     use : ndarray, shape (n,)
         Which rows take part.
-    cell_of
-        Visit to cell.
-    cells
-        How many cells there are.
-
-    Returns
-    -------
-    Problem
     """
     fixed: dict[int, Fixed] = {}
     place = np.full(len(rows.values), -1, dtype=np.intp)
@@ -194,6 +164,33 @@ def make_problem(
         fixed[number] = fixed_of(channel, cells)
         place[channel.rows] = np.arange(len(channel.rows))
     return Problem(rows, fixed, cells, place)
+
+
+def with_expected_wander(problem: Problem) -> Problem:
+    """Let long records expect the wander that the other channels show.
+
+    Rooms, foundations and lasers wander in all channels alike. One channel's slow walk and its
+    drift look the same; that it walks where no other does has its price, and that it wanders
+    as all others do has none. What a channel shows by itself still enters by its likelihood.
+    """
+    fixed, everything = problem.fixed, np.ones(problem.cells, dtype=np.bool_)
+    believed: dict[int, FloatArray] = {}
+    for number, one in fixed.items():
+        if one.channel.blocks.may_wander:
+            null = State(one, everything).null
+            weights = np.exp(null - null.max())
+            believed[number] = weights / weights.sum()
+    found = dict(fixed)
+    for number, own in believed.items():
+        others = [b for n, b in believed.items() if n != number and len(b) == len(own)]
+        if len(others) >= FEWEST_OTHERS:
+            odd = 1.0 / (len(others) + 2)
+            expected = (1.0 - odd) * np.mean(others, axis=0) + odd / len(own)
+            channel = fixed[number].channel
+            prior = channel.prior + np.log(expected)
+            informed = replace(channel, prior=prior, expected=expected)
+            found[number] = replace(fixed[number], channel=informed)
+    return replace(problem, fixed=found)
 
 
 def _prepared(
@@ -218,7 +215,7 @@ def _unit_length(candidate: Candidate, theta: float | None, columns: dict[int, F
     sizes = {c.shape[1] for c in columns.values()}
     if len(sizes) > 1:
         raise InvalidContent.of_field(
-            candidate.key, f"expected equally many columns in all channels, came {sorted(sizes)}"
+            candidate.key, f"expected equally many columns in all channels, got {sorted(sizes)}"
         )
     norms = np.sqrt(sum(np.sum(c**2, axis=0) for c in columns.values()))
     safe = np.where(norms > 0, norms, 1.0)

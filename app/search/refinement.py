@@ -1,4 +1,8 @@
-"""The one nonlinear parameter, by variable projection: amplitudes and visit variances profiled."""
+"""The one nonlinear parameter, by variable projection: amplitudes and visit variances profiled.
+
+G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413: variable projection.
+S. Wilks, Ann. Math. Statist. 9 (1938) 60: what a drop of the log likelihood means.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from app.search.candidate import Candidate
-from app.search.joint_fit import fit_terms
+from app.search.joint_fit import fit_terms, unexpected
 from app.search.problem import Problem, Term
 from app.search.state import State
 
@@ -32,39 +36,31 @@ def refine(
 
     Parameters
     ----------
-    problem
-        The campaign.
     states
         Channel to state, without given terms.
     term
         The term; without bounds it comes back as it is.
-    others
-        The other terms, fitted along.
     errors
         Whether the standard error is wanted too.
-
-    Returns
-    -------
-    Term
-
-    References
-    ----------
-    G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413: variable projection.
     """
     if term.theta is None or term.candidate.bounds is None:
         return term
     near = {c: s for c, s in states.items() if any(c in t.columns for t in (term, *others))}
     search = _Search(problem, near, term.candidate, others)
-    low, high = (search.inside(v) for v in term.candidate.around(term.theta))
+    theta = term.theta
+    if term.candidate.expected is not None:
+        theta = min(search.starts(term), key=lambda t: search.loss(search.inside(t)))
+    low, high = (search.inside(v) for v in term.candidate.around(theta))
     best = minimize_scalar(
         search.loss,
         bounds=(low, high),
         method="bounded",
         options={"xatol": TOLERANCE * (high - low), "maxiter": 25},
     )
-    start = search.inside(term.theta)
+    # A bounded search never looks at its start: where the likelihood has steps it may end lower.
+    start = search.inside(theta)
     place = float(best.x) if float(best.fun) <= search.loss(start) else start
-    found = search.term(place)
+    found = replace(search.term(place), origin=term.origin)
     return replace(found, theta_error=search.error(place, high - low)) if errors else found
 
 
@@ -90,9 +86,24 @@ class _Search:
         theta = float(np.exp(place)) if self.candidate.log_scale else float(place)
         return self.problem.term(self.candidate, theta)
 
+    def starts(self, term: Term) -> list[float]:
+        """List values of the grid to start from where an amplitude is expected.
+
+        A scan leaves the amplitude free. Where twice the parameter does twice as much, it then
+        hardly tells one value from another, and amplitude times parameter is what is known.
+        """
+        fit = fit_terms(self.states, [*self.others, term])
+        norm = max(float(term.norms[0]), np.finfo(float).tiny)
+        theta = float(term.theta or 0.0)
+        grid = np.array(self.candidate.grid)
+        near = int(np.abs(grid - theta * float(fit.amplitudes[-1]) / norm).argmin())
+        return list(dict.fromkeys([theta, *grid[max(near - 1, 0) : near + 2].tolist()]))
+
     def loss(self, place: float) -> float:
-        """Minus the log likelihood, everything else profiled."""
-        return -fit_terms(self.states, [*self.others, self.term(place)]).log_likelihood
+        """Minus the log likelihood, everything else profiled, and what is expected counted."""
+        term = self.term(place)
+        fit = fit_terms(self.states, [*self.others, term])
+        return 0.5 * unexpected(term, fit, len(fit.amplitudes) - term.size) - fit.log_likelihood
 
     def error(self, place: float, stretch: float) -> float:
         """Read the standard error from where the likelihood has dropped by one half.

@@ -1,7 +1,11 @@
-"""What else could explain a term: the best of every family, and whether the rows can tell."""
+"""What else could explain a term: the best of every family, and whether the rows can tell.
+
+R. Kass, A. Raftery, J. Am. Stat. Assoc. 90 (1995) 773: what a Bayes factor is worth.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
@@ -9,33 +13,25 @@ import numpy as np
 
 from app.search.findings import Rival
 from app.search.joint_fit import fit_terms, inverse, share_of
+from app.search.names import offset_of
 from app.search.problem import Term
 from app.search.selection import Selector, best_entries
 
-HARDLY: Final = 6.0
-"""2 ln B below which evidence is hardly more than positive (Kass and Raftery 1995)."""
+TIED_BELOW: Final = 6.0
+"""2 ln B below which evidence is hardly more than positive."""
 
 SAME_SIGNAL: Final = 0.95
-"""Share of a signal above which a rival is tied up to twice HARDLY."""
+"""Share of a signal above which a rival is tied up to twice TIED_BELOW."""
 
 OF_A_FAMILY: Final = 3
 """Members of a family that are looked at closely."""
 
-REACH: Final = 40.0
+GRID_MARGIN: Final = 40.0
 """A coarse grid may hide so much evidence."""
 
 
 def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[tuple[Rival, Term]]:
     """Compare one term with the best of every family in its place.
-
-    Parameters
-    ----------
-    selector
-        Holds the library and the rows that take part.
-    terms
-        All terms.
-    number
-        Which of them.
 
     Returns
     -------
@@ -49,29 +45,65 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
     found = []
     for candidate in _candidates(selector, term, score, own):
         rival = selector.library.term(candidate)
-        if score[candidate] > own - REACH - 0.5 * abs(own):
+        # Of an expected amplitude the scan says at most too much.
+        hidden = GRID_MARGIN + (0.0 if rival.candidate.expected else 0.5 * abs(own))
+        if score[candidate] > own - hidden:
             rival = selector.refined(rival, others)
         behind = own - selector.evidence(rival, others, base)
         share = alias_share(selector, term, rival, others)
         found.append((_rival(rival, behind, share), rival))
+    found = _with_offset(selector, term, others, own, found)
     same = term.candidate.family
     kept = [f for f in _best_of_families(found) if f[0].tied or f[0].family != same]
     return sorted(kept, key=lambda f: f[0].behind)
 
 
+def _with_offset(
+    selector: Selector,
+    term: Term,
+    others: Sequence[Term],
+    own: float,
+    found: list[tuple[Rival, Term]],
+) -> list[tuple[Rival, Term]]:
+    """Try all rivals once more with a constant beside them, which has its own cost.
+
+    A driver that counts from another zero than the maps' is a rival far behind without it.
+    """
+    offset = offset_of(selector, term)
+    if offset is None or not offset.columns:
+        return found
+    beside = [*others, offset]
+    level, base = (selector.fit(terms).log_likelihood for terms in (beside, others))
+    count = sum(state.count for state in selector.states.values())
+    gain = 2.0 * (level - base) - offset.size * float(np.log(count))
+    score = np.where(selector.allowed, selector.scan(beside).ratio - selector.penalty, -np.inf)
+    tied = {rival.key for rival, _ in found if rival.tied}
+    closest: dict[str, tuple[Rival, Term]] = {}
+    tried = Counter[str]()
+    for entry in best_entries(score, selector.groups, own - gain - GRID_MARGIN):
+        candidate = selector.library.candidates[selector.library.entries[entry].candidate]
+        if candidate is term.candidate or candidate.key in tied or candidate.family in closest:
+            continue
+        rival = selector.library.term(entry)
+        tried[candidate.family] += bool(set(rival.columns) & set(term.columns))
+        if tried[candidate.family] > OF_A_FAMILY or not set(rival.columns) & set(term.columns):
+            continue
+        rival = selector.refined(rival, beside)
+        evidence = selector.evidence(rival, beside, level)
+        behind = own - gain - evidence
+        # Where the constant alone does it, whatever is tried beside it is no rival.
+        if behind < TIED_BELOW < evidence:
+            share = alias_share(selector, term, rival, beside)
+            told = Rival(
+                candidate.key, candidate.family, rival.theta, behind, share, True, with_offset=True
+            )
+            closest[candidate.family] = (told, rival)
+    keys = {rival.key for rival, _ in closest.values()}
+    return [*closest.values(), *(one for one in found if one[0].key not in keys)]
+
+
 def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Term]) -> float:
     """Give the share of a term's fitted signal that a rival reproduces.
-
-    Parameters
-    ----------
-    selector
-        Holds the rows that take part.
-    term
-        The term.
-    rival
-        The rival.
-    others
-        Terms that stay in the model.
 
     Returns
     -------
@@ -105,7 +137,7 @@ def _candidates(selector: Selector, term: Term, score: np.ndarray, own: float) -
         if candidate is term.candidate:
             continue
         count = taken.get(candidate.family, 0)
-        close = score[entry] > own - 2 * HARDLY - 0.2 * abs(own)
+        close = score[entry] > own - 2 * TIED_BELOW - 0.2 * abs(own)
         if count == 0 or (count < OF_A_FAMILY and close):
             taken[candidate.family] = count + 1
             chosen.append(entry)
@@ -113,7 +145,9 @@ def _candidates(selector: Selector, term: Term, score: np.ndarray, own: float) -
 
 
 def _rival(rival: Term, behind: float, share: float) -> Rival:
-    tied = behind < HARDLY or (behind < 2 * HARDLY and share > SAME_SIGNAL)
+    # Where the signals are almost one, 2 ln B rests on small differences between columns, which
+    # a model that is a little wrong shifts as much: twice the evidence is asked for.
+    tied = behind < TIED_BELOW or (behind < 2 * TIED_BELOW and share > SAME_SIGNAL)
     candidate = rival.candidate
     return Rival(candidate.key, candidate.family, rival.theta, behind, share, tied)
 

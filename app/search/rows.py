@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
 from app.arrays import FloatArray, IntArray, SparseArray
 from app.errors import InvalidContent
+from app.search.scatter import blocks_in_time
 
 
 class Datum(StrEnum):
@@ -56,20 +58,20 @@ class Rows:
     values : ndarray, shape (n,)
         Measured minus predicted, each in its channel's unit.
     visit : ndarray, shape (n,)
-        Numbers of the visits, growing with time.
+        Numbers of the visits, growing with time: what has one set-up.
     channel : ndarray, shape (n,)
         Numbers of the components or volumetric directions.
     tilt : ndarray, shape (n, q)
         Columns along which a visit may tilt: scaled positions.
     replicate : ndarray, shape (n,)
         Rows of one visit and channel with the same number repeat each other; −1: none.
-    noise
-        Channel to what is declared about it.
     datum
         (visit, channel) to what its zero means; absolute where not named.
     alike
         Channel to a name that it shares with channels of the same instrument and unit, whose
         scatter is about the same: a scatter of few replicates leans on theirs.
+    minutes : ndarray, shape (n,), or None
+        When each row was measured. None: every visit is short.
     """
 
     values: FloatArray
@@ -80,17 +82,25 @@ class Rows:
     noise: Mapping[int, DeclaredNoise] = field(default_factory=dict)
     datum: Mapping[tuple[int, int], Datum] = field(default_factory=dict)
     alike: Mapping[int, str] = field(default_factory=dict)
+    minutes: FloatArray | None = None
+
+    @cached_property
+    def block(self) -> IntArray:
+        """Number of each row's block: rows of one visit at about one time; shape (n,)."""
+        if self.minutes is None:
+            return np.unique(self.visit, return_inverse=True)[1].astype(np.intp)
+        return blocks_in_time(self.visit, self.minutes)
 
     def __post_init__(self) -> None:
         n = len(self.values)
         for name in ("values", "visit", "channel", "replicate"):
             if getattr(self, name).shape != (n,):
                 raise InvalidContent.of_field(
-                    name, f"expected {n} values, came shape {getattr(self, name).shape}"
+                    name, f"expected {n} values, got shape {getattr(self, name).shape}"
                 )
         if self.tilt.ndim != 2 or len(self.tilt) != n:
             raise InvalidContent.of_field(
-                "tilt", f"expected {n} rows of columns, came shape {self.tilt.shape}"
+                "tilt", f"expected {n} rows of columns, got shape {self.tilt.shape}"
             )
         if n == 0 or not (np.isfinite(self.values).all() and np.isfinite(self.tilt).all()):
             raise InvalidContent.of_field("values", "expected at least one row, all finite")
@@ -104,8 +114,6 @@ class Nuisance:
 
     Parameters
     ----------
-    channel
-        The channel that they act on.
     rows : ndarray, shape (m,)
         Which rows they act on; zero elsewhere.
     columns : ndarray, shape (m, p)
@@ -127,7 +135,7 @@ class Nuisance:
         if self.columns.shape != (len(self.rows), len(self.prior)):
             raise InvalidContent.of_field(
                 "columns",
-                f"expected shape {(len(self.rows), len(self.prior))}, came {self.columns.shape}",
+                f"expected shape {(len(self.rows), len(self.prior))}, got {self.columns.shape}",
             )
         if not (self.prior > 0).all():
             raise InvalidContent.of_field(
@@ -139,12 +147,12 @@ def _refuse_impossible_noise(channel: int, noise: DeclaredNoise, tilts: int) -> 
     if noise.repeatability is not None and not 0 < noise.repeatability < np.inf:
         raise InvalidContent.of_field(
             f"noise.{channel}.repeatability",
-            f"expected a standard deviation above 0, came {noise.repeatability:g}",
+            f"expected a standard deviation above 0, got {noise.repeatability:g}",
         )
     tilt = noise.setup_tilt if isinstance(noise.setup_tilt, tuple) else ()
     if tilt and len(tilt) != tilts:
         raise InvalidContent.of_field(
-            f"noise.{channel}.setup_tilt", f"expected {tilts} values, came {len(tilt)}"
+            f"noise.{channel}.setup_tilt", f"expected {tilts} values, got {len(tilt)}"
         )
     single = noise.setup_tilt if isinstance(noise.setup_tilt, float) else 0.0
     if min(noise.setup_shift or 0.0, single, *tilt, 0.0) < 0:

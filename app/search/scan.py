@@ -1,4 +1,8 @@
-"""How much each entry would raise the likelihood: for measured values and for draws of noise."""
+"""How much each entry would raise the likelihood: for measured values and for draws of noise.
+
+Visit variances and repeatabilities are profiled anew for every entry and every draw. Held at
+the null model's best they would contain the effect itself, and hide it.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,9 @@ ROUNDS: Final = 3
 
 ROUNDS_OF_NOISE: Final = 1
 """Noise hardly moves the variances: more rounds change a threshold by less than 0.1 %."""
+
+LIKELY: Final = 0.01
+"""Share of the most probable, by which variances that other channels show are tried."""
 
 BELIEVABLE: Final = 12.0
 """Log likelihood below the best by which visit variances are not tried on draws of noise."""
@@ -54,8 +61,6 @@ class Target:
 
     Parameters
     ----------
-    state
-        The channel, with the given terms.
     levels : ndarray of int, shape (l,)
         Which sets of visit variances are tried.
     squares : ndarray, shape (l, m)
@@ -98,23 +103,13 @@ def scan(
 
     Parameters
     ----------
-    library
-        The entries.
-    states
-        Channel to state, with the given terms.
     draws
         Draws of noise (only with all cells); None: the measured values alone.
-    generic
-        Whether the generic entries are scanned, or all the others.
     base
         Base grams of the same cells, kept from scan to scan; computed without it.
     before
         States and findings of an earlier scan: entries whose channels have the same states
         are not computed again. Without draws only.
-
-    Returns
-    -------
-    Scan
     """
     if base is None:
         base = BaseGrams(library, {c: s.without_given() for c, s in states.items()})
@@ -144,7 +139,11 @@ def _target(state: State) -> Target:
 
 def _drawn_target(state: State, draws: Draws) -> Target:
     """Draws come from believable visit variances, and are judged by those alone."""
-    levels = np.flatnonzero(state.null > state.null.max() - BELIEVABLE)
+    believable = state.null > state.null.max() - BELIEVABLE
+    expected = state.fixed.channel.expected
+    if expected is not None:
+        believable |= expected > expected.max() * LIKELY
+    levels = np.flatnonzero(believable)
     response = draws.response(state)
     shadows = [
         state.levels[i].shadow(response.with_nuisance, response.reduced) for i in levels.tolist()
@@ -247,12 +246,15 @@ def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
         root, ranks = inverse_roots(gram, products.floor[i])
         squares.append(target.squares[i] - np.sum((root.transpose(0, 2, 1) @ slope) ** 2, axis=1))
         rank = np.maximum(rank, ranks)
+    # Each hypothesis has its own best visit variances: both maxima are over all levels.
     best = target.log_likelihood(np.stack(squares)).max(axis=0)
     return 2.0 * (best - target.null.max(axis=0)), rank
 
 
 def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, FloatArray]:
     """Fit one set of amplitudes to several channels, alternating with their variances."""
+    # Shared amplitudes couple the channels: no closed form over all combinations of their
+    # levels, so amplitudes and variances alternate. The ratio can only be too small by that.
     nulls = [p.target.null for p in products]
     g = products[0].gram.shape[1]
     level = [np.broadcast_to(n.argmax(axis=0), (g, n.shape[1])) for n in nulls]

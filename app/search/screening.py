@@ -16,23 +16,26 @@ from app.search.moments import fixed_of
 from app.search.noise import NORMAL
 from app.search.problem import make_problem
 from app.search.rows import Nuisance, Rows
+from app.search.scatter import FEWEST_BLOCKS, Scatter
 from app.search.state import State
-from app.search.visit_scatter import FEWEST_VISITS
 
-FAR: Final = 5.0
+OUTLIER: Final = 5.0
 """Robust standard deviations from which a row or a visit is an outlier."""
 
-OFTEN: Final = 0.05
+MOST_OUTLIERS: Final = 0.05
 """If more than this share is far, it is structure, not outliers."""
 
-APART: Final = 3.0
+SLIP_RATIO: Final = 3.0
 """A visit must be so many times further than the next to be a slip: effects come in series.
 
 The last visit is none: what has just changed looks the same.
 """
 
-LOOSE: Final = 5
-"""The set of visit variances under which rows are judged within their visit."""
+LOOSE: Final = Scatter(80.0, 80.0)
+"""What rows share where they are judged within their visit: a loose set-up, and in a long one"""
+
+LOOSE_IN_TIME: Final = Scatter(80.0, 80.0, 40.0, 30.0)
+"""a loose wander too: what changes within half an hour makes no outliers."""
 
 ROUNDS: Final = 3
 
@@ -43,11 +46,6 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> tuple[BoolArray, list[Ex
     Rows are judged within their visit, beside freely shifting and tilting visits, so that
     an effect that changes from visit to visit makes no outliers.
 
-    Parameters
-    ----------
-    rows, nuisance
-        The campaign.
-
     Returns
     -------
     use : ndarray, shape (n,)
@@ -57,7 +55,7 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> tuple[BoolArray, list[Ex
     """
     use = np.ones(len(rows.values), dtype=bool)
     for _ in range(ROUNDS):
-        far = _far_rows(rows, nuisance, use)
+        far = _outlying_rows(rows, nuisance, use)
         use[far] = False
         if not len(far):
             break
@@ -74,56 +72,61 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> tuple[BoolArray, list[Ex
 
 
 def _channels(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Channel]:
-    cell_of = {int(v): 0 for v in np.unique(rows.visit)}
+    cell_of = {int(b): 0 for b in np.unique(rows.block)}
     problem = make_problem(rows, nuisance, use, cell_of, 1)
     return [f.channel for f in problem.fixed.values()]
 
 
-def _far_rows(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> IntArray:
+def _outlying_rows(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> IntArray:
     found = [np.zeros(0, dtype=np.intp)]
     for channel in _channels(rows, nuisance, use):
         left, _ = _left(channel)
         size = NORMAL * float(np.median(np.abs(left - np.median(left))))
         if size > 0:
-            found.append(channel.rows[np.abs(left - np.median(left)) > FAR * max(size, 0.5)])
+            # Not below half the repeatability, which a few equal readings would undercut.
+            found.append(channel.rows[np.abs(left - np.median(left)) > OUTLIER * max(size, 0.5)])
     return np.concatenate(found)
 
 
 def _left(channel: Channel) -> tuple[FloatArray, FloatArray]:
     """Give what is left within visits, and each visit's shift."""
-    part = slice(LOOSE, LOOSE + 1)
-    loose = replace(channel, variances=channel.variances[part], prior=channel.prior[part])
+    scatter = LOOSE_IN_TIME if channel.blocks.are_records else LOOSE
+    loose = replace(channel, tried=(scatter,), prior=np.zeros(1))
     state = State(fixed_of(loose, 1), np.ones(1, dtype=bool))
     level = state.levels[0]
     lower = state.shadows[0][len(level.turned) :]
     maps = solve_triangular(level.root, lower, lower=True, trans=1) if len(lower) else lower
     values = channel.values - (channel.nuisance @ maps)[:, 0]
-    turned = level.factor @ channel.reduce(values[:, None])
-    visits = (level.factor.transpose(0, 2, 1) @ turned)[..., 0]
-    return values - np.sum(channel.shapes * visits[channel.block], axis=1), visits[:, 0]
+    turned = level.whitening.turn(channel.reduce(values[:, None]))
+    shared = level.whitening.turn_back(turned, level.shapes).reshape(-1, level.shapes)
+    return values - np.sum(channel.shapes * shared[channel.block], axis=1), shared[:, 0]
 
 
 def _too_many(rows: Rows, use: BoolArray) -> list[int]:
-    return [int(c) for c in np.unique(rows.channel) if np.mean(~use[rows.channel == c]) > OFTEN]
+    return [
+        int(c) for c in np.unique(rows.channel) if np.mean(~use[rows.channel == c]) > MOST_OUTLIERS
+    ]
 
 
 def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Excluded]:
     """A slip of one visit stands alone: far from the rest and from the next furthest."""
     found = []
     for channel in _channels(rows, nuisance, use):
+        if channel.blocks.are_records:  # what lies apart in time may be what moved
+            continue
         _, shift = _left(channel)
-        known = np.flatnonzero(~channel.free)
-        if len(known) < FEWEST_VISITS:
+        known = np.flatnonzero(~channel.blocks.free)
+        if len(known) < FEWEST_BLOCKS:
             continue
         away = np.abs(shift[known] - np.median(shift[known]))
         size = NORMAL * float(np.median(away))
         order = np.argsort(away)
         first, second = away[order[-1]], away[order[-2]]
-        if first > FAR * max(size, 0.3) and first > APART * second:
-            visit = int(channel.visits[known[order[-1]]])
-            if visit == channel.visits.max():
+        if first > OUTLIER * max(size, 0.3) and first > SLIP_RATIO * second:
+            visit = int(channel.blocks.setups[known[order[-1]]])
+            if visit == channel.blocks.setups.max():
                 continue
-            gone = channel.rows[(channel.visits == visit)[channel.block]]
+            gone = channel.rows[(channel.blocks.setups == visit)[channel.block]]
             found.append(
                 Excluded(tuple(sorted(gone.tolist())), "visit-apart", channel.number, visit)
             )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.search.adequacy import adequacy
-from app.search.candidate import Candidate
+from app.search.candidate import Candidate, Known
 from app.search.detectability import smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
@@ -21,6 +22,7 @@ from app.search.findings import (
     Findings,
     FoundTerm,
     HeldOut,
+    Status,
     Unexplained,
     Untested,
     Verdict,
@@ -30,16 +32,17 @@ from app.search.held_out import held_out_figures, typical_level
 from app.search.joint_fit import Fit
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
+from app.search.names import name_doubts
 from app.search.noise import repeatability
-from app.search.problem import Problem, Term, make_problem
+from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
 from app.search.rivals import find_rivals
 from app.search.rows import Nuisance, Rows
+from app.search.scatter import FEWEST_BLOCKS
 from app.search.screening import screen
 from app.search.selection import Selection, Selector
-from app.search.splits import Splits, split_visits
+from app.search.splits import Splits, split
 from app.search.validation import Rivals, Validation, status_of, validate
-from app.search.visit_scatter import FEWEST_VISITS
 
 FALSE_ALARM: Final = 0.01
 """Accepted probability that anything is found in noise."""
@@ -47,12 +50,15 @@ FALSE_ALARM: Final = 0.01
 DRAWS: Final = 200
 """Draws of noise behind the threshold."""
 
+MOST_TERMS: Final = 24
+"""So many are named at most, so that an analysis ends: it says where that is why it did."""
+
 Progress = Callable[[float, str], None]
 
 
 @dataclass(eq=False)
-class _Course:
-    """Tells how far the search is, never backwards."""
+class _ProgressReport:
+    """Reports how far the search is, never backwards."""
 
     progress: Progress | None
     share: float = 0.0
@@ -69,9 +75,10 @@ def search(
     candidates: Sequence[Candidate],
     *,
     holdout_fraction: float,
+    known: Known | None = None,
     seed: int = 0,
     false_alarm: float = FALSE_ALARM,
-    most_terms: int = 4,
+    most_terms: int = MOST_TERMS,
     progress: Progress | None = None,
 ) -> Findings:
     """Search residuals for the effects that a model lacks.
@@ -84,24 +91,21 @@ def search(
     ----------
     rows
         Residuals: measured minus predicted.
-    nuisance
-        The maps' own freedom.
     candidates
         What may be lacking; generic ones only say that something is left.
     holdout_fraction
         Share of the visits held out each time: one fold for each 1/share.
+    known
+        Terms that the model has already, of candidates among these: fitted anew together with
+        what is found.
     seed
         Of all draws; the same rows, candidates and seed give the same findings.
     false_alarm
         Accepted probability that anything is found in noise.
     most_terms
-        Most terms.
+        How many terms are chosen at most; the findings say where that ended the search.
     progress
         Told the share done, 0 to 1, never falling, and what is being done.
-
-    Returns
-    -------
-    Findings
 
     Raises
     ------
@@ -109,23 +113,32 @@ def search(
         If two candidates have one key, or a share is not between 0 and 1.
     """
     _refuse(candidates, holdout_fraction, false_alarm)
-    course = _Course(progress)
-    course(0.0, "screening rows")
+    report = _ProgressReport(progress)
+    report(0.0, "screening rows")
 
     def choose(use: BoolArray) -> tuple[Splits, Draws, Selector, Selection]:
         draws = Draws(seed, DRAWS)
-        splits = split_visits(rows.visit[use], rows.channel[use], holdout_fraction)
-        problem = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
+        splits = split(rows, use, holdout_fraction)
+        made = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
+        problem = with_expected_wander(made)
         library = read_library(
-            problem, candidates, draws, lambda s: course(0.02 + 0.33 * s, "reading candidates")
+            problem, candidates, draws, lambda s: report(0.02 + 0.33 * s, "reading candidates")
         )
         everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
         selector = Selector(
-            library, everything, allowed, false_alarm, most_terms, lambda: course(0.35, "searching")
+            *(library, everything, allowed, false_alarm, most_terms),
+            known=[
+                replace(problem.term(one.candidate, one.theta), origin=number)
+                for number, one in enumerate(known.terms if known else ())
+            ],
+            step=lambda: report(0.35, "searching"),
         )
         return splits, draws, selector, selector.select(draws)
 
     use, excluded = screen(rows, nuisance)
+    residuals = rows
+    if known is not None:
+        rows = replace(rows, values=rows.values + known.explained)
     splits, draws, selector, main = choose(use)
     # What an effect had hidden, by making all values scatter, shows beside it.
     left = replace(rows, values=rows.values - _explained(selector, main.terms))
@@ -135,28 +148,32 @@ def search(
         del splits, draws, selector, main  # all their products, before others take as much
         splits, draws, selector, main = choose(use)
     library, allowed, problem = selector.library, selector.allowed, selector.library.problem
-    course(0.55, "comparing rivals")
+    report(0.55, "comparing rivals")
     main.terms = _in_order(selector, main.terms)
-    rivals = [find_rivals(selector, main.terms, i) for i in range(len(main.terms))]
-    course(0.65, "holding visits out")
+    rivals = [
+        find_rivals(selector, main.terms, i) if term.origin is None else []
+        for i, term in enumerate(main.terms)
+    ]
+    doubts = name_doubts(selector, main.terms, draws)
+    report(0.65, "holding visits out")
     checked = validate(
         library,
         splits,
         main,
         allowed,
         rivals,
-        lambda s: course(0.65 + 0.25 * s, "holding visits out"),
+        lambda s: report(0.65 + 0.25 * s, "holding visits out"),
     )
-    course(0.9, "looking for what is left")
+    report(0.9, "looking for what is left")
     fit = selector.fit(main.terms)
     typical = typical_level(selector.given(main.terms))
     held_out = held_out_figures(problem, fit, typical, checked, seed)
     remains = adequacy(selector, main.terms, fit, use, draws, held_out)
-    course(0.95, "summing up")
-    outcome = _Outcome(selector, main, fit, rivals, checked)
+    report(0.95, "summing up")
+    outcome = _Outcome(selector, main, fit, rivals, doubts, checked)
     answer = _answer(outcome, use, excluded, held_out, remains)
-    course(1.0, "done")
-    return answer
+    report(1.0, "done")
+    return _beyond(answer, residuals.values - rows.values)
 
 
 def _explained(selector: Selector, terms: Sequence[Term]) -> FloatArray:
@@ -176,6 +193,7 @@ class _Outcome(NamedTuple):
     main: Selection
     fit: Fit
     rivals: Rivals
+    doubts: Sequence[tuple[str, ...]]
     checked: Validation
 
 
@@ -187,9 +205,11 @@ def _answer(
     left: Sequence[Unexplained],
 ) -> Findings:
     """Write everything down, in the channels' own units."""
-    selector, main, fit, _, checked = outcome
+    selector, main, fit, _, _, checked = outcome
     library = selector.library
-    terms = tuple(_found(outcome, number) for number in range(len(main.terms)))
+    every = [_found(outcome, number) for number in range(len(main.terms))]
+    terms = tuple(term for term in every if term.origin is None)
+    still = {term.origin for term in every}
     return Findings(
         verdict=Verdict.UNEXPLAINED if left else Verdict.FOUND if terms else Verdict.NOTHING,
         terms=terms,
@@ -202,7 +222,78 @@ def _answer(
         detectable=tuple(_detectable(selector, fit, main)),
         predicted=_in_own_unit(library.problem, checked.after),
         adopted=_in_own_unit(library.problem, checked.adopted),
+        is_cut=main.is_cut,
+        refitted=tuple(term for term in every if term.origin is not None),
+        dropped=tuple(n for n in range(len(selector.known)) if n not in still),
+        known=_in_own_unit(library.problem, checked.known),
+        beside=partial(_beside, selector, main.terms, every),
     )
+
+
+def _beyond(answer: Findings, change: FloatArray) -> Findings:
+    """Count what is predicted from the model as it is, not from the one without known terms."""
+    return replace(
+        answer,
+        predicted=answer.predicted + change,
+        adopted=answer.adopted + change,
+        known=None if answer.known is None else answer.known + change,
+    )
+
+
+def _beside(
+    selector: Selector,
+    terms: Sequence[Term],
+    every: Sequence[FoundTerm],
+    kept: Collection[int],
+) -> tuple[list[FoundTerm], list[FoundTerm]]:
+    """Fit known terms and some of the found ones again, without the others."""
+    chosen = [i for i, term in enumerate(terms) if term.origin is not None or i in kept]
+    fit, start = selector.fit([terms[i] for i in chosen]), 0
+    found: tuple[list[FoundTerm], list[FoundTerm]] = ([], [])
+    for i in chosen:
+        part = slice(start, start + terms[i].size)
+        start += terms[i].size
+        amplitudes, covariance = _sizes(terms[i], fit, part)
+        one = replace(every[i], amplitudes=amplitudes, covariance=covariance)
+        found[terms[i].origin is not None].append(one)
+    return found
+
+
+def _status(judged: Status, doubts: Sequence[str]) -> Status:
+    """Confirm no name of which a flexible version explains more."""
+    return Status.SUSPECTED if doubts and judged is Status.CONFIRMED else judged
+
+
+def _sizes(term: Term, fit: Fit, part: slice) -> tuple[FloatArray, FloatArray]:
+    """Give amplitudes and their covariance in the candidate's own unit."""
+    norms = np.where(term.norms > 0, term.norms, np.inf)
+    return fit.amplitudes[part] / norms, fit.covariance[part, part] / np.outer(norms, norms)
+
+
+def _by_nonlinear(selector: Selector, term: Term, others: Sequence[Term]) -> FloatArray:
+    """Say what the nonlinear parameter's own error adds to the amplitudes' covariance.
+
+    With θ̂ ± σ the amplitudes are fitted anew, a(θ): to first order cov(â) = cov(â | θ̂) + a'a'ᵀ σ²
+    (variable projection, Golub and Pereyra 1973). A lag's share without it is ten times too sure.
+    """
+    nothing = np.zeros((term.size, term.size))
+    bounds, theta, error = term.candidate.bounds, term.theta, term.theta_error
+    if bounds is None or theta is None or error is None or not np.isfinite(error) or error <= 0:
+        return nothing
+    ends = [float(np.clip(theta + side * error, *bounds)) for side in (-1.0, 1.0)]
+    if ends[0] == ends[1]:
+        return nothing
+    low, high = (_amplitudes_at(selector, term, end, others) for end in ends)
+    change = (high - low) * error / (ends[1] - ends[0])
+    return np.outer(change, change)
+
+
+def _amplitudes_at(
+    selector: Selector, term: Term, theta: float, others: Sequence[Term]
+) -> FloatArray:
+    moved = selector.library.problem.term(term.candidate, theta)
+    fit = selector.fit([moved, *others])
+    return _sizes(moved, fit, slice(0, moved.size))[0]
 
 
 def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alarm: float) -> None:
@@ -210,11 +301,11 @@ def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alar
     twice = sorted({k for k in keys if keys.count(k) > 1}) if len(set(keys)) < len(keys) else []
     if twice:
         raise InvalidContent.of_field(
-            "candidates", f"expected different keys, came twice: {twice[0]}"
+            "candidates", f"expected different keys, got twice: {twice[0]}"
         )
     for name, share in (("holdout_fraction", holdout_fraction), ("false_alarm", false_alarm)):
         if not 0 < share < 1:
-            raise InvalidContent.of_field(name, f"expected a share between 0 and 1, came {share:g}")
+            raise InvalidContent.of_field(name, f"expected a share between 0 and 1, got {share:g}")
 
 
 def _testable(library: Library) -> BoolArray:
@@ -223,7 +314,7 @@ def _testable(library: Library) -> BoolArray:
     allowed = np.zeros(len(library.entries), dtype=bool)
     for i, entry in enumerate(library.entries):
         candidate = library.candidates[entry.candidate]
-        enough = candidate.within_visit or visits[i] >= FEWEST_VISITS
+        enough = candidate.within_visit or visits[i] >= FEWEST_BLOCKS
         allowed[i] = entry.excited and enough and not candidate.generic
     return allowed
 
@@ -238,11 +329,11 @@ def _untested(library: Library, rank: FloatArray) -> list[Untested]:
     found = []
     for number, (testable, count) in most.items():
         candidate = library.candidates[number]
-        few = count < FEWEST_VISITS and not candidate.within_visit
+        few = count < FEWEST_BLOCKS and not candidate.within_visit
         if not testable and not candidate.generic:
             found.append(Untested(candidate.key, "not-excited"))
         elif few and not candidate.generic:
-            found.append(Untested(candidate.key, "few-visits", FEWEST_VISITS, count))
+            found.append(Untested(candidate.key, "few-visits", FEWEST_BLOCKS, count))
     return found
 
 
@@ -268,34 +359,40 @@ def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
 
 
 def _found(outcome: _Outcome, number: int) -> FoundTerm:
-    selector, main, fit, rivals, checked = outcome
+    selector, main, fit, rivals, doubts, checked = outcome
     term = main.terms[number]
     others = main.terms[:number] + main.terms[number + 1 :]
     start = sum(t.size for t in main.terms[:number])
     part = slice(start, start + term.size)
-    norms = np.where(term.norms > 0, term.norms, np.inf)
     ratio = 2.0 * (fit.log_likelihood - selector.fit(others).log_likelihood)
     strongest, share = leverage(selector, main.terms, number)
     slope, inclusion = checked.slope(number), checked.inclusion(number)
+    judged = status_of(slope, checked.forward[number], inclusion, ratio, share)
+    amplitudes, covariance = _sizes(term, fit, part)
+    covariance = covariance + _by_nonlinear(selector, term, others)
+    place = sum(t.origin is None for t in main.terms[:number])
     return FoundTerm(
         key=term.candidate.key,
         family=term.candidate.family,
         channels=term.channels,
         theta=term.theta,
         theta_error=term.theta_error,
-        amplitudes=fit.amplitudes[part] / norms,
-        covariance=fit.covariance[part, part] / np.outer(norms, norms),
+        amplitudes=amplitudes,
+        covariance=covariance,
         likelihood_ratio=ratio,
         degrees_of_freedom=term.size + term.candidate.nonlinear,
-        evidence=ratio - selector.cost(term),
-        global_p=main.stages[min(number, len(main.stages) - 1)].global_p,
+        evidence=ratio - selector.cost(term, fit, start),
+        global_p=main.stages[min(place, len(main.stages) - 1)].global_p,
         rivals=tuple(r for r, _ in rivals[number]),
         slope=slope,
         forward_slope=checked.forward[number],
         inclusion=inclusion,
-        status=status_of(slope, checked.forward[number], inclusion, ratio, share),
+        status=_status(judged, doubts[number]),
         strongest_visits=strongest,
         leverage=share,
+        doubts=doubts[number],
+        place=number,
+        origin=term.origin,
     )
 
 
@@ -307,14 +404,14 @@ def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise
             repeatability=channel.scale,
             origin=known.origin,
             fitted=channel.scale * float(np.sqrt(fit.scatter[c])),
-            visits=len(channel.starts),
+            visits=len(np.unique(channel.blocks.setups)),
             rows=len(channel.rows),
         )
     return found
 
 
 def _detectable(selector: Selector, fit: Fit, main: Selection) -> list[Detectable]:
-    limit = 10.0 ** -main.stages[0].limit.surprise
+    limit = np.power(10.0, -main.stages[0].limit.surprise)
     known = (selector.library, selector.states, fit.level, fit.scatter, selector.allowed)
     return smallest_effects(*known, limit, rivals=False)
 

@@ -1,4 +1,10 @@
-"""Which terms are real: the best first, refined, exchanged for rivals, the weak taken out."""
+"""Which terms are real: the best first, refined, exchanged for rivals, the weak taken out.
+
+The threshold says whether anything is there at all, the evidence which of many it is.
+
+G. Schwarz, Ann. Statist. 6 (1978) 461: approximation of the evidence.
+J. Chen, Z. Chen, Biometrika 95 (2008) 759: its prior in large sets of candidates.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +18,7 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.search.base_grams import BaseGrams
 from app.search.draws import Draws
-from app.search.joint_fit import Fit, fit_terms
+from app.search.joint_fit import Fit, fit_terms, unexpected
 from app.search.library import Library
 from app.search.problem import Term
 from app.search.refinement import refine
@@ -22,6 +28,12 @@ from app.search.threshold import Threshold, threshold
 
 WORTH_A_SWAP: Final = 2.0
 """Twice the log evidence that a rival must be better by to take a term's place."""
+
+NEAR: Final = 0.1
+"""Correlation of two terms' amplitudes from which one is looked at again when the other moves."""
+
+CLOSE: Final = 3.0
+"""Reduced surprise below the threshold from which an entry makes a probability below 0.2 or so."""
 
 EXCHANGES: Final = 3
 FINALISTS: Final = 6
@@ -33,7 +45,6 @@ class Stage:
     """One scan's threshold, what it found, and which entries it could test."""
 
     limit: Threshold
-    largest: float
     global_p: float
     ratio: FloatArray
     rank: FloatArray
@@ -45,9 +56,11 @@ class Selection:
 
     terms: list[Term]
     stages: list[Stage] = field(default_factory=list)
+    is_cut: bool = False
+    """Whether one more passed, and was not taken because there are so many already."""
 
 
-def _go_on() -> None:
+def _continue() -> None:
     """Let the work go on."""
 
 
@@ -57,16 +70,15 @@ class Selector:
 
     Parameters
     ----------
-    library
-        All entries.
     cells : ndarray, shape (cells,)
         Which cells take part.
     allowed : ndarray, shape (entries,)
         Which entries may be chosen.
-    false_alarm
-        Accepted probability of a false finding.
     most_terms
-        Most terms.
+        How many are chosen at most.
+    known
+        Terms that the model has already: fitted beside what is chosen, never exchanged, and taken
+        out where they no longer pay.
     step
         Called between parts of the work; may raise to stop.
     """
@@ -76,7 +88,8 @@ class Selector:
     allowed: BoolArray
     false_alarm: float
     most_terms: int
-    step: Callable[[], None] = _go_on
+    known: Sequence[Term] = ()
+    step: Callable[[], None] = _continue
 
     def __post_init__(self) -> None:
         self._last: tuple[tuple[tuple[int, ...], bool, bool], list[Term], Scan] | None = None
@@ -84,6 +97,10 @@ class Selector:
         self.states = self.library.problem.states(self.cells)
         self.base = BaseGrams(self.library, self.states)
         self.groups = np.array([e.candidate for e in self.library.entries], dtype=np.intp)
+        names = [self.library.candidates[e.candidate].family for e in self.library.entries]
+        self.families = np.unique(names, return_inverse=True)[1].astype(np.intp)
+        expected = (self.library.candidates[e.candidate].expected for e in self.library.entries)
+        self.is_expected = np.array([one is not None for one in expected], dtype=np.bool_)
         self.penalty = penalties(self.library, sum(s.count for s in self.states.values()))
 
     def select(self, draws: Draws | None, known: Sequence[Stage] = ()) -> Selection:
@@ -96,46 +113,30 @@ class Selector:
             same and what terms take of its freedom is little.
         known
             Without draws: stages of another selection whose threshold is used.
-
-        Returns
-        -------
-        Selection
         """
-        chosen = Selection([])
+        chosen = Selection(self._still_paying(list(self.known)))
         while True:
             self.step()
             found = self.scan(chosen.terms, None if chosen.stages else draws)
             stage = self._stage(found, [*chosen.stages, *known])
             chosen.stages.append(stage)
-            if len(chosen.terms) >= self.most_terms:
-                return chosen
             term = self._best(found, stage, chosen.terms)
             if term is None:
                 return chosen
-            before = len(chosen.terms)
+            before = _new(chosen.terms)
+            if before >= self.most_terms:
+                chosen.is_cut = True
+                return chosen
             rounds = 1 if draws is None else EXCHANGES
             chosen.terms = self._settled([*chosen.terms, term], rounds)
-            if len(chosen.terms) <= before:
+            # What came in pushed out another: a further round would go in circles.
+            if _new(chosen.terms) <= before:
                 return chosen
 
     def scan(
         self, terms: Sequence[Term], draws: Draws | None = None, generic: bool = False
     ) -> Scan:
-        """Scan entries beside given terms.
-
-        Parameters
-        ----------
-        terms
-            In the model already.
-        draws
-            Draws of noise, or None.
-        generic
-            Whether the generic entries are scanned, or all the others.
-
-        Returns
-        -------
-        Scan
-        """
+        """Scan entries beside given terms."""
         if self._bare is not None and not terms and not generic and draws is None:
             return self._bare[1]
         key = (tuple(id(t) for t in terms), draws is not None, generic)
@@ -148,32 +149,11 @@ class Selector:
         return self._last[2]
 
     def given(self, terms: Sequence[Term]) -> dict[int, State]:
-        """Put terms into the channels' models on these cells.
-
-        Parameters
-        ----------
-        terms
-            The terms.
-
-        Returns
-        -------
-        dict
-            Channel to state.
-        """
+        """Put terms into the channels' models on these cells."""
         return given_states(self.states, terms)
 
     def fit(self, terms: Sequence[Term]) -> Fit:
-        """Fit terms on these cells.
-
-        Parameters
-        ----------
-        terms
-            The terms.
-
-        Returns
-        -------
-        Fit
-        """
+        """Fit terms on these cells."""
         return fit_terms(self.states, terms)
 
     def evidence(self, term: Term, others: Sequence[Term], base: float | None = None) -> float:
@@ -181,21 +161,24 @@ class Selector:
 
         Parameters
         ----------
-        term
-            The term.
-        others
-            In the model beside it.
         base
             Log likelihood of the others alone, where it is known.
         """
         before = self.fit(others).log_likelihood if base is None else base
-        rise = 2.0 * (self.fit([*others, term]).log_likelihood - before)
-        return rise - self.cost(term)
+        fit = self.fit([*others, term])
+        rise = 2.0 * (fit.log_likelihood - before)
+        return rise - self.cost(term, fit, len(fit.amplitudes) - term.size)
 
-    def cost(self, term: Term) -> float:
-        """Give what a term costs on the scale of twice the log likelihood."""
+    def cost(self, term: Term, fit: Fit, place: int) -> float:
+        """Give what a term costs on the scale of twice the log likelihood.
+
+        Parameters
+        ----------
+        fit, place
+            A fit of it, and where its amplitudes begin there.
+        """
         same = self.groups == self.library.candidates.index(term.candidate)
-        return float(self.penalty[same][0])
+        return float(self.penalty[same][0]) + unexpected(term, fit, place)
 
     def refined(self, term: Term, others: Sequence[Term]) -> Term:
         """Refine a term's nonlinear parameter on these cells."""
@@ -203,19 +186,41 @@ class Selector:
 
     def _stage(self, found: Scan, known: Sequence[Stage]) -> Stage:
         if found.noise.shape[1]:  # draws, even where the library is empty
-            limit = threshold(_only(found, self.allowed), self.groups, self.false_alarm)
+            tested = _only(found, self.allowed)
+            halves = self.library.problem.has_expected_wander
+            limit = threshold(tested, self.groups, self.families, self.false_alarm, halves)
         else:
             limit = known[0].limit
-        largest = float(np.max(limit.of(found) * self.allowed, initial=0.0))
-        return Stage(limit, largest, limit.global_p(largest), found.ratio, found.rank)
+        allowed = self.allowed & ~self._unexpected(found, limit) if not known else self.allowed
+        return Stage(limit, limit.global_p(_only(found, allowed)), found.ratio, found.rank)
+
+    def _unexpected(self, found: Scan, limit: Threshold) -> BoolArray:
+        """Say which entries surprise by an amplitude that is not what they are expected to have.
+
+        Tables have errors, and residuals contain them: a few per cent of what a mistake would do
+        surprise, and are none.
+        """
+        near = self.is_expected & self.allowed & (limit.excess(found) > -CLOSE)
+        best = best_entries(np.where(near, found.ratio, -np.inf), self.groups, 0.0)
+        is_none = np.zeros(len(found.rank), dtype=np.bool_)
+        for term, entry in ((self.refined(self.library.term(i), []), i) for i in best):
+            if self.evidence(term, []) <= 0.0:
+                is_none |= self.groups == self.groups[entry]
+        return is_none
 
     def _best(self, found: Scan, stage: Stage, others: Sequence[Term]) -> Term | None:
         """Pick by evidence among those that pass the threshold and beat no effect at all."""
+        # The correction may lower the evidence, never raise it: it comes from few draws.
         factor = np.minimum(stage.limit.bartlett, 1.0)
         score = found.ratio * factor - self.penalty
-        passed = self.allowed & (stage.limit.of(found) >= stage.limit.surprise)
+        passed = self.allowed & (stage.limit.excess(found) >= 0)
         score = np.where(passed, score, -np.inf)
-        return self.finalist(score, others) if score.max(initial=-np.inf) > 0 else None
+        if score.max(initial=-np.inf) <= 0:
+            return None
+        best = self.finalist(score, others)
+        # A scan does not see whether an amplitude is what it is expected to be.
+        is_right = best.candidate.expected is None or self.evidence(best, others) > 0
+        return best if is_right else None
 
     def finalist(self, score: FloatArray, others: Sequence[Term]) -> Term:
         """Refine the best entry of each of the best candidates; give the best of them.
@@ -224,15 +229,16 @@ class Selector:
         ----------
         score : ndarray, shape (entries,)
             2 ln B of every entry, −∞: not allowed.
-        others
-            In the model already.
-
-        Returns
-        -------
-        Term
         """
-        top = float(score.max())
-        entries = best_entries(score, self.groups, top - 10.0 - 0.1 * abs(top))[:FINALISTS]
+        # Apart: with the amplitude free, one that is expected looks better than it is, and would
+        # push others out; what looks worse than these all the same need not be refined.
+        free, bound = (
+            np.where(own, score, -np.inf) for own in (~self.is_expected, self.is_expected)
+        )
+        top = float((free if np.isfinite(free).any() else bound).max())
+        floor = top - 10.0 - 0.1 * abs(top)
+        each = (best_entries(own, self.groups, floor)[:FINALISTS] for own in (free, bound))
+        entries = [entry for own in each for entry in own]
         base = self.fit(others).log_likelihood
         terms = [self.refined(self.library.term(i), others) for i in entries]
         return max(terms, key=lambda t: self.evidence(t, others, base))
@@ -241,49 +247,89 @@ class Selector:
         """Refine again, exchange, and take out what no longer pays."""
         if len(terms) == 1:
             return terms
-        for i in range(len(terms) - 1):
+        moved = [len(terms) - 1]
+        for i in self._near(terms, moved):
             terms[i] = self.refined(terms[i], terms[:i] + terms[i + 1 :])
         for _ in range(rounds):
             self.step()
-            if not self._exchange(terms):
+            moved = self._exchange(terms, moved)
+            if not moved:
                 break
+        return self._without_weak(terms)
+
+    def _still_paying(self, terms: list[Term]) -> list[Term]:
+        """Fit the known terms' nonlinear parameters in turn, and take out what no longer pays."""
+        for i in range(len(terms)):
+            terms[i] = self.refined(terms[i], terms[:i] + terms[i + 1 :])
+        return self._without_weak(terms)
+
+    def _without_weak(self, terms: list[Term]) -> list[Term]:
+        """Take out what does not pay beside the others.
+
+        The latest first: of two that explain the same, the one found earlier stays.
+        """
         for i in reversed(range(len(terms))):
             others = terms[:i] + terms[i + 1 :]
-            if others and self.evidence(terms[i], others) < 0:
+            lone = not others and terms[i].origin is None  # it passed the threshold just now
+            if not lone and self.evidence(terms[i], others) < 0:
                 terms = others
         return terms
 
-    def _exchange(self, terms: list[Term]) -> bool:
-        changed = False
-        for i in range(len(terms)):
+    def _exchange(self, terms: list[Term], moved: Sequence[int]) -> list[int]:
+        """Try the best rival in the place of each term that is near to what moved.
+
+        Returns
+        -------
+        list of int
+            Places where a rival came in.
+        """
+        changed: list[int] = []
+        for i in self._near(terms, moved):
+            if terms[i].origin is not None:
+                continue
             others = terms[:i] + terms[i + 1 :]
             score = np.where(self.allowed, self.scan(others).ratio - self.penalty, -np.inf)
             best = self.finalist(score, others)
             gain = self.evidence(best, others) - self.evidence(terms[i], others)
+            # Below this a swap would follow the noise, and two equals could swap for ever.
             if best.candidate is not terms[i].candidate and gain > WORTH_A_SWAP:
-                terms[i], changed = best, True
+                terms[i] = best
+                changed.append(i)
         return changed
+
+    def _near(self, terms: Sequence[Term], moved: Sequence[int]) -> list[int]:
+        """List the terms whose amplitudes depend on those that moved, the newest aside.
+
+        What does not share anything with them has been settled before, and stays as it is.
+        """
+        covariance = self.fit(terms).covariance
+        sizes = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        correlation = np.abs(covariance / np.outer(sizes, sizes))
+        of_term = np.repeat(np.arange(len(terms)), [t.size for t in terms])
+        touched = correlation[:, np.isin(of_term, moved)].max(axis=1) > NEAR
+        near = np.unique(of_term[touched])
+        return [i for i in near.tolist() if i < len(terms) - 1 or i not in moved]
+
+
+def _new(terms: Sequence[Term]) -> int:
+    """Count the terms that the model does not have yet."""
+    return sum(t.origin is None for t in terms)
 
 
 def penalties(library: Library, count: int) -> FloatArray:
     """Give what each entry costs: its parameters, and its share of its family's prior.
 
-    Parameters
-    ----------
-    library
-        All entries.
-    count
-        How many rows take part.
-
     Returns
     -------
     ndarray, shape (entries,)
         (k + nonlinear) ln n + 2 ln(entries of the family): the Schwarz approximation of
-        −2 ln B, with a family's prior spread evenly over its entries.
+        −2 ln B, with a family's prior spread evenly over its entries. An amplitude that is
+        expected is no parameter.
     """
     families = [library.candidates[e.candidate].family for e in library.entries]
     size = Counter(families)
-    parameters = [e.size + library.candidates[e.candidate].nonlinear for e in library.entries]
+    each = [(library.candidates[e.candidate], e.size) for e in library.entries]
+    parameters = [(0 if c.expected else size) + c.nonlinear for c, size in each]
     spread = 2.0 * np.log([size[f] for f in families])
     return np.asarray(np.array(parameters) * np.log(max(count, 2)) + spread)
 
@@ -296,12 +342,6 @@ def best_entries(score: FloatArray, groups: np.ndarray, floor: float) -> list[in
     score : ndarray, shape (entries,)
     groups : ndarray, shape (entries,)
         Each entry's candidate.
-    floor
-        The least score.
-
-    Returns
-    -------
-    list of int
 
     Examples
     --------
@@ -325,13 +365,6 @@ def given_states(states: Mapping[int, State], terms: Sequence[Term]) -> dict[int
     ----------
     states
         Channel to state, without terms.
-    terms
-        The terms.
-
-    Returns
-    -------
-    dict
-        Channel to state.
     """
     if not terms:
         return dict(states)

@@ -1,4 +1,7 @@
-"""Inverse roots of very many very small matrices at once."""
+"""Inverse roots of very many very small matrices at once.
+
+G. Golub, C. Van Loan, Matrix Computations (2013): Jacobi's rotation of a 2 × 2 matrix.
+"""
 
 from __future__ import annotations
 

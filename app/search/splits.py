@@ -9,13 +9,28 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import BoolArray, IntArray
+from app.search.rows import Rows
+
+PARTS: Final = 3
+"""Parts of a stretch: its edges, and what lies between."""
+
+FIRST, MIDDLE, LAST = 0, 1, 2
+EDGE: Final = 0.2
+"""Share of a stretch that each edge is."""
+
+ENOUGH_OF_EACH: Final = 2
+"""So many visits for each fold are enough to hold whole ones out."""
 
 LATE: Final = 0.3
-"""Share of the visits, the last ones, that a trend must foresee."""
+"""Share of the blocks, the last ones, that a trend must foresee."""
 
 
 class Splits(NamedTuple):
-    """Cells of visits: cell = 2 · fold + (0 early, 1 late)."""
+    """Cells of blocks: cell = 2 (PARTS · fold + part of a stretch) + (0 early, 1 late).
+
+    A fold is visits, or a stretch of a long one. What a stretch's neighbours hold near to it
+    resembles it: they teach without their edges.
+    """
 
     cell_of: dict[int, int]
     folds: int
@@ -23,58 +38,93 @@ class Splits(NamedTuple):
     @property
     def cells(self) -> int:
         """How many cells there are."""
-        return 2 * max(self.folds, 1)
+        return 2 * PARTS * max(self.folds, 1)
 
     def fold(self, number: int) -> BoolArray:
         """Say which cells one fold holds out."""
-        return np.asarray(np.arange(self.cells) // 2 == number)
+        return np.asarray(self._folds() == number)
+
+    def teaching(self, number: int) -> BoolArray:
+        """Say which cells teach what is then asked of one fold."""
+        part = np.arange(self.cells) // 2 % PARTS
+        before = (self._folds() == number - 1) & (part == LAST)
+        after = (self._folds() == number + 1) & (part == FIRST)
+        return np.asarray(~(self.fold(number) | before | after))
 
     def late(self) -> BoolArray:
         """Say which cells lie in the last part of the campaign."""
         return np.asarray(np.arange(self.cells) % 2 == 1)
 
+    def _folds(self) -> IntArray:
+        return np.arange(self.cells) // (2 * PARTS)
 
-def split_visits(visit: IntArray, channel: IntArray, share: float) -> Splits:
-    """Deal visits to folds so that every fold has of each channel, from the whole campaign.
 
-    Visits that measure the same channels go to the folds in turn. Where components are
-    measured one after the other, each has its own turn: else all visits of one could come
-    into one fold, and nobody would be left to foresee them.
+def split(rows: Rows, use: BoolArray, share: float) -> Splits:
+    """Deal blocks to folds so that every fold has of each channel, from the whole campaign.
+
+    Where there are enough visits, whole ones are held out: those that measure the same
+    channels go to the folds in turn. Where components are measured one after the other, each
+    has its own turn: else all visits of one could come into one fold, and nobody would be left
+    to foresee them. Few but long visits are cut into stretches of time.
 
     Parameters
     ----------
-    visit : ndarray, shape (n,)
-        Numbers of the visits, growing with time.
-    channel : ndarray, shape (n,)
-        What each row is of.
+    use : ndarray, shape (n,)
+        Which rows take part.
     share
-        Share of the visits that is held out each time.
-
-    Returns
-    -------
-    Splits
-        One fold for each 1/share; fewer where there are fewer visits; none below two.
+        Share that is held out each time: one fold for each 1/share, fewer where there are
+        fewer blocks; none below two.
 
     Examples
     --------
-    >>> same = np.zeros(6, dtype=int)
-    >>> split_visits(np.array([1, 1, 2, 5, 7, 8]), same, 0.5).cell_of
-    {1: 0, 2: 2, 5: 0, 7: 3, 8: 1}
-    >>> in_turn = np.array([0, 1, 0, 1])
-    >>> split_visits(np.array([1, 2, 3, 4]), in_turn, 0.5).cell_of
-    {1: 0, 2: 2, 3: 2, 4: 1}
+    >>> of = lambda *v: Rows(np.zeros(len(v)), np.array(v), *np.zeros((1, len(v)), int),
+    ...                      np.zeros((len(v), 0)), np.zeros(len(v), int))
+    >>> split(of(1, 1, 2, 5, 7, 8), np.ones(6, bool), 0.5).cell_of
+    {0: 2, 1: 8, 2: 2, 3: 9, 4: 3}
     """
-    visits = np.unique(visit)
-    folds = min(max(round(1.0 / share), 2), len(visits))
-    if len(visits) < 2:
-        return Splits({int(v): 0 for v in visits}, 0)
-    first_late = len(visits) - max(1, round(LATE * len(visits)))
-    dealt = _deal([np.unique(channel[visit == v]) for v in visits], folds)
-    cells = {
-        int(v): 2 * fold + int(i >= first_late)
-        for i, (v, fold) in enumerate(zip(visits, dealt, strict=True))
-    }
-    return Splits(cells, folds)
+    blocks, first = np.unique(rows.block[use], return_index=True)
+    visits = rows.visit[use][first]
+    folds = min(max(round(1.0 / share), 2), len(blocks))
+    if len(blocks) < 2:
+        return Splits({int(b): 0 for b in blocks}, 0)
+    # Early and late ones are dealt together: one set of cells serves folds and forward test.
+    first_late = len(blocks) - max(1, round(LATE * len(blocks)))
+    is_late = np.arange(len(blocks)) >= first_late
+    counted = np.unique(visits)
+    if len(counted) >= min(ENOUGH_OF_EACH * folds, len(blocks)):
+        folds = min(folds, len(counted))
+        channels = [np.unique(rows.channel[use][rows.visit[use] == v]) for v in counted]
+        dealt = np.array(_deal(channels, folds))[np.searchsorted(counted, visits)]
+        place = PARTS * dealt + MIDDLE
+    else:
+        place = _stretches(rows, blocks, visits, folds)
+        # A visit of few moments cannot be cut: without a second fold nothing is held out.
+        folds = len(np.unique(place // PARTS))
+        if folds < 2:
+            return Splits({int(b): 0 for b in blocks}, 0)
+    cells = 2 * place + is_late
+    return Splits(dict(zip(blocks.tolist(), cells.tolist(), strict=True)), folds)
+
+
+def _stretches(rows: Rows, blocks: IntArray, visits: IntArray, folds: int) -> IntArray:
+    """Cut every long visit into one stretch for each fold, of three parts; short ones in turn."""
+    found = np.zeros(len(blocks), dtype=np.intp)
+    minutes = np.zeros(len(rows.values)) if rows.minutes is None else rows.minutes
+    when = np.array([minutes[rows.block == b].mean() for b in blocks])
+    short = 0
+    for visit in np.unique(visits):
+        own = np.flatnonzero(visits == visit)
+        if len(own) < 2 * folds:
+            found[own] = PARTS * (short % folds) + MIDDLE
+            short += 1
+            continue
+        # Equal in blocks, not in time: pauses teach nothing.
+        order = np.argsort(when[own], kind="stable")
+        at = np.arange(len(own)) * folds / len(own)
+        within = at % 1.0
+        part = np.where(within < EDGE, FIRST, np.where(within >= 1.0 - EDGE, LAST, MIDDLE))
+        found[own[order]] = PARTS * at.astype(np.intp) + part
+    return found
 
 
 def _deal(channels: Sequence[IntArray], folds: int) -> list[int]:

@@ -1,4 +1,12 @@
-"""One channel on some of the visits: what is left of any columns after maps and visits."""
+"""One channel on some of the visits: what is left of any columns after maps and visits.
+
+The model is linear and mixed: visits shift and tilt, map entries err, each with a normal
+prior, and both are integrated out. The repeatability is profiled, under a scaled inverse
+χ² prior that counts for `weight` observations around the channel's scale.
+
+D. Harville, J. Am. Stat. Assoc. 72 (1977) 320: likelihood of variance components.
+M. Lovell, J. Am. Stat. Assoc. 58 (1963) 993: regression on what other columns leave.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from app.arrays import BoolArray, FloatArray
 from app.search.moments import Fixed, moments_of
-from app.search.visit_scatter import factors
+from app.search.scatter import Whitening
 
 JITTER = 1e-10
 """Keeps two equal given columns from breaking the factorisation."""
@@ -43,11 +51,12 @@ class Level:
     terms are fitted is A'B − shadow(A)'shadow(B).
     """
 
-    factor: FloatArray
+    whitening: Whitening
     turned: FloatArray
     root: FloatArray
     inverse_root: FloatArray
     constant: float
+    shapes: int
 
     def shadow(self, with_nuisance: FloatArray, reduced: FloatArray) -> FloatArray:
         """Give the part of columns that visits and nuisance can take up.
@@ -63,7 +72,7 @@ class Level:
         -------
         ndarray, shape (b (1 + q) + p, m)
         """
-        turned = self.turn(reduced)
+        turned = self.whitening.turn(reduced)
         return np.vstack([turned, self.inverse_root @ (with_nuisance - self.turned.T @ turned)])
 
     def weights(self, shadow: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -88,11 +97,6 @@ class Level:
     def rows_of_last(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Give the last rows of the shadow as weights of sums over visits and of products.
 
-        Parameters
-        ----------
-        count
-            How many.
-
         Returns
         -------
         visits : ndarray, shape (count, b (1 + q))
@@ -102,23 +106,8 @@ class Level:
         return -self._turned_back(self.turned @ nuisance.T).T, nuisance
 
     def _turned_back(self, turned: FloatArray) -> FloatArray:
-        """Apply the transposed factors, visit by visit."""
-        blocks, shapes, _ = self.factor.shape
-        split = turned.reshape(blocks, shapes, -1)
-        return np.asarray(self.factor.transpose(0, 2, 1) @ split).reshape(turned.shape)
-
-    def turn(self, reduced: FloatArray) -> FloatArray:
-        """Apply the visits' factors to sums over the visits.
-
-        Parameters
-        ----------
-        reduced : ndarray, shape (b, 1 + q, m)
-
-        Returns
-        -------
-        ndarray, shape (b (1 + q), m)
-        """
-        return _turn(self.factor, reduced)
+        """Apply the transposed factors."""
+        return self.whitening.turn_back(turned, self.shapes)
 
 
 @dataclass(eq=False)
@@ -127,12 +116,8 @@ class State:
 
     Parameters
     ----------
-    fixed
-        The channel with its products.
     cells : ndarray, shape (cells,)
         Which cells take part.
-    given
-        Terms in the model already.
     """
 
     fixed: Fixed
@@ -176,8 +161,6 @@ class State:
 
         Parameters
         ----------
-        level
-            Which visit variances.
         rss : ndarray, shape (...)
             Squares that are left.
 
@@ -185,6 +168,7 @@ class State:
         -------
         ndarray, shape (...)
         """
+        # The prior's squares are `weight` as well: values are in units of the channel's scale.
         scale = np.maximum(rss + self.fixed.channel.weight, 1e-12) / self.freedom
         found: FloatArray = -0.5 * self.freedom * np.log(scale) + self.levels[level].constant
         return found
@@ -235,19 +219,18 @@ class State:
 
     def _level(self, i: int, own: FloatArray, reduced: FloatArray, precision: FloatArray) -> Level:
         channel = self.fixed.channel
-        factor, log_det = factors(channel.gram[self.blocks], channel.variances[i][self.blocks])
-        turned = _turn(factor, reduced)
+        whitening = channel.whitening(i, self.blocks)
+        turned = whitening.turn(reduced)
         root = np.asarray(
             np.linalg.cholesky(own - turned.T @ turned + np.diag(precision)), dtype=np.float64
         )
         p = channel.nuisance.shape[1]
-        half_log_det = 0.5 * log_det.sum() + np.log(np.diag(root)[:p]).sum()
+        # The factor of the nuisance alone, which comes first: given terms are fitted, not
+        # integrated out. A restricted likelihood would take their determinant too, and could
+        # not be compared between models that have different terms.
+        half_log_det = 0.5 * whitening.log_determinant + np.log(np.diag(root)[:p]).sum()
         inverse_root: FloatArray = np.zeros_like(root)
         if len(root):
             inverse_root[:] = solve_triangular(root, np.eye(len(root)), lower=True)
-        return Level(factor, turned, root, inverse_root, float(channel.prior[i] - half_log_det))
-
-
-def _turn(factor: FloatArray, reduced: FloatArray) -> FloatArray:
-    blocks, shapes, columns = reduced.shape
-    return np.asarray(factor @ reduced).reshape(blocks * shapes, columns)
+        constant = float(channel.prior[i] - half_log_det)
+        return Level(whitening, turned, root, inverse_root, constant, channel.shapes.shape[1])

@@ -1,4 +1,10 @@
-"""One threshold for everything that was tried: the largest statistic under pure noise."""
+"""A threshold for everything that was tried: the largest statistic under pure noise.
+
+P. Westfall, S. Young, Resampling-Based Multiple Testing (1993): distribution of the largest
+statistic from joint draws, so that entries which imitate each other are not counted twice.
+E. Gumbel, Statistics of Extremes (1958): its tail, fitted by two moments.
+M. Bartlett, Proc. R. Soc. A 160 (1937) 268: bringing a likelihood ratio to its χ² mean.
+"""
 
 from __future__ import annotations
 
@@ -14,54 +20,91 @@ from app.search.scan import Scan
 BARTLETT: Final = (0.4, 1.3)
 """A correction beyond this says more about the draws than about the statistic."""
 
-EULER: Final = 0.5772156649015329
+OWN_FALSE_ALARM: Final = 0.05
+"""What the other channels' noise makes improbable must not be usual in the channel's own: the
+null model that is fitted without an effect has taken part of it up already."""
+
+LEAST_SCALE: Final = 1.0 / np.log(10.0)
+"""Scale of −log10 p of a single test: a family's largest has no lighter tail than that."""
+
+EULER_GAMMA: Final = 0.5772156649015329
 
 
 @dataclass(frozen=True, eq=False)
-class Threshold:
-    """What a candidate's surprise must exceed.
+class Population:
+    """How every family's largest surprise is distributed in draws of one kind of noise.
 
     Parameters
     ----------
-    surprise
-        −log10 p above which one entry of all counts as found.
-    location, scale
-        Of the Gumbel distribution of the largest surprise under noise.
+    location, scale : ndarray, shape (entries,)
+        Of a Gumbel distribution, the same within a family.
     bartlett : ndarray, shape (entries,)
         Factor that brings each statistic to its χ² mean.
     """
 
-    surprise: float
-    location: float
-    scale: float
+    location: FloatArray
+    scale: FloatArray
     bartlett: FloatArray
 
-    def of(self, found: Scan) -> FloatArray:
-        """Give the surprise of every entry, −log10 p.
-
-        Parameters
-        ----------
-        found
-            A scan.
-
-        Returns
-        -------
-        ndarray, shape (entries,)
-        """
-        return surprise(found.ratio * self.bartlett, found.rank)
-
-    def global_p(self, largest: float) -> float:
-        """Give the probability that noise alone surprises as much somewhere.
-
-        Parameters
-        ----------
-        largest
-            The largest surprise.
-        """
-        return float(-np.expm1(-np.exp(-(largest - self.location) / self.scale)))
+    def reduced(self, found: Scan) -> FloatArray:
+        """Give every entry's surprise on its family's scale, shape (entries,)."""
+        own = surprise(found.ratio * self.bartlett, found.rank)
+        return np.asarray((own - self.location) / self.scale)
 
 
-def threshold(found: Scan, groups: np.ndarray, false_alarm: float) -> Threshold:
+@dataclass(frozen=True, eq=False)
+class Threshold:
+    """What a candidate must exceed.
+
+    Every family may spend the same share of the false alarms, so that thousands of pitches do
+    not cost the one drift its power.
+
+    Parameters
+    ----------
+    noise
+        What decides: noise whose wander is that of the other channels, where they tell.
+    own
+        Noise as the channel itself shows it without any effect; None: the same.
+    limit, own_limit
+        Reduced surprise above which an entry counts as found.
+    families
+        How many families share.
+    """
+
+    noise: Population
+    own: Population | None
+    limit: float
+    own_limit: float
+    families: int
+
+    @property
+    def bartlett(self) -> FloatArray:
+        """Factors that bring each statistic to its χ² mean, shape (entries,)."""
+        return self.noise.bartlett
+
+    @property
+    def surprise(self) -> FloatArray:
+        """−log10 p above which an entry counts as found, shape (entries,)."""
+        return np.asarray(self.noise.location + self.limit * self.noise.scale)
+
+    def excess(self, found: Scan) -> FloatArray:
+        """Give by how much every entry exceeds what it must, shape (entries,)."""
+        excess = self.noise.reduced(found) - self.limit
+        if self.own is not None:
+            excess = np.minimum(excess, self.own.reduced(found) - self.own_limit)
+        return excess
+
+    def global_p(self, found: Scan) -> float:
+        """Give the probability that noise alone surprises as much in any family."""
+        if not self.families:
+            return 1.0  # Nothing could be tested: nothing surprises.
+        rarest = np.max(self.noise.reduced(found), initial=-np.inf)
+        return float(-np.expm1(-self.families * np.exp(-rarest)))
+
+
+def threshold(
+    found: Scan, groups: np.ndarray, families: np.ndarray, false_alarm: float, halves: bool = False
+) -> Threshold:
     """Take the threshold from draws of noise, with a smoothed tail.
 
     The largest of many surprises is close to a Gumbel variable: its two moments are
@@ -69,27 +112,44 @@ def threshold(found: Scan, groups: np.ndarray, false_alarm: float) -> Threshold:
 
     Parameters
     ----------
-    found
-        A scan with draws.
     groups : ndarray, shape (entries,)
         Entries of one candidate share their Bartlett factor: it is then less uncertain.
+    families : ndarray, shape (entries,)
+        Numbers of the families; one in which nothing can be tested has no share.
     false_alarm
         Accepted probability that anything is found in noise.
-
-    Returns
-    -------
-    Threshold
-
-    References
-    ----------
-    P. Westfall, S. Young, Resampling-based multiple testing (1993): max-T.
+    halves
+        Whether the second half of the draws wanders as the other channels do (`Draws`).
     """
+    count = len([f for f in np.unique(families) if found.rank[families == f].any()])
+    middle = found.noise.shape[1] // 2
+    parts = [found.noise[:, middle:], found.noise[:, :middle]] if halves else [found.noise]
+    known = [_population(Scan(found.ratio, part, found.rank), groups, families) for part in parts]
+    return Threshold(
+        noise=known[0],
+        own=known[1] if halves else None,
+        limit=_gumbel(false_alarm / max(count, 1)),
+        own_limit=_gumbel(OWN_FALSE_ALARM),
+        families=count,
+    )
+
+
+def _population(found: Scan, groups: np.ndarray, families: np.ndarray) -> Population:
     bartlett = _bartlett(found, groups)
-    draws = surprise(found.noise * bartlett[:, None], found.rank[:, None]).max(axis=0, initial=0.0)
-    scale = max(float(draws.std(ddof=1)) * np.sqrt(6.0) / np.pi, 1e-3)
-    location = float(draws.mean()) - EULER * scale
-    limit = location - scale * np.log(-np.log1p(-false_alarm))
-    return Threshold(float(limit), location, scale, bartlett)
+    # p values and not ratios: entries of one and of three amplitudes then compete on equal terms.
+    drawn = surprise(found.noise * bartlett[:, None], found.rank[:, None])
+    location, scale = np.zeros(len(families)), np.ones(len(families))
+    for family in np.unique(families[found.rank > 0]):
+        own = families == family
+        largest = drawn[own].max(axis=0)
+        scale[own] = max(float(largest.std(ddof=1)) * np.sqrt(6.0) / np.pi, LEAST_SCALE)
+        location[own] = float(largest.mean()) - EULER_GAMMA * scale[own]
+    return Population(location, scale, bartlett)
+
+
+def _gumbel(probability: float) -> float:
+    """Give what a reduced Gumbel variable exceeds with a probability."""
+    return float(-np.log(-np.log1p(-probability)))
 
 
 def surprise(ratio: FloatArray, freedom: FloatArray) -> FloatArray:
@@ -112,6 +172,7 @@ def surprise(ratio: FloatArray, freedom: FloatArray) -> FloatArray:
     """
     a = np.maximum(freedom, 1.0) / 2.0
     x = np.maximum(ratio, 0.0) / 2.0
+    # The upper tail underflows near x = 700; from 300 on its asymptotic series serves.
     with np.errstate(divide="ignore"):
         near = np.log(np.maximum(gammaincc(a, x), 1e-300))
     far = (

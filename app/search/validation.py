@@ -1,4 +1,10 @@
-"""The whole search again without each fold of visits: honest figures, slopes, how often found."""
+"""The whole search again without each fold of visits: honest figures, slopes, how often found.
+
+M. Stone, J. R. Stat. Soc. B 36 (1974) 111: cross-validation.
+C. Ambroise, G. McLachlan, Proc. Natl. Acad. Sci. 99 (2002) 6562: the choice of terms is
+repeated within every fold; else held-out figures are too good.
+J. Copas, J. R. Stat. Soc. B 45 (1983) 311: slope of what is seen on what was predicted.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +22,13 @@ from app.search.problem import Term
 from app.search.selection import Selection, Selector
 from app.search.splits import Splits
 
-SURE: Final = 2.33
+ABOVE_ZERO: Final = 2.33
 """Standard errors that a slope must lie above 0: one per cent, one-sided."""
 
-COMPATIBLE: Final = 3.0
+AROUND_ONE: Final = 3.0
 """Standard errors within which a slope must lie around 1."""
 
-NEAR: Final = 10.0
+LEAST_RATIO: Final = 10.0
 """Likelihood ratio on all visits below which no fold would choose an entry."""
 
 OFTEN_FOUND: Final = 0.5
@@ -42,32 +48,21 @@ class Validation:
     after, adopted : ndarray, shape (n,)
         Predicted part of each of the caller's rows, in repeatabilities; nan: not held out.
         `after` has the terms and refitted maps, `adopted` the terms alone.
-    slopes
-        For each term, one slope for every fold that found it again.
-    folds
-        How many folds there were.
+    known : ndarray, shape (n,)
+        The same of the terms that the model has already.
     forward
         For each term, the slope on the last visits; None: not found on the earlier ones.
     """
 
     after: FloatArray
     adopted: FloatArray
+    known: FloatArray
     slopes: list[list[Slope]]
     folds: int
     forward: list[Slope | None] = field(default_factory=list)
 
     def slope(self, number: int) -> Slope | None:
-        """Pool a term's slopes, each by its information.
-
-        Parameters
-        ----------
-        number
-            Which term.
-
-        Returns
-        -------
-        Slope or None
-        """
+        """Pool a term's slopes, each by its information."""
         slopes = self.slopes[number]
         information = sum(s.information for s in slopes)
         if information <= 0:
@@ -94,27 +89,16 @@ def validate(
 
     Parameters
     ----------
-    library
-        All entries.
-    splits
-        The folds.
-    main
-        What all visits together say.
     allowed : ndarray, shape (entries,)
         Which entries may be chosen.
     rivals
         For each term, its rivals: a fold that finds a tied one has found the same thing.
-    step
-        Told how far it is.
-
-    Returns
-    -------
-    Validation
     """
     n = len(library.problem.rows.values)
     found = Validation(
         after=np.full(n, np.nan),
         adopted=np.full(n, np.nan),
+        known=np.full(n, np.nan),
         slopes=[[] for _ in main.terms],
         folds=splits.folds,
     )
@@ -122,7 +106,7 @@ def validate(
     for fold in range(splits.folds):
         step(fold / (splits.folds + 1))
         held = splits.fold(fold)
-        learned = _learned(library, ~held, main, allowed)
+        learned = _learned(library, splits.teaching(fold), main, allowed)
         for number, match in enumerate(_matches(learned.terms, main.terms, rivals)):
             if match is not None:
                 slope = calibration_slope(library.problem, learned, match, held)
@@ -132,6 +116,7 @@ def validate(
             mine = held[channel.cells][channel.block]
             found.after[channel.rows[mine]] = learned.prediction(c)[mine]
             found.adopted[channel.rows[mine]] = learned.effect(c)[mine]
+            found.known[channel.rows[mine]] = learned.effect(c, known_alone=True)[mine]
     found.forward = _forward(library, splits, main, allowed, rivals)
     return found
 
@@ -149,18 +134,12 @@ def status_of(
     ----------
     slope
         Pooled over the folds; None: never found again.
-    forward
-        On the last visits, for a trend.
     inclusion
         Share of folds that found it again; None: there were no folds.
     evidence
         Its likelihood ratio: how well its size itself is known.
     leverage
         Share of its evidence on two visits.
-
-    Returns
-    -------
-    Status
 
     Examples
     --------
@@ -171,19 +150,21 @@ def status_of(
     >>> status_of(Slope(0.0, 1.0, 1.0), None, 1.0, 120.0, 0.2)
     <Status.NOT_CONFIRMABLE: 'not-confirmable'>
     """
-    if slope is None or slope.information < SURE**2:
+    if slope is None or slope.information < ABOVE_ZERO**2:
         excited = inclusion is not None and slope is None and leverage < ON_FEW_VISITS
         return Status.SUSPECTED if excited else Status.NOT_CONFIRMABLE
     judged = [slope]
-    if forward is not None and forward.information >= SURE**2:
+    if forward is not None and forward.information >= ABOVE_ZERO**2:
         judged.append(forward)
-    held = all(_holds(s, evidence) for s in judged) and (inclusion or 0.0) >= OFTEN_FOUND
+    held = all(holds(s, evidence) for s in judged) and (inclusion or 0.0) >= OFTEN_FOUND
     return Status.CONFIRMED if held else Status.SUSPECTED
 
 
-def _holds(slope: Slope, evidence: float) -> bool:
+def holds(slope: Slope, evidence: float) -> bool:
+    """Whether held-out visits show a term, about as large as predicted."""
+    # The prediction's own size is uncertain too: 1/√LR is its relative standard error.
     error = np.sqrt(slope.error**2 + 1.0 / max(evidence, 1.0))
-    return slope.value > SURE * slope.error and abs(slope.value - 1.0) < COMPATIBLE * error
+    return slope.value > ABOVE_ZERO * slope.error and abs(slope.value - 1.0) < AROUND_ONE * error
 
 
 def _near(library: Library, main: Selection) -> Library:
@@ -192,13 +173,15 @@ def _near(library: Library, main: Selection) -> Library:
     What falls short by far on all visits does not pass a threshold on fewer.
     """
     largest = np.max([stage.ratio for stage in main.stages], axis=0)
-    return library.take(largest >= NEAR)
+    return library.take(largest >= LEAST_RATIO)
 
 
 def _learned(library: Library, train: BoolArray, main: Selection, allowed: BoolArray) -> Learned:
     if not main.terms:
         return learn(library.problem.states(train), [])
-    selector = Selector(library, train, allowed, 0.0, len(main.terms))
+    known = [term for term in main.terms if term.origin is not None]
+    count = len(main.terms) - len(known)
+    selector = Selector(library, train, allowed, 0.0, count, known)
     terms = selector.select(None, main.stages).terms
     return learn(selector.states, terms)
 

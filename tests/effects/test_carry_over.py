@@ -14,7 +14,7 @@ from app.effects.registry import explain
 from app.geometry.components import COMPONENTS
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
-from tests.effects.example_site import ASSIGNMENT, POSITIONS, START_S, machine, maps
+from tests.effects.example_campaign_view import ASSIGNMENT, POSITIONS, START_S, machine, maps
 from tests.effects.test_effects_all_kinds import EACH, fitted
 
 BEFORE = compile_model(machine(), maps(), ASSIGNMENT)

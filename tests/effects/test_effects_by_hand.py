@@ -33,7 +33,7 @@ from app.effects.shape import (
 from app.effects.term import Term
 from app.geometry.chain import Chain
 from app.thermal.compile_model import compile_model
-from tests.effects.example_site import START_S, machine, maps, site
+from tests.effects.example_campaign_view import START_S, example_view, machine, maps
 
 HALF = Rising(250.0, 250.0)
 IN_MAPS = ((20.0, 30.0), (24.0, 38.0), (30.0, 50.0))
@@ -143,7 +143,7 @@ def test_terms_by_hand(term, here, at_mm, expected):
 
 
 def test_a_reversal_has_the_sign_of_the_approach():
-    hypothesis = next(h for h in kind_of("backlash").propose(site()).hypotheses)
+    hypothesis = next(h for h in kind_of("backlash").propose(example_view()).hypotheses)
     effect = hypothesis.fitted(Estimate(None, None, np.array([1.5]), np.array([[0.01]])))
     assert effect.parameters == {"reversal_um": 3.0}
     assert effect.standard_errors == {"reversal_um": pytest.approx(0.2)}
@@ -212,7 +212,7 @@ def test_rotations_and_slopes_act_through_their_arms():
 
 
 def test_amplitude_and_phase_of_a_sine_with_their_errors():
-    hypothesis = next(h for h in kind_of("periodic").propose(site()).hypotheses)
+    hypothesis = next(h for h in kind_of("periodic").propose(example_view()).hypotheses)
     covariance = np.array([[0.010, 0.002], [0.002, 0.020]])
     effect = hypothesis.fitted(Estimate(13.4, 0.01, np.array([3.0, 4.0]), covariance))
     assert effect.parameters["amplitude_um"] == pytest.approx(5.0)
@@ -311,7 +311,7 @@ def test_explanations(effect, told):
 
 def test_what_the_maps_contain_is_not_lacking():
     """A second sensor that does what it did in the maps adds nothing: the maps have it."""
-    where = site()
+    where = example_view()
     driver = where.beyond_maps("EZZ", "spindle")
     assert driver.in_maps_c == ((22.0, 30.0), (26.0, 38.0), (32.0, 50.0))
     as_in_maps = moment(z_column=24.0, spindle=34.0)

@@ -25,13 +25,13 @@ from app.identification.residuals.residuals import compute_residuals
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import sensors_by_name
 from app.thermal.sensor_health import Health, SensorState
-from tests.effects.example_site import (
+from tests.effects.example_campaign_view import (
     ASSIGNMENT,
     START_S,
+    example_view,
     machine,
     maps,
     readings,
-    site,
 )
 from tests.effects.test_effects_all_kinds import (
     EACH,
@@ -171,28 +171,63 @@ def fault(codes=("EXX", "EYX", "EYY")):
     )
 
 
+def stuck():
+    """The same sensor, which tells no temperature: its effect adds nothing."""
+    terms = tuple(replace(term, coefficient=0.0) for term in fault().terms)
+    parameters = fault().parameters | {"lasted_h": 9.0}
+    return replace(fault(), variant="stuck", parameters=parameters, terms=terms)
+
+
+def test_a_bias_is_taken_off_though_a_stand_in_could_serve():
+    """What was found is E(T - bias), and no visit has tested what the stand-in would say."""
+    model, own = with_stand_in(), example_view()
+    rows, conditions = own.rows, own.conditions
+    since_s = START_S + 2 * 86400.0
+    after = conditions.times_s >= since_s
+    exx = rows.of_channel("EXX")
+    term = (StepAfter(since_s, height=-2.0), Sensitivity(is_local=False))
+    bias = replace(fault(), terms=tuple(Term(code, *term) for code in fault().components))
+    found = compute_residuals(model, rows, conditions, [bias])
+    plain = compute_residuals(model, rows, conditions)
+    assert (found.kept == plain.kept).all()
+    np.testing.assert_allclose(
+        found.predicted - plain.predicted,
+        sum_of_terms(found.projection, bias.terms),
+        atol=1e-9,
+    )
+    for row in exx[::5].tolist():
+        t_c = conditions.temperature("x-middle")[row] - 2.0 * after[row]
+        expected = (min(max(t_c, 20.0), 30.0) - 20.0) * rows.points_mm[row, 0] / 500.0
+        value = prediction(model, [bias], rows, row, conditions)
+        assert value == pytest.approx(expected, abs=1e-9)
+        table = table_of(model, [bias], moment_of(row))
+        assert in_table(table, rows, row) == pytest.approx(value, abs=1e-9)
+        (entry,) = [e for e in table.components if e.component.code == "EXX"]
+        assert entry.basis.stand_in_for is None
+
+
 def test_a_stand_in_serves_tables_predictions_and_residuals_from_the_fault_on():
-    model, own = with_stand_in(), site()
+    model, own = with_stand_in(), example_view()
     rows, conditions = own.rows, own.conditions
     after = conditions.times_s >= START_S + 2 * 86400.0
     exx = rows.of_channel("EXX")
     for row in exx[::5].tolist():
-        value = prediction(model, [fault()], rows, row, conditions)
+        value = prediction(model, [stuck()], rows, row, conditions)
         sensor, offset = ("y-front", 1.0) if after[row] else ("x-middle", 0.0)
         t_c = conditions.temperature(sensor)[row] + offset
         # EXX grows by 1 µm/K at the end of travel; at y-front's own temperatures of the maps.
         expected = (min(max(t_c, 20.0), 30.0) - 20.0) * rows.points_mm[row, 0] / 500.0
         assert value == pytest.approx(expected, abs=1e-9)
-        table = table_of(model, [fault()], moment_of(row))
+        table = table_of(model, [stuck()], moment_of(row))
         (entry,) = [e for e in table.components if e.component.code == "EXX"]
         assert entry.effects == ("sensor-fault",)
         assert (entry.basis.stand_in_for == "x-middle") == after[row]
         assert in_table(table, rows, row) == pytest.approx(value, abs=1e-9)
-    predicted = compute_residuals(model, rows, conditions, [fault()])
+    predicted = compute_residuals(model, rows, conditions, [stuck()])
     kept = np.flatnonzero(predicted.kept).tolist()
     for row in exx[::5].tolist():
         if row in kept:
-            value = prediction(model, [fault()], rows, row, conditions)
+            value = prediction(model, [stuck()], rows, row, conditions)
             assert predicted.predicted[kept.index(row)] == pytest.approx(value, abs=1e-9)
 
 
@@ -206,7 +241,7 @@ def test_where_the_stand_in_is_silent_the_bias_is_taken_off():
     (entry,) = [e for e in table.components if e.component.code == "EXX"]
     t_c = float(alone.temperatures_c["x-middle"][0])
     assert entry.errors[-1] == pytest.approx(t_c - 2.0 - 20.0, abs=1e-9)
-    assert any("no other sensor can stand in" in warning for warning in table.warnings)
+    assert any("the bias is taken off" in warning for warning in table.warnings)
 
 
 @pytest.mark.parametrize("variant", ["bias", "stuck"])
@@ -240,7 +275,7 @@ def test_only_a_bias_is_taken_off():
     (warning,) = table_of(model, [spikes], moment).warnings
     assert warning.endswith("no other sensor can stand in, it is read as it is")
     warning = table_of(model, [fault()], moment).warnings[-1]
-    assert warning.endswith("no other sensor can stand in, the bias is taken off")
+    assert warning.endswith(": the bias is taken off, until somebody repairs it")
 
 
 @pytest.mark.parametrize(
@@ -277,7 +312,7 @@ def test_a_bias_that_was_stored_as_a_slope_is_read_as_it_was():
 
 def test_a_component_of_effects_alone_can_be_measured_again():
     """A level measures the rotation itself that points have shown: it is held against it."""
-    model, own = example().model, site(False)
+    model, own = example().model, example_view(False)
     roll = Effect("angular", ("EAX",), parameters={"angle_urad": 5.0}, variant="constant")
     roll = replace(roll, terms=(Term("EAX", Always(), Everywhere(), 5.0),))
     channels = tuple("EAX" if c == "EXX" else c for c in own.rows.channels)
@@ -319,7 +354,7 @@ def test_a_component_of_effects_alone_is_predicted_and_any_other_refused():
     somewhere = (np.full((2, 3), 300.0), np.zeros((2, 3)), np.zeros((2, 3)))
     found = predict_with_effects(model, [roll], AskedPlaces("EAX", *somewhere), conditions)
     assert (found.values.tolist(), found.status) == ([5.0, 5.0], ["effects-only"] * 2)
-    with pytest.raises(InvalidContent, match="came EBX"):
+    with pytest.raises(InvalidContent, match="got EBX"):
         predict_with_effects(model, [roll], AskedPlaces("EBX", *somewhere), conditions)
 
 

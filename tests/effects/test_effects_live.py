@@ -24,7 +24,7 @@ from app.effects.shape import (
     Wave,
 )
 from app.effects.term import Term
-from tests.effects.example_site import START_S, all_rows, site
+from tests.effects.example_campaign_view import START_S, all_rows, example_view
 
 HALF = Rising(250.0, 250.0)
 NO_NUMBER = Profile((0.0, 500.0), (1.0, np.nan))
@@ -36,7 +36,7 @@ def effect(*terms, kind="outdated-map"):
 
 
 def tables(*effects, moment=None):
-    model = site().model
+    model = example_view().model
     states = model.errors_at(TEMPERATURES)
     moment = moment or Conditions.of_moment(START_S, TEMPERATURES)
     found = corrected_tables(model, effects, moment, states)
@@ -98,7 +98,7 @@ def test_a_pitch_that_is_too_short_for_a_table_is_left_out_and_predicted_exactly
     assert f"its pitch of {pitch_mm} mm" in one.reason
     assert "over 500 mm of travel" in one.reason
     assert "predictions" in one.reason
-    where = site()
+    where = example_view()
     chosen = where.rows.of_channel("EXX")
     predicted = contributions(where.projection, [sine])
     assert not predicted.missing
@@ -162,7 +162,7 @@ def test_an_effect_that_lacks_its_condition_is_left_out_with_the_reason(term, re
 
 
 def test_predictions_leave_out_what_gives_no_number():
-    where = site()
+    where = example_view()
     alike = Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 38.02})
     for shape, reason in ((alike, "cannot tell them apart"), (NO_NUMBER, "no number")):
         found = contributions(where.projection, [effect(Term("EXX", Always(), shape))])
@@ -172,7 +172,7 @@ def test_predictions_leave_out_what_gives_no_number():
 
 
 def test_a_failed_sensor_is_named():
-    model = site().model
+    model = example_view().model
     lag = effect(Term("EXX", Always(), Sensitivity(is_local=True)))
     moment = Conditions.of_moment(START_S, {"y-front": 21.0})
     assert corrected_tables(model, [lag], moment).missing[0].reason == (
@@ -188,7 +188,7 @@ def test_a_lag_goes_live_with_carried_filters():
     lag = effect(Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False)))
     young = Conditions.of_moment(START_S, TEMPERATURES, {}, lags)
     assert tables(lag, moment=young)[1][0].reason == (
-        "expected 50 min of readings of x-middle without a gap, five time constants, came 50 min"
+        "expected 50 min of readings of x-middle without a gap, five time constants, got 50 min"
     )
     lags = LiveLags(
         {(signal, 600.0): LagState(600.0, Hold.LINEAR, START_S - 3000.0, START_S, 21.0, 21.0)}
@@ -200,7 +200,7 @@ def test_a_lag_goes_live_with_carried_filters():
 
 
 def test_predictions_name_what_they_lack():
-    where = site()
+    where = example_view()
     shift = effect(Term("EXX", Always(), Everywhere(), 3.0))
     feed = effect(Term("EZZ", State("feed"), Everywhere(), 1.0), kind="state-variable")
     found = contributions(where.projection, [shift, feed])

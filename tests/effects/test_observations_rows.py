@@ -1,5 +1,7 @@
 """Verifications as rows: channels, visits, repeats, and what zero means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,28 +49,38 @@ def test_components_come_in_the_order_of_tables_and_points_last():
     assert rows.of_channel("EYY").size == 0
 
 
-def test_visits_are_verifications_split_at_long_pauses_and_numbered_in_time():
+def test_visits_are_verifications_numbered_in_time():
     later = Verification("later", [*line(50000.0), *line(60000.0)])
     earlier = Verification("earlier", line(0.0))
     rows = observation_rows([later, earlier])
-    assert rows.visit.tolist() == [1, 1, 2, 2, 0, 0]
-    assert rows.visits == 3
+    # A pause does not say that the instrument was mounted again.
+    assert rows.visit.tolist() == [1, 1, 1, 1, 0, 0]
+    assert rows.visits == 2
 
 
-@pytest.mark.parametrize(
-    ("every_s", "pause_s", "visits"),
-    [(20.0, 200.0, 1), (20.0, 600.0, 2), (120.0, 1800.0, 1), (120.0, 3000.0, 2), (3600.0, 0.0, 1)],
-)
-def test_a_pause_is_long_beside_the_usual_interval(every_s, pause_s, visits):
-    times = np.arange(20) * every_s + np.where(np.arange(20) >= 10, pause_s, 0.0)
-    rows = observation_rows([Verification("v", [o for t in times for o in line(t)[:1]])])
-    assert rows.visits == visits
+def in_setup(name, observations):
+    return [replace(one, setup=name) for one in observations]
+
+
+def test_a_stated_setup_is_a_visit_with_a_zero_of_its_own():
+    second = [*in_setup("b", line(60.0)), *in_setup("a", line(0.0)), *in_setup("b", line(180.0))]
+    rows = observation_rows(
+        [Verification("v", second, Datum.FREE), Verification("w", in_setup("a", line(10.0)))]
+    )
+    # The same word in another verification is another set-up.
+    assert rows.visit.tolist() == [2, 2, 0, 0, 2, 2, 1, 1]
+    assert rows.datum() == {(0, 0): Datum.FREE, (2, 0): Datum.FREE}
+
+
+def test_what_states_no_setup_is_one_beside_those_that_are_stated():
+    rows = observation_rows([Verification("v", [*line(0.0), *in_setup("b", line(30.0))])])
+    assert rows.visit.tolist() == [0, 0, 1, 1]
 
 
 def test_repeats_share_place_direction_visit_and_time():
-    there = line(0.0) + line(200.0) + line(400.0, direction=-1)
-    rows = observation_rows([Verification("v", [*there, *line(3000.0)])])
-    # The third run comes from the other side, the fourth 50 min later.
+    there = line(0.0) + line(60.0) + line(90.0, direction=-1)
+    rows = observation_rows([Verification("v", [*there, *line(200.0)])])
+    # The third run comes from the other side, the fourth more than two minutes later.
     assert rows.replicate.tolist() == [0, 1, 0, 1, -1, -1, -1, -1]
 
 

@@ -53,7 +53,7 @@ def record(n, seed=1, step_s=60.0):
 def carried(readings, past=None):
     past = past or Past.unread(SENSORS, NEEDED)
     for reading in readings:
-        assert not past.is_behind(*reading)
+        assert not past.is_out_of_order(*reading)
         past = past.update(*reading)
     return past
 
@@ -129,11 +129,11 @@ def test_it_is_what_the_record_says_at_the_latest_reading():
 def test_a_reading_is_behind_by_what_it_carries():
     """Sensors may report apart: a late one counts only where its own record has gone on."""
     past = carried([(0.0, {"a": 20.0}, {}), (60.0, {"a": 21.0}, {"rpm": 0.0})])
-    assert past.is_behind(30.0, {"a": 20.5}, {})
-    assert past.is_behind(30.0, {}, {"rpm": 5.0})
-    assert not past.is_behind(30.0, {"b": 25.0}, {})
-    assert not past.is_behind(60.0, {"a": 21.0}, {})
-    assert not past.is_behind(30.0, {"other": 1.0}, {"feed": 1.0})
+    assert past.is_out_of_order(30.0, {"a": 20.5}, {})
+    assert past.is_out_of_order(30.0, {}, {"rpm": 5.0})
+    assert not past.is_out_of_order(30.0, {"b": 25.0}, {})
+    assert not past.is_out_of_order(60.0, {"a": 21.0}, {})
+    assert not past.is_out_of_order(30.0, {"other": 1.0}, {"feed": 1.0})
 
 
 def test_states_that_nobody_needs_are_not_kept():

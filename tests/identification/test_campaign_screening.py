@@ -10,7 +10,14 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import comparisons, doubts, trusted_readings
 from app.identification.residuals.frozen_observations import FROZEN
 from app.thermal.temperature_history import TemperatureHistory
-from tests.effects.example_site import DAYS, START_S, maps, observations, readings, site
+from tests.effects.example_campaign_view import (
+    DAYS,
+    START_S,
+    example_view,
+    maps,
+    observations,
+    readings,
+)
 
 MIDDLE_S = START_S + 86400.0 * (DAYS + 1) / 2.0
 
@@ -22,7 +29,7 @@ def campaign(verifications=None, off=None):
     if off is not None:
         temperatures[off] = temperatures[off] + 40.0 * (history.times_s >= MIDDLE_S)
     return Campaign(
-        site().model,
+        example_view().model,
         maps(),
         verifications or observations(),
         TemperatureHistory(history.times_s, temperatures),

@@ -73,3 +73,42 @@ def test_the_order_of_the_observations_does_not_matter():
     found = again.times_s[frozen_rows(again, conditions_of(again))]
     expected = rows.times_s[frozen_rows(rows, conditions_of(rows))]
     np.testing.assert_array_equal(np.sort(found), np.sort(expected))
+
+
+def rare(minutes, x_um, z_um):
+    """Observations as rare as these: a value each in two channels."""
+    observations = [
+        Observation(STEP_S * minute, (float(value),), code, 0.0)
+        for minute, *values in zip(minutes, x_um, z_um, strict=True)
+        for code, value in zip(("EXX", "EZZ"), values, strict=True)
+    ]
+    return observation_rows([Verification("warm-up", observations, Datum.FIRST)])
+
+
+def test_of_rare_observations_the_first_repeated_value_is_of_nobody_knows_when():
+    minutes = np.arange(0.0, 120.0, 10.0)
+    rows = rare(minutes, stopped(moving(12), 5, 11), stopped(moving(12, 1), 5, 11))
+    found = rows.times_s[frozen_rows(rows, conditions_of(rows, rise_k=20.0))] / STEP_S
+    assert sorted(set(found)) == list(range(50, 120, 10))
+
+
+def test_two_channels_that_repeat_once_for_more_than_ten_minutes_have_stopped():
+    minutes = np.arange(0.0, 12 * 10.5, 10.5)
+    rows = rare(minutes, stopped(moving(12), 10, 11), stopped(moving(12, 1), 10, 11))
+    found = rows.times_s[frozen_rows(rows, conditions_of(rows, rise_k=20.0))] / STEP_S
+    assert sorted(set(found)) == [105.0, 115.5]
+    alone = rare(minutes, stopped(moving(12), 10, 11), moving(12, 1))
+    assert not frozen_rows(alone, conditions_of(alone, rise_k=20.0)).any()
+
+
+def test_one_tick_of_a_sensor_of_whole_degrees_is_no_movement():
+    rows = rows_of(stopped(moving(60), 20, 40), stopped(moving(60, 1), 20, 40))
+    ticks = {"motor": 20.0 + (rows.times_s > 30 * STEP_S)}
+    assert not frozen_rows(rows, Conditions(rows.times_s, ticks)).any()
+
+
+def test_the_zero_of_a_visit_stays():
+    minutes = np.arange(0.0, 120.0, 10.0)
+    rows = rare(minutes, stopped(moving(12), 0, 4), stopped(moving(12, 1), 0, 4))
+    found = rows.times_s[frozen_rows(rows, conditions_of(rows, rise_k=20.0))] / STEP_S
+    assert sorted(set(found)) == [10.0, 20.0, 30.0, 40.0]

@@ -24,14 +24,14 @@ from app.identification.residuals.residuals import compute_residuals
 from app.identification.watch.watching import WatchState, watch
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable
-from tests.effects.example_site import ASSIGNMENT, observations, readings, site
+from tests.effects.example_campaign_view import ASSIGNMENT, example_view, observations, readings
 
 MEBI = 2**20
 
 
 def test_entries_of_the_maps_are_linear_in_the_prediction():
     """Moving one entry of one map by 1 µm moves the predictions by its column."""
-    where = site()
+    where = example_view()
     for code, label, at in (("EXX", "Run #3", 2), ("EZZ", "Run #6", 4), ("SXY", "Run #1", 0)):
         moved = []
         for m in where.maps:
@@ -59,7 +59,7 @@ def test_entries_of_the_maps_are_linear_in_the_prediction():
 
 
 def test_entry_errors_are_stated_or_assumed():
-    where = site()
+    where = example_view()
     assert set(entry_errors(where.model, where.maps, "EXX").tolist()) == {0.5}
     precise = [replace(m, repeatability_um=0.2) for m in where.maps]
     assert set(entry_errors(where.model, precise, "EXX").tolist()) == {0.2}
@@ -98,7 +98,7 @@ def test_no_row_loses_more_than_a_tenth_of_its_own_variance(seed, rows, entries)
 
 
 def test_points_carry_all_components():
-    where = site()
+    where = example_view()
     by_channel = {
         where.rows.channels[n.channel]: n for n in map_uncertainty(where.projection, where.maps)
     }
@@ -111,7 +111,7 @@ def test_points_carry_all_components():
 
 def test_channels_share_the_errors_of_one_map():
     """Columns times shared unit errors give back each channel's own entries."""
-    where = site()
+    where = example_view()
     entries = {one.channel: one for one in channel_entries(where.projection, where.maps)}
     nuisance = {one.channel: one for one in map_uncertainty(where.projection, where.maps)}
     assert set(nuisance) == set(entries)
@@ -137,7 +137,7 @@ def dense_maps(where, positions):
 
 def test_a_small_verification_takes_little_memory_however_fine_the_maps_are():
     """20 observations on two maps of 20,000 positions: a matrix of all entries takes 12.8 GB."""
-    where = site()
+    where = example_view()
     maps = dense_maps(where, 20_000)
     model = compile_model(where.machine, maps, ASSIGNMENT)
     history, states = readings()
@@ -156,9 +156,9 @@ def test_a_small_verification_takes_little_memory_however_fine_the_maps_are():
 
 
 def test_more_columns_than_the_stated_memory_holds_are_refused(monkeypatch):
-    where = site()
+    where = example_view()
     monkeypatch.setattr(module, "MOST_NUMBERS", 1000)
     with pytest.raises(
-        InvalidContent, match=r"at most 1,000 numbers, came [0-9,]+ for [0-9,]+ values of"
+        InvalidContent, match=r"at most 1,000 numbers, got [0-9,]+ for [0-9,]+ values of"
     ):
         map_uncertainty(where.projection, where.maps)

@@ -10,7 +10,7 @@ from app.identification.campaign import Campaign
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import sensors_by_name
 from app.thermal.temperature_history import TemperatureHistory
-from tests.effects.example_site import ASSIGNMENT, machine, maps, readings
+from tests.effects.example_campaign_view import ASSIGNMENT, machine, maps, readings
 
 SENSOR = "x-middle"
 

@@ -19,14 +19,14 @@ from app.thermal.machine import OutOfRange
 from app.thermal.prediction import predict_component, predict_points
 from app.thermal.sensor_health import believed
 from app.thermal.temperature_history import TemperatureHistory
-from tests.effects.example_site import (
+from tests.effects.example_campaign_view import (
     ASSIGNMENT,
     START_S,
+    example_view,
     machine,
     maps,
     observations,
     readings,
-    site,
 )
 
 NOON = START_S + 43200.0
@@ -35,7 +35,7 @@ NOON = START_S + 43200.0
 def residuals_of(verifications, history=None, effects=(), model=None):
     raw, states = readings()
     raw = history or raw
-    model = model or site().model
+    model = model or example_view().model
     rows = observation_rows(verifications)
     trusted = believed(model.machine, raw)
     conditions = recorded_conditions(
@@ -63,7 +63,7 @@ def measured(verifications, scale=1.0, plus=0.0):
 def test_residuals_are_measured_minus_predicted():
     own = residuals_of(observations())
     assert not own.left_out
-    where = site()
+    where = example_view()
     for channel in ("EXX", "EZZ", "SXY"):
         rows = own.rows.of_channel(channel)
         axis = "xyz".index(channel[-1].lower()) if channel != "SXY" else 0

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 from app.search.findings import Status, Verdict
 from app.search.rows import Datum
 from app.search.search import search
 from tests.search.search_campaigns import (
+    REPEATABILITY,
     fingerprint,
     make_campaign,
     make_library,
@@ -187,3 +189,53 @@ def test_effect_of_one_visit_is_not_confirmable():
     assert term.status is Status.NOT_CONFIRMABLE
     assert term.slope is None or term.slope.information < 5.0
     assert term.strongest_visits[0] == 7
+
+
+@pytest.mark.slow
+def test_the_search_goes_on_while_it_pays_and_says_where_it_was_stopped():
+    """Six effects on two channels: all are found; stopped at two, the findings say so."""
+    campaign = make_campaign(25, visits=24)
+    shapes = {
+        "reversal": lambda c: c.direction,
+        "bend": lambda c: c.temperature**2,
+        "periodic": lambda c: waves(c, 0.31)[:, 0],
+    }
+    planted = sum(scaled(shapes[k](campaign), campaign, n, 3.0) for k in shapes for n in range(2))
+    whole = found_in(campaign.plus(planted))
+    assert {t.key for t in whole.terms} == {f"{k}-{n}" for k in shapes for n in range(2)}
+    assert {str(t.status) for t in whole.terms} == {"confirmed"}
+    assert not whole.is_cut
+    cut = found_in(campaign.plus(planted), most_terms=2)
+    assert len(cut.terms) == 2
+    assert cut.is_cut
+
+
+def test_the_nonlinear_parameters_error_is_in_the_amplitudes():
+    """A reversal that grows along the axis: half the difference of both directions is a e^θ(1+u).
+
+    The reference is plain nonlinear least squares on those differences, free of visits and maps;
+    with θ taken as exact the error would be half of it.
+    """
+    campaign = make_campaign(11)
+
+    def grown(theta):
+        return campaign.direction * np.exp(theta * (1.0 + campaign.position))
+
+    candidate = single(
+        campaign, "grown", "backlash", 0, grown,
+        grid=(0.2, 0.4, 0.7, 1.1), bounds=(0.05, 2.0), within_visit=True,
+    )  # fmt: skip
+    campaign = campaign.plus(campaign.on(0) * 0.6 * grown(0.5))
+    (found,) = found_in(campaign, [candidate]).terms
+    here = campaign.on(0)
+    half = (campaign.rows.values[here][::2] - campaign.rows.values[here][1::2]) / 2.0
+    known, covariance = curve_fit(
+        lambda u, a, theta: a * np.exp(theta * (1.0 + u)),
+        campaign.position[here][::2], half, (1.0, 0.4),
+        sigma=np.full(len(half), REPEATABILITY / np.sqrt(2.0)), absolute_sigma=True,
+    )  # fmt: skip
+    assert found.amplitudes[0] == pytest.approx(known[0], rel=0.05)
+    assert found.theta == pytest.approx(known[1], rel=0.05)
+    errors = np.sqrt(np.diag(covariance))
+    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(errors[0], rel=0.15)
+    assert found.theta_error == pytest.approx(errors[1], rel=0.15)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from app.search.findings import Status, Verdict
-from app.search.rows import DeclaredNoise
+from app.search.rows import DeclaredNoise, Rows
 from app.search.search import search
-from app.search.splits import split_visits
+from app.search.splits import PARTS, split
 from tests.search.search_campaigns import make_campaign, make_library, single, smooth
 
 
@@ -33,10 +33,12 @@ def in_turn(campaign):
 def test_channels_that_are_measured_in_turn_are_in_every_fold(folds):
     visit = np.arange(30)
     for together in (1, 2, 3):
-        splits = split_visits(visit, visit % together, 1.0 / folds)
+        rows = Rows(np.zeros(30), visit, visit % together, np.zeros((30, 0)), np.full(30, -1))
+        splits = split(rows, np.ones(30, dtype=bool), 1.0 / folds)
         for channel in range(together):
             own = visit[visit % together == channel]
-            counts = np.bincount([splits.cell_of[v] // 2 for v in own.tolist()], minlength=folds)
+            dealt = [splits.cell_of[v] // (2 * PARTS) for v in own.tolist()]
+            counts = np.bincount(dealt, minlength=folds)
             assert np.ptp(counts) <= 1
 
 

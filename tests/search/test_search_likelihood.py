@@ -1,5 +1,7 @@
 """The profile likelihood against a dense computation and against statsmodels' mixed model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -12,6 +14,7 @@ from app.search.moments import fixed_of
 from app.search.problem import make_problem
 from app.search.rows import Datum
 from app.search.scan import scan
+from app.search.scatter import UNLIMITED
 from app.search.state import Given, State
 from tests.search.search_campaigns import make_campaign, make_library
 
@@ -24,11 +27,18 @@ def make_small(seed=3, datum=Datum.ABSOLUTE, cells=2, **how):
 
 
 def covariance(channel, level):
-    """Noise, shifts and tilts of visits, and the maps' freedom, as one dense matrix."""
+    """Noise, set-ups, wander, and the maps' freedom, as one dense matrix, row by row."""
+    blocks, tried = channel.blocks, channel.tried[level]
+    setup, minutes = blocks.setups[channel.block], blocks.minutes[channel.block]
+    same = setup[:, None] == setup[None, :]
+    near = np.exp(-np.abs(minutes[:, None] - minutes[None, :]) / tried.minutes)
     found = np.eye(len(channel.rows)) + channel.nuisance @ channel.nuisance.T
-    for number, variances in enumerate(channel.variances[level]):
-        shapes = channel.shapes * (channel.block == number)[:, None]
-        found += (shapes * variances) @ shapes.T
+    for number, shape in enumerate(channel.shapes.T):
+        own = blocks.own[number] * (tried.tilt if number else tried.shift)
+        if blocks.free.all() and number == 0:
+            own = UNLIMITED
+        shared = own * same + tried.wander * blocks.wander[number] * near
+        found += np.outer(shape, shape) * shared
     return found
 
 
@@ -142,7 +152,8 @@ def test_against_statsmodels_mixed_model():
     )
     level = channel.declared
     grid = State(fixed_of(channel, 1), np.ones(1, dtype=bool))
-    channel.variances[level] = np.diag(theirs.cov_re) / theirs.scale
+    own = np.diag(theirs.cov_re) / theirs.scale
+    channel = replace(channel, blocks=replace(channel.blocks, own=own))
     columns = design[np.searchsorted(np.flatnonzero(mine), channel.rows)]
     given = Given(columns, np.zeros(3), np.zeros(len(columns)))
     state = State(fixed_of(channel, 1), np.ones(1, dtype=bool), given)

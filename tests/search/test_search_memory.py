@@ -34,7 +34,7 @@ def ratios(library):
 def test_columns_that_wait_for_their_batch_are_limited(monkeypatch):
     whole = read()
     longest = []
-    add = libraries._Gathering.add
+    add = libraries._BatchBuilder.add
 
     def watched(gathering, entry, term):
         add(gathering, entry, term)
@@ -43,7 +43,7 @@ def test_columns_that_wait_for_their_batch_are_limited(monkeypatch):
         assert sum(gathering.waiting_bytes.values()) == sum(sizes)
         longest.append(sum(sizes))
 
-    monkeypatch.setattr(libraries._Gathering, "add", watched)
+    monkeypatch.setattr(libraries._BatchBuilder, "add", watched)
     monkeypatch.setattr(libraries, "WAITING_BYTES", SMALL)
     parted = read()
     assert 0 < max(longest) <= SMALL

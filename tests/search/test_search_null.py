@@ -7,8 +7,10 @@ from app.search.draws import Draws
 from app.search.findings import Verdict
 from app.search.library import read_library
 from app.search.problem import make_problem
+from app.search.scan import Scan
 from app.search.search import search
 from app.search.selection import Selector
+from app.search.threshold import threshold
 from tests.search.search_campaigns import (
     REPEATABILITY,
     make_campaign,
@@ -74,3 +76,11 @@ def test_nothing_found_says_what_would_have_been_seen():
     noise = found.noise[0]
     assert (noise.origin, noise.repeatability) == ("declared", REPEATABILITY)
     assert 0.85 < noise.fitted < 1.15
+
+
+@pytest.mark.filterwarnings("error")
+def test_where_nothing_can_be_tested_nothing_surprises():
+    untestable = Scan(np.zeros(2), np.zeros((2, 8)), np.zeros(2, dtype=int))
+    limit = threshold(untestable, np.arange(2), np.zeros(2, dtype=int), 0.01)
+    assert limit.global_p(untestable) == 1.0
+    assert not np.any(limit.excess(untestable) > 0.0)

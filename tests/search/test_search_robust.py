@@ -208,7 +208,7 @@ def test_structure_outside_the_library_is_unexplained_with_a_lead():
     found = search_in(campaign.plus(wave), plain)
     assert found.verdict is Verdict.UNEXPLAINED
     assert not found.terms
-    leads = {u.lead for u in found.unexplained if u.test == "generic"}
+    leads = {u.moves_with for u in found.unexplained if u.test == "generic"}
     assert "smooth-position-0" in leads
     assert all(u.channel in (0, None) for u in found.unexplained)
 

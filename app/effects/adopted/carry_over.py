@@ -11,21 +11,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from app.effects.campaign_view import beyond_maps
 from app.effects.driver import BeyondMaps, Curvature, Driver
 from app.effects.effect import Effect
 from app.effects.kinds.additional_sensor import AdditionalSensor
+from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.angular import Angular
 from app.effects.kinds.backlash import Backlash
+from app.effects.kinds.detached_sensor import DetachedSensor
 from app.effects.kinds.drift import Drift
+from app.effects.kinds.map_temperature import MapTemperature
 from app.effects.kinds.nonrigid_slope import NonrigidSlope
 from app.effects.kinds.outdated_map import OutdatedMap
+from app.effects.kinds.response import Response
 from app.effects.kinds.sensor_fault import BIAS, SensorFault
 from app.effects.kinds.sensor_gradient import SensorGradient
 from app.effects.kinds.step import Step
 from app.effects.kinds.temperature_curvature import TemperatureCurvature
 from app.effects.map_tables import maps_of_label, temperatures_of_maps
 from app.effects.shape import Exchange
-from app.effects.site import beyond_maps
 from app.effects.term import Term
 from app.errors import list_names
 from app.thermal.compiled_model import CompiledModel
@@ -42,17 +46,7 @@ BESIDE_MAPS: Final = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What changes from one model version to the next.
-
-    Parameters
-    ----------
-    before, after
-        The compiled models.
-    maps
-        The error maps afterwards.
-    new_maps
-        Those of them that are new.
-    """
+    """What changes from one model version to the next."""
 
     before: CompiledModel
     after: CompiledModel
@@ -66,13 +60,6 @@ class Change:
 
 def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect], list[str]]:
     """Keep the effects that still hold, brought up to date with the maps.
-
-    Parameters
-    ----------
-    effects
-        The effects of the version before.
-    change
-        What changes.
 
     Returns
     -------
@@ -88,7 +75,11 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
             still = [term for term in own if term is not None]
             why = _why_over(effect, code, change)
             if not why and len(still) < len(own):
-                why = "a map does not state the temperatures that it needs"
+                why = (
+                    "its map is gone, or its temperature has been put right"
+                    if effect.kind == MapTemperature.kind
+                    else "a map does not state the temperatures that it needs"
+                )
             why = why or next(filter(None, (_why_unread(term, change) for term in still)), "")
             if why:
                 notes.append(f"{effect.kind} of {code} left out: {why}")
@@ -107,6 +98,20 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
             codes = tuple(dict.fromkeys(term.component for term in terms))
             kept.append(replace(effect, components=codes, terms=tuple(terms)))
     return kept, notes
+
+
+def without_replaced(known: Sequence[Effect], adopted: Sequence[Effect]) -> list[Effect]:
+    """Leave out of a model's effects the responses that newly adopted ones take the place of.
+
+    Parameters
+    ----------
+    known
+        What the model has.
+    adopted
+        What is adopted now.
+    """
+    anew = {code for e in adopted if e.kind == Response.kind for code in e.components}
+    return [e for e in known if e.kind != Response.kind or not anew.intersection(e.components)]
 
 
 def _why_over(effect: Effect, code: str, change: Change) -> str:
@@ -169,7 +174,12 @@ def _updated(term: Term, change: Change) -> Term | None:
     if found is None:
         return term
     driver, shape = term.driver, term.shape
-    if isinstance(shape, Exchange):
+    if isinstance(shape, Exchange) and shape.sensor == found[0].sensor:
+        put_right = _still_wrong(shape, term.component, change)
+        if put_right is None:
+            return None
+        shape = put_right
+    elif isinstance(shape, Exchange):
         stated = temperatures_of_maps(change.after, change.maps, shape.sensor)
         known = {label: stated[label] for label in found[0].labels if label in stated}
         shape = Exchange.of(shape.sensor, known)
@@ -188,6 +198,35 @@ def _updated(term: Term, change: Change) -> Term | None:
         driver = replace(driver, temperatures_c=found[0].scales[0].temperatures_c)
         term = replace(term, learnt=None)  # the temperature's own range holds it
     return replace(term, driver=driver, shape=shape)
+
+
+def _still_wrong(shape: Exchange, code: str, change: Change) -> Exchange | None:
+    """Put the maps as they are now on a scale with the same temperatures put right.
+
+    Returns
+    -------
+    Exchange, or None
+        None where none of these temperatures is noted as it was before.
+    """
+    before, now = (_noted(model, code) for model in (change.before, change.after))
+    if now == before:
+        return shape
+    right = {
+        label: t
+        for label, t in shape.map_temperatures_c
+        if t != before.get(label) and label in now and now[label] == before.get(label)
+    }
+    return Exchange.of(shape.sensor, {**now, **right}) if right else None
+
+
+def _noted(model: CompiledModel, code: str) -> dict[str, float]:
+    """Say at which temperature of the assigned sensor each map of a component was noted [°C]."""
+    found = model.find(code)
+    if found is None:
+        return {}
+    group, scale = found[0], found[0].scales[0]
+    stated = zip(scale.rows, scale.temperatures_c, strict=True)
+    return {group.labels[row]: t for row, t in stated}
 
 
 def _always(new_map: ErrorMap, effect: Effect) -> bool:
@@ -212,5 +251,8 @@ _CONTAINS: Final[dict[str, Callable[[ErrorMap, Effect], bool]]] = {
     Drift.kind: _always,
     Step.kind: _after_the_step,
     Backlash.kind: _from_both_sides,
+    Response.kind: _always,
+    AgeingSensor.kind: _always,
+    DetachedSensor.kind: _always,
 }
 """Kinds of which a new map of their component contains what it was corrected by."""

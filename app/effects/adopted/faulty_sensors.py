@@ -1,7 +1,8 @@
 """Sensors that an adopted effect calls faulty: set aside where another one can stand in.
 
-The effect itself corrects what the wrong reading does to the tables. With a stand-in there is
-nothing to correct: the tables are read by the stand-in, and the effect adds nothing.
+A bias is corrected as it was found: the tables are read at the temperature without it. A sensor
+that stuck or spikes tells no temperature: a stand-in serves, and the effect adds nothing. A
+stand-in that serves because a biased sensor is silent has no bias either.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
-from app.effects.kinds.sensor_fault import SensorFault
+from app.effects.kinds.sensor_fault import BIAS, SensorFault
 from app.thermal.compiled_model import CompiledModel
 
 
@@ -43,14 +44,6 @@ def set_faulty_aside(
     ----------
     model
         The compiled model; it knows which sensors can stand in.
-    effects
-        The adopted effects.
-    conditions
-        What held, faulty readings included.
-
-    Returns
-    -------
-    SetAside
     """
     found: dict[int, BoolArray] = {}
     temperatures = dict(conditions.temperatures_c)
@@ -61,6 +54,8 @@ def set_faulty_aside(
         there = _is_active(effect, conditions) & _can_be_replaced(
             model, sensor, temperatures, len(conditions)
         )
+        if effect.variant == BIAS:
+            there &= np.isnan(conditions.temperature(sensor))
         if there.any():
             found[number] = there
             if sensor in temperatures:

@@ -16,6 +16,7 @@ from app.effects.effect import Effect
 from app.effects.shape import Exchange
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Scale
 from app.thermal.group_state import GroupState
 from app.thermal.map_weights import ROUNDING
 from app.thermal.prediction import GRAVITY
@@ -39,16 +40,8 @@ def read_maps(
 
     Parameters
     ----------
-    model
-        The compiled model.
     origin
         The component's group between its maps, without effects.
-    code
-        The component.
-    effects
-        The effects that are in its row.
-    moment
-        What held then, one moment.
 
     Returns
     -------
@@ -72,11 +65,6 @@ def read_maps(
 
 def basis_of_maps(read: Sequence[ReadMaps]) -> Basis:
     """Say what a row rests on that reads its maps by several sensors.
-
-    Parameters
-    ----------
-    read
-        What `read_maps` found, one at least.
 
     Returns
     -------
@@ -120,10 +108,14 @@ def _exchanged(
 
 
 def _summed(read: Iterable[ReadMaps]) -> list[ReadMaps]:
-    """Put together what was read by one sensor at one temperature; what cancels is left out."""
-    found: dict[tuple[str, float], ReadMaps] = {}
+    """Put together what was read by one sensor at one temperature; what cancels is left out.
+
+    On another scale the same temperature of the same sensor means other maps.
+    """
+    found: dict[tuple[str, float, Scale], ReadMaps] = {}
     for one in read:
-        key = (one.state.sensor, one.state.temperature_c)
+        scale = one.state.group.scales[0]
+        key = (one.state.sensor, one.state.temperature_c, scale)
         before = found.get(key)
         found[key] = one if before is None else before._replace(share=before.share + one.share)
     return [one for one in found.values() if abs(one.share) > ROUNDING]

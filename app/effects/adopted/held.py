@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
+from app.effects.collinear import Responding
 from app.effects.conditions import Conditions, Signal
 from app.effects.effect import Effect, by_driver
 from app.effects.shape import Places
@@ -26,7 +27,8 @@ EFFECTS_ONLY: Final = "effects-only"
 _LESS_GRAVE: Final = frozenset(
     {Status.AT_MAP, Status.INTERPOLATED, Status.STAND_IN, EFFECTS_ONLY, HELD}
 )
-"""What `held` goes before; that the maps themselves are left, or nothing is known, goes first."""
+"""What `held` takes precedence over; what says that the maps themselves are left, or that nothing
+is known, comes first."""
 
 
 class Remark(NamedTuple):
@@ -36,7 +38,7 @@ class Remark(NamedTuple):
     sentence: str
 
 
-class Beyond(NamedTuple):
+class OutsideRange(NamedTuple):
     """A quantity that lies outside where an effect was learnt.
 
     `values` and `is_beyond` have shape (n,), one for each moment or place; `component` is the one
@@ -56,7 +58,7 @@ class Beyond(NamedTuple):
     components: tuple[str, ...] = ()
 
 
-class Moved(NamedTuple):
+class ReadBeyondMaps(NamedTuple):
     """A temperature outside the maps at which an effect reads them.
 
     `ends_c` are the first and the last map's temperature [°C]; `is_refused` says that the machine's
@@ -73,17 +75,11 @@ class Moved(NamedTuple):
     values: int = 0
 
 
-def moved_sentences(effects: Sequence[Effect], moved: Sequence[Moved]) -> list[Remark]:
-    """Say which effects read the maps outside of them, and what was done.
-
-    Parameters
-    ----------
-    effects
-        The effects, by number.
-    moved
-        Where.
-    """
-    codes: dict[Moved, list[str]] = {}
+def beyond_maps_sentences(
+    effects: Sequence[Effect], moved: Sequence[ReadBeyondMaps]
+) -> list[Remark]:
+    """Say which effects read the maps outside of them, and what was done."""
+    codes: dict[ReadBeyondMaps, list[str]] = {}
     for one in moved:
         codes.setdefault(one._replace(component=""), []).append(one.component)
     found = []
@@ -113,21 +109,17 @@ def with_held(status: str) -> str:
 
 def conditions_beyond(
     model: CompiledModel, effect: Effect, conditions: Conditions
-) -> Iterator[Beyond]:
+) -> Iterator[OutsideRange]:
     """Hold the conditions at n moments against where an effect was learnt.
 
     Parameters
     ----------
     model
         The compiled model: its sensors' resolution.
-    effect
-        An adopted effect.
-    conditions
-        What held.
 
     Yields
     ------
-    Beyond
+    OutsideRange
         Of every quantity that lies outside at some moment.
     """
     valid = effect.valid
@@ -159,6 +151,9 @@ def conditions_beyond(
                 values=values + quantity.zero,
                 components=tuple(dict.fromkeys(term.component for term in terms)),
             )
+    for term in effect.terms:
+        if isinstance(term.driver, Responding):
+            yield from _columns_beyond(term.driver, term.component, conditions)
     if any(term.driver.grows_with_time for term in effect.terms):
         until_s = valid.to_s if valid.use_until_s is None else valid.use_until_s
         # Backwards it leaves out as much as forwards.
@@ -168,15 +163,27 @@ def conditions_beyond(
             yield found._replace(is_time=True)
 
 
-def positions_beyond(effect: Effect, code: str, places: Places) -> Iterator[Beyond]:
+def _columns_beyond(
+    driver: Responding, component: str, conditions: Conditions
+) -> Iterator[OutsideRange]:
+    """Say of the column of a response that lies farthest outside where it is held."""
+    outside = driver.farthest(conditions)
+    if outside is not None:
+        yield OutsideRange(
+            outside.column.words,
+            outside.column.unit,
+            outside.learnt,
+            outside.values,
+            outside.is_beyond,
+            components=(component,),
+        )
+
+
+def positions_beyond(effect: Effect, code: str, places: Places) -> Iterator[OutsideRange]:
     """Hold positions of a component's axis against where an effect was learnt along it.
 
     Parameters
     ----------
-    effect
-        An adopted effect.
-    code
-        The component.
     places
         Where, shape (n,).
     """
@@ -190,16 +197,8 @@ def positions_beyond(effect: Effect, code: str, places: Places) -> Iterator[Beyo
         yield found._replace(component=code, components=(code,))
 
 
-def held_sentence(effect: Effect, beyond: Beyond) -> str:
-    """Say of one quantity that an effect is held because of it, and how far it was learnt.
-
-    Parameters
-    ----------
-    effect
-        The effect.
-    beyond
-        What lies outside somewhere.
-    """
+def held_sentence(effect: Effect, beyond: OutsideRange) -> str:
+    """Say of one quantity that an effect is held because of it, and how far it was learnt."""
     codes = list_names(beyond.components or effect.components)
     if beyond.is_time:
         return _of_time(effect, codes, beyond)
@@ -234,11 +233,6 @@ def unknown_range(effect: Effect) -> str:
 def use_until(effect: Effect) -> str:
     """Say until when an effect that grows with time may be used, and what to measure then.
 
-    Parameters
-    ----------
-    effect
-        The effect.
-
     Returns
     -------
     str
@@ -256,7 +250,7 @@ def use_until(effect: Effect) -> str:
     )
 
 
-def _of_time(effect: Effect, codes: str, beyond: Beyond) -> str:
+def _of_time(effect: Effect, codes: str, beyond: OutsideRange) -> str:
     from_s, to_s = beyond.learnt
     until_s = effect.valid.use_until_s if effect.valid else None
     outside_s = beyond.values[beyond.is_beyond]
@@ -275,11 +269,11 @@ def _of_time(effect: Effect, codes: str, beyond: Beyond) -> str:
 
 def _outside(
     quantity: str, unit: str, learnt: Range, edges: Range, values: FloatArray
-) -> Iterator[Beyond]:
+) -> Iterator[OutsideRange]:
     # NaN lies nowhere: that something is missing is said elsewhere.
     is_beyond = (values < edges[0]) | (values > edges[1])
     if is_beyond.any():
-        yield Beyond(quantity, unit, learnt, values, is_beyond)
+        yield OutsideRange(quantity, unit, learnt, values, is_beyond)
 
 
 def _held_by(model: CompiledModel, effect: Effect, signal: Signal) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from app.compensation.table import (
     CompensationTable,
     ComponentCompensation,
     EffectInTable,
+    Sureness,
     group_compensation,
     remarks,
     shortenings,
@@ -25,6 +26,7 @@ from app.effects.adopted.held import (
     with_held,
 )
 from app.effects.adopted.live_effects import CorrectedTable, corrected_tables
+from app.effects.collinear import Responding
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.kinds.sensor_fault import BIAS, SensorFault
@@ -48,20 +50,7 @@ def faulty_marked(
 ) -> list[SensorState]:
     """Mark the sensors that an adopted effect calls faulty and for which others can stand in.
 
-    What is the matter with a sensor now goes before: one that is missing stays missing.
-
-    Parameters
-    ----------
-    model, effects
-        The compiled model and its adopted effects.
-    moment
-        Conditions of one moment.
-    sensors
-        The sensors' states then.
-
-    Returns
-    -------
-    list of SensorState
+    What is the matter with a sensor takes precedence now: one that is missing stays missing.
     """
     numbers = set_faulty_aside(model, effects, moment).effects
     why = {effects[number].sensors[0]: explain(effects[number]) for number in numbers}
@@ -86,8 +75,6 @@ def add_effects(
     ----------
     table
         The table of the maps alone, faulty sensors set aside (`faulty_marked`).
-    model, effects
-        The compiled model and its adopted effects.
     moment
         What held when the table holds, faulty sensors' readings included.
     stale
@@ -110,7 +97,12 @@ def add_effects(
     missing = {m.effect: m.reason for m in found.missing}
     dealt_with = {*aside, *missing}
     said = [
-        _in_table(effect, missing.get(i, ""), [r.sentence for r in found.held if r.effect == i])
+        _in_table(
+            effect,
+            missing.get(i, ""),
+            [r.sentence for r in found.held if r.effect == i],
+            () if i in dealt_with else sureness(effect, moment),
+        )
         for i, effect in enumerate(effects)
     ]
     old = [
@@ -142,7 +134,28 @@ def add_effects(
     )
 
 
-def _in_table(effect: Effect, missing: str, held: Sequence[str]) -> EffectInTable:
+def sureness(effect: Effect, moment: Conditions) -> list[Sureness]:
+    """Say how sure a response is at a moment; nothing of other effects.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    moment
+        Conditions of one moment.
+    """
+    found = []
+    for term in effect.terms:
+        if isinstance(term.driver, Responding):
+            told = term.driver.told(moment)
+            parts = (told.mean, told.learnt, told.wander, told.factor)
+            found.append(Sureness(term.component, *(float(part[0]) for part in parts)))
+    return found
+
+
+def _in_table(
+    effect: Effect, missing: str, held: Sequence[str], sure: Sequence[Sureness]
+) -> EffectInTable:
     return EffectInTable(
         effect.kind,
         effect.components,
@@ -152,6 +165,7 @@ def _in_table(effect: Effect, missing: str, held: Sequence[str]) -> EffectInTabl
         held,
         effect.learnt_fields,
         use_until(effect),
+        sure,
     )
 
 
@@ -233,10 +247,10 @@ def _read_on(
     effects: Sequence[Effect], moment: Conditions, dealt_with: Collection[int]
 ) -> list[str]:
     """Say which faulty sensors are read on, and how."""
-    how = {BIAS: "the bias is taken off"}
+    how = {BIAS: "the bias is taken off, until somebody repairs it"}
     return [
-        f"{explain(effect)}: no other sensor can stand in, "
-        f"{how.get(effect.variant, 'it is read as it is')}"
+        f"{explain(effect)}: "
+        f"{how.get(effect.variant, 'no other sensor can stand in, it is read as it is')}"
         for i, effect in enumerate(effects)
         if effect.kind == SensorFault.kind and i not in dealt_with
         if any(np.any(term.driver.at(moment)) for term in effect.terms)

@@ -29,10 +29,6 @@ def with_ranges(effect: Effect, projection: Projection, use: BoolArray) -> Effec
 
     Parameters
     ----------
-    effect
-        The effect.
-    projection
-        The rows.
     use : ndarray, shape (n,)
         Which of them took part.
 
@@ -89,8 +85,6 @@ def use_until_s(
         For each of k amplitudes its terms, with coefficient 1.
     coefficients, covariance : ndarray, shape (k,) and (k, k)
         What was found.
-    projection
-        The rows.
     noise
         Channel to the standard deviation of one observation.
 
@@ -153,7 +147,7 @@ def _used(view: View, use: BoolArray) -> View:
 
 
 def _with_range(term: Term, view: View | None) -> Term:
-    if view is None or not term.driver.signals:
+    if view is None or not term.driver.signals or term.driver.holds_itself:
         return term
     return replace(term, learnt=range_of(term.driver.at(view.conditions)))
 

@@ -16,21 +16,21 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.effects.adopted.faulty_sensors import set_faulty_aside
 from app.effects.adopted.held import (
-    Beyond,
-    Moved,
+    OutsideRange,
+    ReadBeyondMaps,
     Remark,
+    beyond_maps_sentences,
     conditions_beyond,
     held_sentence,
-    moved_sentences,
     positions_beyond,
     unknown_range,
 )
+from app.effects.campaign_view import travel_of
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.map_tables import MapReading
 from app.effects.projection import Projection, View
 from app.effects.shape import Exchange, Places
-from app.effects.site import travel_of
 from app.effects.term import Term
 from app.effects.valid import Valid
 from app.geometry.axis_table import CLOSEST_MM
@@ -66,16 +66,12 @@ class CorrectedTable:
 
     Parameters
     ----------
-    component
-        The component.
     positions_mm : ndarray, shape (k,) [mm]
         Inside what all maps that enter cover, their positions and those that the effects need.
     errors : ndarray, shape (k,), or (1,) without argument [the component's unit]
         Actual minus nominal.
     backward_errors : ndarray, same shape, or None
         The same for positions approached in the negative direction, where that differs.
-    effects
-        Numbers of the effects in it.
     origin
         The group's state without effects; None for a component that no map has.
     maps
@@ -126,8 +122,6 @@ class Contributions:
         not known.
     is_lacking : ndarray, shape (n,)
         Where some effect's condition is not known.
-    missing
-        The effects that lack a condition at some row.
     is_held : ndarray, shape (n,)
         Where some effect is held at the edge of where it was learnt.
     held
@@ -159,8 +153,6 @@ def corrected_tables(
 
     Parameters
     ----------
-    model
-        The compiled model.
     effects
         The adopted effects, numbered by their order.
     moment
@@ -218,7 +210,7 @@ def corrected_tables(
             *(Remark(number, held_sentence(effects[number], one)) for number, one in seen),
             *(Remark(n, said) for n in taking_part if (said := unknown_range(effects[n]))),
         ),
-        tuple(moved_sentences(effects, moved)),
+        tuple(beyond_maps_sentences(effects, moved)),
         frozenset(one.effect for one in moved if one.is_refused),
     )
 
@@ -228,7 +220,7 @@ def _beyond(
     effect: Effect,
     moment: Conditions,
     positions_mm: Mapping[str, FloatArray],
-) -> list[Beyond]:
+) -> list[OutsideRange]:
     """List what lies outside where an effect was learnt, at a moment and in its tables."""
     if effect.adds_nothing:
         return []
@@ -239,7 +231,7 @@ def _beyond(
     return found
 
 
-def _is_held(table: CorrectedTable, held: Sequence[tuple[int, Beyond]]) -> bool:
+def _is_held(table: CorrectedTable, held: Sequence[tuple[int, OutsideRange]]) -> bool:
     """Whether what is held is in a component's row."""
     code = table.component.code
     return any(
@@ -253,7 +245,7 @@ class _Row(NamedTuple):
 
     table: CorrectedTable
     lost: Mapping[int, str]
-    moved: Sequence[Moved]
+    moved: Sequence[ReadBeyondMaps]
 
 
 def _why_not(term: Term, model: CompiledModel, moment: Conditions) -> str:
@@ -371,7 +363,7 @@ def _moved(
     code: str,
     found: tuple[Group, Member] | None,
     read: Iterable[tuple[int, Term, MapReading]],
-) -> Iterable[Moved]:
+) -> Iterable[ReadBeyondMaps]:
     """List where the assigned sensor's moved temperature lies outside the maps."""
     for number, term, reading in read:
         if isinstance(term.shape, Exchange) or not reading.is_read[0] or found is None:
@@ -381,7 +373,7 @@ def _moved(
             scale = found[0].scales[0]
             ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
             refused = bool(reading.is_refused[0])
-            yield Moved(number, code, reading.sensor, t_c, ends_c, status, refused)
+            yield ReadBeyondMaps(number, code, reading.sensor, t_c, ends_c, status, refused)
 
 
 def _travel(model: CompiledModel, component: Component, own_mm: FloatArray) -> tuple[float, float]:
@@ -438,8 +430,6 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     ----------
     projection
         The rows: where, when, from which side; faulty sensors' readings included.
-    effects
-        The adopted effects.
 
     Returns
     -------
@@ -506,7 +496,7 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
         beyond[code] = beyond_tables(found[1], weights, view.places.positions_mm)
     is_held, held = _said(projection, effects, takes_part)
     status, moved = _statuses(projection.model, parts, takes_part, n)
-    held += moved_sentences(effects, moved)
+    held += beyond_maps_sentences(effects, moved)
     return Contributions(total, lacking, tuple(missing), is_held, tuple(held), status, beyond)
 
 
@@ -599,10 +589,10 @@ def _said(
 
 def _statuses(
     model: CompiledModel, parts: Iterable[_Part], takes_part: Sequence[BoolArray], n: int
-) -> tuple[StatusArray, list[Moved]]:
+) -> tuple[StatusArray, list[ReadBeyondMaps]]:
     """Say the gravest of the temperatures at which effects read the maps, and which are outside."""
     status = np.full(n, Status.AT_MAP, dtype=object)
-    moved: list[Moved] = []
+    moved: list[ReadBeyondMaps] = []
     for part in parts:
         reading, rows = part.reading, part.view.rows
         if reading is None:
@@ -620,7 +610,7 @@ def _statuses(
                 beyond_c = np.abs(reading.temperatures_c[there] - np.mean(ends_c))
                 farthest = there[int(np.argmax(beyond_c))]
                 moved.append(
-                    Moved(
+                    ReadBeyondMaps(
                         part.number,
                         part.term.component,
                         reading.sensor,
@@ -644,7 +634,7 @@ def _shows(projection: Projection, effect: Effect) -> BoolArray:
 
 def _rows_beyond(
     projection: Projection, effect: Effect, takes_part: BoolArray
-) -> list[tuple[Beyond, IntArray]]:
+) -> list[tuple[OutsideRange, IntArray]]:
     """List what lies outside where an effect was learnt, with the rows in which it does."""
     if effect.valid is None or effect.adds_nothing:
         return []

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.conditions import HOLDS, Signal
-from app.effects.low_pass import SETTLED, LagState
+from app.effects.low_pass import SETTLED, FromStart, LagState
 from app.units import SECONDS_PER_MIN
 
 
@@ -38,12 +38,28 @@ class LiveLags:
         max_gap_s = self._max_gap_s(signal)
         return np.array([_output(state, time_s, max_gap_s) for time_s in times_s.tolist()])
 
+    def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
+        """Give the filters' outputs, settled or not, with the start of their record."""
+        state = self.filters.get((signal, time_constant_s))
+        if state is None:
+            return FromStart.unknown(len(times_s))
+        max_gap_s = self._max_gap_s(signal)
+        found = [
+            state.from_start(time_s) if time_s - state.time_s <= max_gap_s else FromStart.unknown(1)
+            for time_s in times_s.tolist()
+        ]
+        return FromStart(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+    def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
+        """Give nothing: readings are not kept, and later ones have not come."""
+        return np.full(times_s.shape, np.nan)
+
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say how long the filter has been running."""
         have = self.record_before_s(signal, float(times_s.min()))
         return (
             f"expected {SETTLED * time_constant_s / SECONDS_PER_MIN:.0f} min of readings of "
-            f"{signal.name} without a gap, five time constants, came "
+            f"{signal.name} without a gap, five time constants, got "
             f"{have / SECONDS_PER_MIN:.0f} min"
         )
 
@@ -63,15 +79,13 @@ class LiveLags:
             When it was taken [s].
         temperatures_c
             Believable temperatures [°C].
-        states
-            The machine's state.
         """
         read = {"temperature": temperatures_c, "state": states}
         carried = dict(self.filters)
         for (signal, tau_s), state in self.filters.items():
             value = read[signal.kind].get(signal.name)
             if value is not None:
-                value = value**signal.power
+                value = signal.of(value)
                 carried[signal, tau_s] = (
                     LagState.start(tau_s, time_s, value, HOLDS[signal.kind])
                     if state is None

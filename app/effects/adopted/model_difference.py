@@ -40,8 +40,6 @@ class Part:
     ----------
     component
         Code of the component; None where it concerns no single one.
-    what
-        What of it.
     text
         The same in words: what is lost, or gained.
     from_mm, to_mm
@@ -108,10 +106,6 @@ def model_difference(
 
     Parameters
     ----------
-    before
-        The version that is active.
-    after
-        The one that would take its place.
     known_states
         States of the machine that readings state, such as spindle_rpm; None where there is no
         reading to tell: then no effect is said to lack one.
@@ -187,11 +181,6 @@ class Span(NamedTuple):
 
 def spans_beyond(one: Coverage, other: Coverage) -> list[Span]:
     """List the positions that one model's table has and another's lacks.
-
-    Parameters
-    ----------
-    one, other
-        What both cover of one component.
 
     Returns
     -------

@@ -74,18 +74,8 @@ def predict_with_effects(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    effects
-        The adopted effects.
-    places
-        Where.
     conditions
         What held at each of the n places' times, and before.
-
-    Returns
-    -------
-    PredictedWithEffects
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import AboveReference, BeyondMaps
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
@@ -15,7 +16,6 @@ from app.effects.kind import (
     amplitudes_of,
     constant_sensors,
 )
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -29,7 +29,7 @@ class AdditionalSensor(EffectKind):
 
     kind: ClassVar[str] = "additional-sensor"
     text: ClassVar[str] = "a second sensor acts on a component too"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     shown_by: ClassVar[str] = (
         "measure {component} while {sensor} changes and the assigned sensor stands still"
     )
@@ -41,34 +41,35 @@ class AdditionalSensor(EffectKind):
         "measure {component} meanwhile",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component with every sensor that is not its own, in two forms."""
-        found = Proposals(not_testable=constant_sensors(self, site))
-        for code in site.components:
-            for sensor in site.varying_sensors:
-                if sensor != site.sensor_of(code):
-                    beyond = site.beyond_maps(code, sensor)
-                    since = AboveReference(sensor, site.reference_c(sensor))
-                    found.hypotheses.append(_hypothesis(site, code, since, SINCE))
+        found = Proposals(not_testable=constant_sensors(self, view))
+        for code in view.components:
+            for sensor in view.varying_sensors:
+                if sensor != view.sensor_of(code):
+                    beyond = view.beyond_maps(code, sensor)
+                    since = AboveReference(sensor, view.reference_c(sensor))
+                    found.hypotheses.append(_hypothesis(view, code, since, SINCE))
                     if beyond is not None:
-                        found.hypotheses.append(_hypothesis(site, code, beyond, BEYOND))
+                        found.hypotheses.append(_hypothesis(view, code, beyond, BEYOND))
         return found
 
     def explain(self, effect: Effect) -> str:
         """Say with which sensor what moves, and how much."""
         how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
-        return f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{if_new(effect)}"
+        clause = since_maps_clause(effect)
+        return f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{clause}"
 
 
-def if_new(effect: Effect) -> str:
+def since_maps_clause(effect: Effect) -> str:
     """Say of an effect of the variant `SINCE` that it was not there when the maps were measured."""
     return ", as it did not when the maps were measured" if effect.variant == SINCE else ""
 
 
 def _hypothesis(
-    site: Site, code: str, driver: BeyondMaps | AboveReference, variant: str
+    view: CampaignView, code: str, driver: BeyondMaps | AboveReference, variant: str
 ) -> Hypothesis:
-    shapes = site.shapes(code)
+    shapes = view.shapes(code)
     return Hypothesis(
         kind=AdditionalSensor.kind,
         variant=variant,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.kind import EffectKind, Need, Proposals
 from app.effects.kinds.constant_or_warm import constant_or_warm
-from app.effects.site import Site
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS, Kind
 
@@ -30,20 +30,20 @@ class Angular(EffectKind):
         "rotation has its own lever arms",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every rotation that the model lacks and that shows at some point."""
         found = Proposals()
         lacking = [
             c.code
             for c in COMPONENTS.values()
-            if c.kind is Kind.ANGULAR and c.code not in site.in_model and site.shows(c.code)
+            if c.kind is Kind.ANGULAR and c.code not in view.in_model and view.shows(c.code)
         ]
         if not lacking:
             found.not_testable.append(self.refuse("", "the maps have all rotations that show"))
         for code in lacking:
             found.hypotheses.extend(
-                constant_or_warm(self.kind, site, code, sensor, "angle")
-                for sensor in (None, *site.varying_sensors)
+                constant_or_warm(self.kind, view, code, sensor, "angle")
+                for sensor in (None, *view.varying_sensors)
             )
         return found
 

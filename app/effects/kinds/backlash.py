@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
 from app.effects.shape import Everywhere, Rising
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -26,6 +26,7 @@ class Backlash(EffectKind):
 
     kind: ClassVar[str] = "backlash"
     text: ClassVar[str] = "reversal: half the value with the sign of the approach"
+    drawn_over: ClassVar[DrawnOver] = "position"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
@@ -36,17 +37,17 @@ class Backlash(EffectKind):
         "the difference of both, whatever the position",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component whose own axis came from both sides."""
         found = Proposals()
-        for code in site.tables:
-            directions = site.projection.view(code).places.directions
+        for code in view.tables:
+            directions = view.projection.view(code).places.directions
             if not ((directions > 0).any() and (directions < 0).any()):
                 axis = str(COMPONENTS[code].axis).upper()
                 reason = f"{axis} was always approached from the same side"
                 found.not_testable.append(self.refuse(code, reason))
                 continue
-            rising = site.rising(code)
+            rising = view.rising(code)
             found.hypotheses.append(_hypothesis(code, None))
             if rising is not None:
                 found.hypotheses.append(_hypothesis(code, rising))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import AboveReference, Always, Driver
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import amplitudes_of
-from app.effects.site import Site
 from app.effects.term import Term
 from app.geometry.components import COMPONENTS
 
@@ -16,27 +16,21 @@ WITH_TEMPERATURE: Final = "with temperature"
 
 
 def constant_or_warm(
-    kind: str, site: Site, code: str, sensor: str | None, constant: str
+    kind: str, view: CampaignView, code: str, sensor: str | None, constant: str
 ) -> Hypothesis:
     """Make the hypothesis that a component without a map is there.
 
     Parameters
     ----------
-    kind
-        Of the effect.
-    site
-        The campaign.
-    code
-        The component.
     sensor
         What it grows with; None: it is constant in time, and a single visit shows it.
     constant
         What the amplitude of a constant one is called, without its unit.
     """
-    unit, shapes = COMPONENTS[code].unit, site.shapes(code)
+    unit, shapes = COMPONENTS[code].unit, view.shapes(code)
     driver: Driver = Always()
     if sensor is not None:
-        driver = AboveReference(sensor, site.reference_c(sensor))
+        driver = AboveReference(sensor, view.reference_c(sensor))
     name = f"{constant}_{unit}" if sensor is None else f"slope_{unit}_per_k"
     return Hypothesis(
         kind=kind,

@@ -8,19 +8,20 @@ from typing import ClassVar
 
 import numpy as np
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import SinceReference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import (
+    DrawnOver,
     EffectKind,
     Need,
     Proposals,
     amplitudes_of,
-    by_lasting_shapes,
+    by_comparable_shapes,
 )
 from app.effects.map_tables import maps_of_label
 from app.effects.shape import Shape
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -33,7 +34,8 @@ class Drift(EffectKind):
 
     kind: ClassVar[str] = "drift"
     text: ClassVar[str] = "linear in time: wear, creep, settling"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    drawn_over: ClassVar[DrawnOver] = "time"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
@@ -47,9 +49,9 @@ class Drift(EffectKind):
         "two days",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component, drifting since its maps or since the first visit."""
-        return by_lasting_shapes(self, site, partial(_hypotheses, site))
+        return by_comparable_shapes(self, view, partial(_hypotheses, view))
 
     def explain(self, effect: Effect) -> str:
         """Say what drifts, and how fast."""
@@ -57,21 +59,21 @@ class Drift(EffectKind):
         return f"{effect.components[0]} drifts {effect.variant}, {how}"
 
 
-def _beginnings_s(site: Site, code: str) -> dict[str, float]:
+def beginnings_s(view: CampaignView, code: str) -> dict[str, float]:
     """Say from when a drift may count: it was not there yet in the maps, or not at first."""
-    found = site.model.find(code)
+    found = view.model.find(code)
     labels = found[0].labels if found else ()
     measured = [
-        m.measured_at.timestamp() for label in labels for m in maps_of_label(site.maps, label)
+        m.measured_at.timestamp() for label in labels for m in maps_of_label(view.maps, label)
     ]
     return {
-        SINCE_MAPS: float(np.mean(measured or [site.visit_starts_s[0]])),
-        SINCE_FIRST: float(site.visit_starts_s[0]),
+        SINCE_MAPS: float(np.mean(measured or [view.moments_s[0]])),
+        SINCE_FIRST: float(view.moments_s[0]),
     }
 
 
-def _hypotheses(site: Site, code: str, shapes: list[Shape]) -> list[Hypothesis]:
-    beginnings = _beginnings_s(site, code).items()
+def _hypotheses(view: CampaignView, code: str, shapes: list[Shape]) -> list[Hypothesis]:
+    beginnings = beginnings_s(view, code).items()
     return [_hypothesis(code, shapes, variant, since_s) for variant, since_s in beginnings]
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.kind import EffectKind, Need, Proposals
 from app.effects.kinds.constant_or_warm import constant_or_warm
-from app.effects.site import Site
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS, Kind
 
@@ -28,21 +28,21 @@ class NonrigidSlope(EffectKind):
         "the tool, a slope does not",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every slope that the model lacks and that shows at some point."""
         found = Proposals()
         lacking = [
             c.code
             for c in COMPONENTS.values()
-            if c.kind is Kind.SLOPE and c.code not in site.in_model and site.shows(c.code)
+            if c.kind is Kind.SLOPE and c.code not in view.in_model and view.shows(c.code)
         ]
         if not lacking:
             found.not_testable.append(self.refuse("", "the maps have all slopes that show"))
         for code in lacking:
-            own = site.sensor_of(code.partition("^")[0])
-            sensors = [own] if own in site.varying_sensors else []
+            own = view.sensor_of(code.partition("^")[0])
+            sensors = [own] if own in view.varying_sensors else []
             found.hypotheses.extend(
-                constant_or_warm(self.kind, site, code, sensor, "slope")
+                constant_or_warm(self.kind, view, code, sensor, "slope")
                 for sensor in (None, *sensors)
             )
         return found

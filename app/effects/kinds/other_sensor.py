@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals, stood_still
+from app.effects.kind import EffectKind, Need, Proposals, constant_sensor_reason
 from app.effects.shape import Exchange
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import components, parameter, verb
 
@@ -22,7 +22,10 @@ class OtherSensor(EffectKind):
 
     kind: ClassVar[str] = "other-sensor"
     text: ClassVar[str] = "a component follows another sensor than the assigned one"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    share_of: ClassVar[str] = (
+        "of what the tables say: 1 follows the other sensor alone, 0 the assigned one"
+    )
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "bring {sensor} and the assigned sensor apart (heat one part of the machine only), and "
@@ -36,18 +39,18 @@ class OtherSensor(EffectKind):
         "measure {component}: with the wrong sensor it does not move at all",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component on every other sensor, and all of a sensor together."""
         found = Proposals()
-        for own, codes in site.following.items():
-            for other in site.conditions.temperatures_c:
+        for own, codes in view.components_by_sensor.items():
+            for other in view.conditions.temperatures_c:
                 if other == own:
                     continue
-                reason = _why_not(site, codes, other)
+                reason = _why_not(view, codes, other)
                 if reason:
                     found.not_testable.append(self.refuse(f"{own} by {other}", reason))
                     continue
-                exchange = Exchange.of(other, site.map_temperatures(other))
+                exchange = Exchange.of(other, view.map_temperatures(other))
                 groups = [codes, *((code,) for code in codes)] if len(codes) > 1 else [codes]
                 found.hypotheses.extend(_hypothesis(own, exchange, group) for group in groups)
         return found
@@ -76,17 +79,17 @@ def _hypothesis(own: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothe
     )
 
 
-def _why_not(site: Site, codes: tuple[str, ...], other: str) -> str:
+def _why_not(view: CampaignView, codes: tuple[str, ...], other: str) -> str:
     """Say why maps cannot be read on a sensor's scale, empty where they can."""
-    if other not in site.varying_sensors:
-        return stood_still(other)
-    stated = site.map_temperatures(other)
-    labels = {label for code in codes if (f := site.model.find(code)) for label in f[0].labels}
+    if other not in view.varying_sensors:
+        return constant_sensor_reason(other)
+    stated = view.map_temperatures(other)
+    labels = {label for code in codes if (f := view.model.find(code)) for label in f[0].labels}
     lacking = sorted(labels - set(stated))
     if lacking:
         return f"map {lacking[0]!r} does not state the temperature of {other}"
     gap_c = float(np.diff(np.sort([stated[label] for label in labels])).min())
-    if not site.machine.sensor(other).resolves(gap_c):
+    if not view.machine.sensor(other).resolves(gap_c):
         return f"two maps are only {gap_c:.2g} °C apart at {other}, which cannot tell them apart"
     exchange = Exchange.of(other, stated)
-    return next(filter(None, (exchange.why_missing(site.model, code) for code in codes)), "")
+    return next(filter(None, (exchange.why_missing(view.model, code) for code in codes)), "")

@@ -7,12 +7,12 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import EffectKind, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Proposals
 from app.effects.shape import Everywhere, Profile, Shape
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import parameter, symbol_of
 from app.geometry.components import COMPONENTS
@@ -26,6 +26,10 @@ class OutdatedMap(EffectKind):
 
     kind: ClassVar[str] = "outdated-map"
     text: ClassVar[str] = "the tables no longer hold: a shift, a slope or a profile"
+    drawn_over: ClassVar[DrawnOver] = "position"
+    remedy: ClassVar[str] = (
+        "Measure a new map of {components}; until then the correction may be adopted."
+    )
     shown_by: ClassVar[str] = "measure a new map of {component}"
     against: ClassVar[Mapping[str, str]] = {
         "temperature-curvature": "measure {component} at the temperature of one of the maps: an "
@@ -33,15 +37,15 @@ class OutdatedMap(EffectKind):
         "step": "ask whether {component} was still right early in the campaign",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component in three forms; a single value can only shift."""
         found = Proposals()
-        for code in site.components:
+        for code in view.components:
             found.hypotheses.append(_hypothesis(code, SHIFT, [Everywhere()], ["shift"]))
-            rising = site.shapes(code)[1:]
+            rising = view.shapes(code)[1:]
             if rising:
                 found.hypotheses.append(_hypothesis(code, SLOPE, rising, ["slope_at_end"]))
-            corners = _corners(site, code)
+            corners = _corners(view, code)
             if rising and len(corners) > 2:
                 names = [f"profile_at_{x:g}_mm" for x in corners]
                 found.hypotheses.append(_hypothesis(code, PROFILE, _hats(corners), names))
@@ -78,9 +82,9 @@ def _hypothesis(
     )
 
 
-def _corners(site: Site, code: str) -> tuple[float, ...]:
+def _corners(view: CampaignView, code: str) -> tuple[float, ...]:
     """Choose at most nine of the table's positions."""
-    positions = site.positions_mm(code)
+    positions = view.positions_mm(code)
     if positions.size > MOST_CORNERS:
         chosen = np.linspace(0, positions.size - 1, MOST_CORNERS).round().astype(int)
         positions = positions[chosen]

@@ -9,6 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import (
@@ -20,9 +21,8 @@ from app.effects.hypothesis import (
     Reported,
     reported_theta,
 )
-from app.effects.kind import EffectKind, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Proposals
 from app.effects.shape import Wave
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import parameter, symbol_of
 from app.geometry.components import COMPONENTS
@@ -50,6 +50,7 @@ class Periodic(EffectKind):
 
     kind: ClassVar[str] = "periodic"
     text: ClassVar[str] = "a sine over position with unknown pitch, and its harmonics"
+    drawn_over: ClassVar[DrawnOver] = "position"
     shown_by: ClassVar[str] = (
         "measure {component} at 50 or more positions of random distance over some 100 mm"
     )
@@ -57,13 +58,13 @@ class Periodic(EffectKind):
         "periodic": "measure {component} every 0.5 mm over 40 mm: both pitches show at once",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every translation over its own axis, if the positions can show a pitch."""
         found = Proposals()
-        for code in site.tables:
+        for code in view.tables:
             if COMPONENTS[code].is_rotation:
                 continue
-            positions = site.projection.view(code).places.positions_mm
+            positions = view.projection.view(code).places.positions_mm
             reason = why_no_pitch(positions)
             if reason:
                 found.not_testable.append(self.refuse(code, reason))
@@ -122,7 +123,7 @@ def why_no_pitch(positions_mm: FloatArray) -> str:
     """
     distinct = np.unique(np.round(positions_mm, STEP_DIGITS))
     if distinct.size < FEWEST_POSITIONS:
-        return f"needs at least {FEWEST_POSITIONS} different positions, came {distinct.size}"
+        return f"needs at least {FEWEST_POSITIONS} different positions, got {distinct.size}"
     step = common_step(distinct)
     shortest = pitches(distinct)[0]
     if 2.0 * step <= shortest:
@@ -157,15 +158,6 @@ def common_step(positions_mm: FloatArray) -> float:
 
 def aliases(pitch_mm: float, step_mm: float, count: int = 4) -> list[float]:
     """List pitches that look the same at multiples of one step [mm].
-
-    Parameters
-    ----------
-    pitch_mm
-        A pitch.
-    step_mm
-        The positions' common step.
-    count
-        How many.
 
     Examples
     --------

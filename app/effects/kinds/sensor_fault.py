@@ -9,13 +9,13 @@ from __future__ import annotations
 from functools import partial
 from typing import ClassVar, Final
 
+from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
 from app.effects.kinds.step import change_times
 from app.effects.shape import Sensitivity
-from app.effects.site import OWN_ZEROS, Site
 from app.effects.term import Term
 from app.effects.words import components, parameter
 from app.units import date_text
@@ -38,17 +38,18 @@ class SensorFault(EffectKind):
 
     kind: ClassVar[str] = "sensor-fault"
     text: ClassVar[str] = "a sensor reads wrong from some time on"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    drawn_over: ClassVar[DrawnOver] = "time"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
     shown_by: ClassVar[str] = "compare {sensor} with a calibrated thermometer at its place"
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor that components follow."""
         found = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
-        nonlinear = change_times(site)
+        nonlinear = change_times(view)
         slope = Sensitivity(is_local=True)
-        for sensor, codes in site.following.items():
-            if not any(site.lasting(code, [slope]) for code in codes):
+        for sensor, codes in view.components_by_sensor.items():
+            if not any(view.comparable_shapes(code, [slope]) for code in codes):
                 found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
                 continue
             found.hypotheses.append(

@@ -8,6 +8,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import BeyondMaps, Difference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
@@ -19,8 +20,7 @@ from app.effects.kind import (
     amplitudes_of,
     constant_sensors,
 )
-from app.effects.kinds.additional_sensor import BEYOND, SINCE, if_new
-from app.effects.site import Site
+from app.effects.kinds.additional_sensor import BEYOND, SINCE, since_maps_clause
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -34,7 +34,7 @@ class SensorGradient(EffectKind):
 
     kind: ClassVar[str] = "sensor-gradient"
     text: ClassVar[str] = "bending with the difference of two sensors"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "heat one side of the structure only, so that {sensor} differs from its neighbour as "
@@ -49,18 +49,18 @@ class SensorGradient(EffectKind):
         "outlasts the spindle's speed",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component with pairs of sensors, in two forms."""
-        found = Proposals(not_testable=constant_sensors(self, site))
-        if len(site.varying_sensors) > ALL_PAIRS_UP_TO:
-            found.not_testable.append(self._said_pairs(site))
-        for code in site.components:
-            for pair in _pairs(site, code):
-                beyond = site.beyond_maps(code, *pair)
-                since = Difference(*pair, reference_k=_mean_k(site, pair))
-                found.hypotheses.append(_hypothesis(site, code, since, SINCE))
+        found = Proposals(not_testable=constant_sensors(self, view))
+        if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
+            found.not_testable.append(self._refused_pairs(view))
+        for code in view.components:
+            for pair in _pairs(view, code):
+                beyond = view.beyond_maps(code, *pair)
+                since = Difference(*pair, reference_k=_mean_k(view, pair))
+                found.hypotheses.append(_hypothesis(view, code, since, SINCE))
                 if beyond is not None:
-                    found.hypotheses.append(_hypothesis(site, code, beyond, BEYOND))
+                    found.hypotheses.append(_hypothesis(view, code, beyond, BEYOND))
         return found
 
     def explain(self, effect: Effect) -> str:
@@ -69,34 +69,36 @@ class SensorGradient(EffectKind):
         warm, cold = effect.sensors
         return (
             f"{effect.components[0]} bends with the difference of {warm} and {cold}, "
-            f"{how}{if_new(effect)}"
+            f"{how}{since_maps_clause(effect)}"
         )
 
-    def _said_pairs(self, site: Site) -> NotTested:
+    def _refused_pairs(self, view: CampaignView) -> NotTested:
         return self.refuse(
-            f"{len(site.varying_sensors)} sensors",
+            f"{len(view.varying_sensors)} sensors",
             "pairs without a component's own sensor are left out: they are too many",
         )
 
 
-def _pairs(site: Site, code: str) -> list[tuple[str, str]]:
-    sensors = site.varying_sensors
+def _pairs(view: CampaignView, code: str) -> list[tuple[str, str]]:
+    sensors = view.varying_sensors
     if len(sensors) <= ALL_PAIRS_UP_TO:
         return list(combinations(sensors, 2))
-    own = site.sensor_of(code)
+    own = view.sensor_of(code)
     return [(other, own) for other in sensors if other != own] if own in sensors else []
 
 
-def _mean_k(site: Site, pair: tuple[str, str]) -> float:
+def _mean_k(view: CampaignView, pair: tuple[str, str]) -> float:
     """The difference in the maps on average, or else in the campaign."""
-    stated = [site.map_temperatures(sensor) for sensor in pair]
+    stated = [view.map_temperatures(sensor) for sensor in pair]
     both = [stated[0][label] - stated[1][label] for label in stated[0] if label in stated[1]]
-    temperature = site.conditions.temperature
+    temperature = view.conditions.temperature
     return float(np.mean(both or np.nanmean(temperature(pair[0]) - temperature(pair[1]))))
 
 
-def _hypothesis(site: Site, code: str, driver: BeyondMaps | Difference, variant: str) -> Hypothesis:
-    shapes = site.shapes(code)
+def _hypothesis(
+    view: CampaignView, code: str, driver: BeyondMaps | Difference, variant: str
+) -> Hypothesis:
+    shapes = view.shapes(code)
     return Hypothesis(
         kind=SensorGradient.kind,
         variant=variant,

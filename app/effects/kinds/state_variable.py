@@ -8,13 +8,13 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import State
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
 from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
 from app.effects.shape import Shape
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import parameter, size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -46,11 +46,11 @@ class StateVariable(EffectKind):
         "temperatures' difference outlasts {state}",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component with every state that varied, in four forms."""
         found = Proposals()
-        for state, values in sorted(site.conditions.states.items()):
-            if state not in site.varying_states:
+        for state, values in sorted(view.conditions.states.items()):
+            if state not in view.varying_states:
                 found.not_testable.append(
                     self.refuse(state, f"{state} did not change, or was not always known")
                 )
@@ -58,18 +58,18 @@ class StateVariable(EffectKind):
             # With two values, the square is the same as the state itself.
             two_values = np.unique(values[~np.isnan(values)]).size < 3
             grids = {
-                variant: site.time_constants_s(Signal("state", state, power))
+                variant: view.time_constants_s(Signal("state", state, power))
                 for variant, power in POWERS.items()
                 if variant in (LATE, SQUARED_LATE)
             }
             if not grids[LATE]:
-                why = site.why_no_lag(Signal("state", state))
+                why = view.why_no_lag(Signal("state", state))
                 found.not_testable.append(self.refuse(f"{state}, late", why))
             for variant, power in POWERS.items():
                 if not (power == 2 and two_values) and grids.get(variant, (0.0,)):
                     grid = grids.get(variant, ())
                     found.hypotheses.extend(
-                        _hypothesis(site, code, state, variant, grid) for code in site.components
+                        _hypothesis(view, code, state, variant, grid) for code in view.components
                     )
         return found
 
@@ -86,9 +86,9 @@ class StateVariable(EffectKind):
 
 
 def _hypothesis(
-    site: Site, code: str, state: str, variant: str, grid: tuple[float, ...]
+    view: CampaignView, code: str, state: str, variant: str, grid: tuple[float, ...]
 ) -> Hypothesis:
-    shapes = site.shapes(code)
+    shapes = view.shapes(code)
     per = f"{state}_squared" if POWERS[variant] == 2 else state
     return Hypothesis(
         kind=StateVariable.kind,

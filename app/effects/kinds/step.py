@@ -8,18 +8,19 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
 from app.effects.kind import (
+    DrawnOver,
     EffectKind,
     Need,
     Proposals,
     amplitudes_of,
-    by_lasting_shapes,
+    by_comparable_shapes,
 )
 from app.effects.shape import Shape
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import (
     components,
@@ -38,7 +39,8 @@ class Step(EffectKind):
 
     kind: ClassVar[str] = "step"
     text: ClassVar[str] = "a change at one time: collision, re-levelling"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    drawn_over: ClassVar[DrawnOver] = "time"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "ask what happened to the machine at that time, and measure {component} once more at "
@@ -50,10 +52,10 @@ class Step(EffectKind):
         "sensor-fault": "compare {rival} with a calibrated thermometer at its place",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component, with a step at the beginning of any visit but the first."""
-        nonlinear = change_times(site)
-        return by_lasting_shapes(self, site, lambda c, s: [_hypothesis(c, s, nonlinear)])
+        nonlinear = change_times(view)
+        return by_comparable_shapes(self, view, lambda c, s: [_hypothesis(c, s, nonlinear)])
 
     def explain(self, effect: Effect) -> str:
         """Say what changed when, and by how much."""
@@ -62,15 +64,9 @@ class Step(EffectKind):
         return f"{components(effect)} changed by {how} between the visits at {when}"
 
 
-def change_times(site: Site) -> Nonlinear:
-    """List the times at which something may have changed: the beginnings of visits.
-
-    Parameters
-    ----------
-    site
-        The campaign, of at least two visits.
-    """
-    starts = site.visit_starts_s[1:]
+def change_times(view: CampaignView) -> Nonlinear:
+    """List the times at which something may have changed: of visits and of long ones' blocks."""
+    starts = view.moments_s[1:]
     chosen = starts
     if starts.size > MOST_TIMES:
         chosen = starts[np.linspace(0, starts.size - 1, MOST_TIMES).round().astype(int)]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import Curvature
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -22,7 +22,7 @@ class TemperatureCurvature(EffectKind):
 
     kind: ClassVar[str] = "temperature-curvature"
     text: ClassVar[str] = "a component is not linear in temperature between the maps"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} half way between the maps' temperatures of {sensor}: one more map "
@@ -33,18 +33,18 @@ class TemperatureCurvature(EffectKind):
         "component is right there",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """Every component with its own sensor: between neighbouring maps, and over all of them."""
         found = Proposals()
-        for code in site.components:
-            sensor = site.sensor_of(code)
-            if sensor not in site.varying_sensors:
+        for code in view.components:
+            sensor = view.sensor_of(code)
+            if sensor not in view.varying_sensors:
                 found.not_testable.append(self.refuse(code, f"{sensor} did not change"))
                 continue
-            scale = _scale(site, code)
-            found.hypotheses.append(_hypothesis(site, code, OVERALL, (scale[0], scale[-1])))
+            scale = _scale(view, code)
+            found.hypotheses.append(_hypothesis(view, code, OVERALL, (scale[0], scale[-1])))
             if len(scale) > 2:
-                found.hypotheses.append(_hypothesis(site, code, BETWEEN, scale))
+                found.hypotheses.append(_hypothesis(view, code, BETWEEN, scale))
         return found
 
     def explain(self, effect: Effect) -> str:
@@ -56,15 +56,17 @@ class TemperatureCurvature(EffectKind):
         )
 
 
-def _scale(site: Site, code: str) -> tuple[float, ...]:
+def _scale(view: CampaignView, code: str) -> tuple[float, ...]:
     """Give the maps' temperatures of a component's own sensor [°C]."""
-    return next(g.scales[0].temperatures_c for g in site.model.groups if code in g.codes)
+    return next(g.scales[0].temperatures_c for g in view.model.groups if code in g.codes)
 
 
-def _hypothesis(site: Site, code: str, variant: str, scale: tuple[float, ...]) -> Hypothesis:
-    sensor = site.sensor_of(code)
+def _hypothesis(
+    view: CampaignView, code: str, variant: str, scale: tuple[float, ...]
+) -> Hypothesis:
+    sensor = view.sensor_of(code)
     driver = Curvature(sensor, scale)
-    shapes = site.shapes(code)
+    shapes = view.shapes(code)
     return Hypothesis(
         kind=TemperatureCurvature.kind,
         variant=variant,

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
+from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import Behind
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Amplitudes, Hypothesis, Nonlinear
 from app.effects.kind import EffectKind, Need, Proposals
 from app.effects.shape import Sensitivity
-from app.effects.site import Site
 from app.effects.term import Term
 from app.effects.words import components, is_whole, parameter, verb
 from app.units import SECONDS_PER_MIN
@@ -23,7 +23,11 @@ class ThermalLag(EffectKind):
 
     kind: ClassVar[str] = "thermal-lag"
     text: ClassVar[str] = "the structure answers its sensor late: a first-order low-pass"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.VISITS})
+    driver_note: ClassVar[str] = (
+        "Late minus present: what the sensor read some time ago, less what it reads now."
+    )
+    share_of: ClassVar[str] = "of what the tables say: 1 follows late as a whole, 0 at once"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} every 10 min through a quick warm-up and the cooling after it, and "
@@ -38,16 +42,16 @@ class ThermalLag(EffectKind):
         "measure {component} meanwhile",
     }
 
-    def propose(self, site: Site) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor, and each of its components by itself."""
         found = Proposals()
-        for sensor, codes in site.following.items():
+        for sensor, codes in view.components_by_sensor.items():
             signal = Signal("temperature", sensor)
-            grid = site.time_constants_s(signal)
-            if sensor not in site.varying_sensors:
+            grid = view.time_constants_s(signal)
+            if sensor not in view.varying_sensors:
                 found.not_testable.append(self.refuse(sensor, f"{sensor} did not change"))
             elif not grid:
-                found.not_testable.append(self.refuse(sensor, site.why_no_lag(signal)))
+                found.not_testable.append(self.refuse(sensor, view.why_no_lag(signal)))
             else:
                 groups = [codes, *((code,) for code in codes)] if len(codes) > 1 else [codes]
                 found.hypotheses.extend(_hypothesis(sensor, group, grid) for group in groups)

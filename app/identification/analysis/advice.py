@@ -8,20 +8,33 @@ from typing import Final
 from app.effects.kind import NotTested
 from app.effects.registry import kind_of
 from app.errors import list_names
-from app.identification.analysis.analysis import Alternative, Figures, FoundEffect, UnexplainedPart
-from app.search.visit_scatter import FEWEST_VISITS
+from app.identification.analysis.analysis import (
+    Alternative,
+    Figures,
+    FoundEffect,
+    RefittedEffect,
+    UnexplainedPart,
+)
+from app.search.scatter import FEWEST_BLOCKS
+from app.search.search import MOST_TERMS
 
 ENOUGH_VISITS: Final = 20
 """From so many visits on no more are asked for."""
+
+CUT: Final = (
+    f"Adopt what helps and analyse again: the search ended at {MOST_TERMS} effects, the most that "
+    "one analysis names, and more would pay."
+)
 
 
 def summary(
     verdict: str,
     effects: Sequence[FoundEffect],
+    refitted: Sequence[RefittedEffect],
     unexplained: Sequence[UnexplainedPart],
     before: Figures,
     after: Figures,
-    noise_um: float | None,
+    noise: float | None,
     unit: str,
     kinds: Collection[str] | None,
 ) -> str:
@@ -30,38 +43,37 @@ def summary(
     Parameters
     ----------
     verdict
-        `effects-found`, `nothing-found` or `unexplained`.
-    effects, unexplained
-        What was found, and what was left.
-    before, after
-        Figures with and without the effects.
-    noise_um
+        As the search found.
+    refitted
+        What becomes of the effects that the model has.
+    noise
         Repeatability.
     unit
         Of the figures and the repeatability.
     kinds
         The kinds that were looked for; None: all.
     """
-    noise = "" if noise_um is None else f", where one observation scatters by {noise_um:.2g} {unit}"
-    size = before.holdout_rms_um or before.rms_um
+    scatter = "" if noise is None else f", where one observation scatters by {noise:.2g} {unit}"
+    size = before.holdout_rms or before.rms
     if verdict == "nothing-found":
         return (
             f"Nothing was found that the model lacks{_of_kinds(kinds)}. The residuals are "
-            f"{size:.3g} {unit} (root mean square){noise}."
+            f"{size:.3g} {unit} (root mean square){scatter}."
         )
-    left = after.holdout_rms_um or after.rms_um
+    left = after.holdout_rms or after.rms
     where = list_names([part.component for part in unexplained], 4)
-    if not effects:
+    moved = [one.explanation for one in refitted if one.is_changed]
+    if not effects and not moved:
         return (
             f"Something is left in {where} that no effect of the library explains. The residuals "
-            f"are {size:.3g} {unit} (root mean square){noise}."
+            f"are {size:.3g} {unit} (root mean square){scatter}."
         )
-    found = "; ".join(effect.explanation for effect in effects)
-    changed = f"The residuals fall from {size:.3g} to {left:.3g} {unit} on visits held out{noise}"
-    if after.holdout_rms_um is None:
-        changed = f"The residuals fall from {size:.3g} to {left:.3g} {unit}{noise}"
+    found = "; ".join([*(effect.explanation for effect in effects), *moved])
+    moves = "fall" if left < size else "do not fall but rise" if left > size else "stay"
+    held = "" if after.holdout_rms is None else " on visits held out"
+    changed = f"The residuals {moves} from {size:.3g} to {left:.3g} {unit}{held}{scatter}"
     rest = f"; in {where} something unexplained remains" if verdict == "unexplained" else ""
-    return f"{found}. {changed}{rest}."
+    return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
 
 
 def _of_kinds(kinds: Collection[str] | None) -> str:
@@ -74,6 +86,8 @@ def what_next(
     not_testable: Sequence[NotTested],
     visits: int,
     apart: Sequence[str] = (),
+    *,
+    is_cut: bool = False,
 ) -> tuple[str, ...]:
     """Say what to measure or to do next, the most useful first.
 
@@ -81,12 +95,13 @@ def what_next(
     ----------
     effects, unexplained, not_testable
         What was found, what was left, and what could not be looked for.
-    visits
-        How many visits took part.
     apart
         Components with the visit that was left out because it stands far from all others.
+    is_cut
+        Whether the search ended at as many effects as one analysis names.
     """
-    found = [
+    found = [CUT] if is_cut else []
+    found += [
         f"Ask what happened at {one}: it stands far from all other visits and was left out as a "
         "slip; measure there again."
         for one in apart
@@ -94,16 +109,16 @@ def what_next(
     for effect in effects:
         found += _of_effect(effect)
     for part in unexplained:
-        moves = f": it moves with {list_names(part.leads, 3)}" if part.leads else ""
+        moves = f": it moves with {list_names(part.moves_with, 3)}" if part.moves_with else ""
         found.append(
             f"Look at {part.component}{moves}. Record what else changes there (coolant, doors, "
             "clamping, other machines), and measure it again with that beside it."
         )
     asked = any("visits" in one.reason for one in not_testable)
-    if visits < (ENOUGH_VISITS if asked else FEWEST_VISITS):
+    if visits < (ENOUGH_VISITS if asked else FEWEST_BLOCKS):
         found.append(
             f"Add visits at other temperatures: {visits} took part, and effects that change from "
-            f"visit to visit need at least {FEWEST_VISITS}, better {ENOUGH_VISITS}."
+            f"visit to visit need at least {FEWEST_BLOCKS}, better {ENOUGH_VISITS}."
         )
     if not found:
         found.append(
@@ -130,19 +145,24 @@ def _of_effect(effect: FoundEffect) -> list[str]:
         for a in effect.ties[:2]
         if a.separating_measurement and not _is_other_form(effect, a)
     ]
+    kind = kind_of(effect.effect.kind)
     if effect.status != "confirmed":
-        shown_by = kind_of(effect.effect.kind).separating_measurement(effect.effect, effect.effect)
+        shown_by = kind.separating_measurement(effect.effect, effect.effect)
         found.append(
             f"The {effect.effect.kind} of {list_names(effect.effect.components, 3)} is "
             f"{effect.status}: {shown_by}."
         )
+    if effect.doubt:
+        found.append(
+            f"{effect.doubt[:1].upper()}{effect.doubt[1:]}: look for what else changes there."
+        )
     if effect.leverage_warning:
         found.append(f"{effect.leverage_warning[:1].upper()}{effect.leverage_warning[1:]}.")
-    if effect.effect.kind == "outdated-map":
-        found.append(
-            f"Measure a new map of {list_names(effect.effect.components, 3)}; until then the "
-            "correction may be adopted."
-        )
+    what_to_do = kind.what_to_do(effect.effect)
+    if what_to_do and kind.not_adopted:
+        found.insert(0, what_to_do)  # everything else is to be judged anew after it
+    elif what_to_do:
+        found.append(what_to_do)
     if effect.measure_again:
         found.append(f"{effect.measure_again}.")
     return found

@@ -10,22 +10,29 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, one_blas_thread
+from app.effects.adopted.live_effects import contributions
+from app.effects.campaign_view import CampaignView
+from app.effects.effect import Effect
 from app.effects.kind import NotTested
+from app.effects.kinds.response import Response
 from app.effects.kinds.sensor_fault import SPIKES
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
-from app.effects.site import Site
 from app.errors import list_names
 from app.identification.analysis import analysis
+from app.identification.analysis.adoption import Judged, judge_help
 from app.identification.analysis.advice import summary, what_next
 from app.identification.analysis.analysis import (
     Analysis,
+    ComponentFigures,
     FoundEffect,
+    RefittedEffect,
     SmallestSeen,
     UnexplainedPart,
     by_reason,
 )
 from app.identification.analysis.before_after import (
+    NO_REPEATS,
     component_figures,
     figures_unit,
     lengths,
@@ -35,16 +42,37 @@ from app.identification.analysis.before_after import (
     without_zeros,
 )
 from app.identification.analysis.curves import plots
-from app.identification.analysis.found_effects import Found, faults_of_readings, found_effects
-from app.identification.analysis.leads import leads, words_of
+from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effects import (
+    faults_of_readings,
+    found_effects,
+)
+from app.identification.analysis.generic_candidates import generic_candidates, words_of
+from app.identification.analysis.next_visit import propose_visit
+from app.identification.analysis.not_judged import too_large, withhold
 from app.identification.analysis.reading_faults import ReadingFaults, reading_faults
+from app.identification.analysis.refits import (
+    AdoptedBefore,
+    adopted_before,
+    effects_after,
+    refitted_effects,
+)
+from app.identification.analysis.responses import (
+    Responses,
+    beside_search,
+    explained_by,
+    find_responses,
+    not_beside,
+)
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import comparisons, doubts
 from app.identification.residuals.map_uncertainty import map_uncertainty
-from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit, zero_columns
+from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
+from app.identification.zeroed import to_state, zeroed
 from app.search.figures import rms
 from app.search.findings import Findings, Untested, Verdict
 from app.search.search import Progress, search
+from app.units import Unit
 
 VERDICTS: Final[dict[Verdict, analysis.Verdict]] = {
     Verdict.FOUND: "effects-found",
@@ -56,6 +84,9 @@ OUTLIERS: Final = {"outlier": "outlier", "visit-apart": "a visit far from all ot
 
 PREPARED: Final = 0.05
 """Share of the work before the search begins."""
+
+SEARCHED: Final = 0.6
+"""Share of the work after the search, when responses are learnt."""
 
 
 def analyse(
@@ -70,8 +101,6 @@ def analyse(
 
     Parameters
     ----------
-    campaign
-        Verifications, model and record.
     holdout_fraction
         Share of the visits that is held out in turn.
     kinds
@@ -80,10 +109,6 @@ def analyse(
         Of all draws: the same campaign and seed give the same answer.
     progress
         Told the share done, 0 to 1, never falling, and what is being done.
-
-    Returns
-    -------
-    Analysis
 
     Raises
     ------
@@ -97,28 +122,46 @@ def analyse(
     campaign, as_given = faults.campaign, campaign
     residuals = residuals_of(campaign)
     projection = residuals.projection
-    site = Site(campaign.model, campaign.maps, residuals.rows, projection.conditions)
+    view = CampaignView(campaign.model, campaign.maps, residuals.rows, projection.conditions)
     known = None if kinds is None else tuple(_known(kinds))
-    library = repertoire(site, known)
+    library = repertoire(view, known)
     rows = residuals.as_rows()
+    before = adopted_before(campaign, projection, library.hypotheses)
+    learns = known is None or Response.kind in known
+    searched = SEARCHED if learns else 1.0
     with one_blas_thread():
+        of_maps = map_uncertainty(projection, campaign.maps)
         findings = search(
             rows,
-            [*map_uncertainty(projection, campaign.maps), *zero_columns(residuals.rows)],
-            [*library.candidates, *leads(site)],
+            of_maps,
+            [*library.candidates, *generic_candidates(view)],
             holdout_fraction=holdout_fraction,
+            known=before.known(library.candidates),
             seed=seed,
-            progress=_later(progress),
+            progress=_part(progress, PREPARED, searched),
         )
+        responses = Responses()
+        if learns:
+            responses = find_responses(campaign, _part(progress, searched, 1.0))
     use = used_rows(findings, len(rows.values))
-    found = Found(residuals, rows, findings, use, library.hypotheses)
+    found = FinishedSearch(residuals, rows, findings, use, library.hypotheses, of_maps)
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
-    answer = _answer(found, library, faulty, seed, known)
+    found, responses = beside_search(found, responses, campaign.effects)
+    answer = _answer(found, library, faulty, responses, campaign.effects, before, seed, known)
+    answer = withhold(answer, too_large(found, of_maps))
     doubted = doubts(campaign.model, campaign.readings)
+    misstated = zeroed(campaign.verifications, residuals.rows.verifications)
+    upcoming = propose_visit(campaign, answer.effects, answer.unexplained)
     return replace(
         answer,
-        not_testable=(*doubted, *answer.not_testable),
-        what_next=(*comparisons(doubted), *answer.what_next),
+        not_testable=(*misstated, *doubted, *answer.not_testable),
+        next_visit=upcoming,
+        what_next=(
+            *to_state(misstated),
+            *comparisons(doubted),
+            *(() if upcoming is None else (upcoming.sentence,)),
+            *answer.what_next,
+        ),
     )
 
 
@@ -129,10 +172,11 @@ def _known(kinds: Collection[str]) -> list[str]:
     return [name for name in KINDS if name in kinds]
 
 
-def _later(progress: Progress | None) -> Progress | None:
+def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
+    """Tell the share of a part of the work as one of the whole."""
     if progress is None:
         return None
-    return lambda share, words: progress(PREPARED + (1.0 - PREPARED) * share, words)
+    return lambda share, words: progress(begin + (end - begin) * share, words)
 
 
 def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -> FloatArray:
@@ -147,37 +191,56 @@ def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -
 
 
 def _answer(
-    found: Found,
+    found: FinishedSearch,
     library: Repertoire,
     faulty: Sequence[FoundEffect],
+    responses: Responses,
+    known: Sequence[Effect],
+    before: AdoptedBefore,
     seed: int,
     kinds: tuple[str, ...] | None,
 ) -> Analysis:
-    findings = found.findings
     effects = found.effects()
-    explained = sum((found.explained(e) for e in effects), np.zeros(len(found.use)))
+    judged = judge_help(found, effects)
+    if not judged.refits_hold:
+        found = found.without_refits()
+        judged = judge_help(found, effects)
+    effects, refitted = _together(found, before, effects, judged)
+    findings = found.findings
+    explained = _by_live_path(found, known, effects_after(known, refitted, effects))
+    for mistake in (effect for effect in effects if not effect.terms):
+        explained = explained + found.explained(mistake)
+    for offered in responses.offered:
+        explained = explained + explained_by(found, offered, known)
     chosen = found.use & lengths(found.residuals)
     seen = np.where(np.isfinite(findings.adopted), 0.0, np.nan)
     left = found.rows.values - explained
-    before = pooled_figures(found.rows, found.zeros, found.rows.values, seen, chosen, seed)
+    size = pooled_figures(found.rows, found.zeros, found.rows.values, seen, chosen, seed)
     after = pooled_figures(found.rows, found.zeros, left, findings.adopted, chosen, seed)
-    described = [*found_effects(found, effects), *faulty]
+    described = [
+        *not_beside(found_effects(found, effects, judged), known),
+        *(offered.found for offered in responses.offered),
+        *faulty,
+    ]
     components = component_figures(found.residuals, found.rows, explained, findings, found.use)
     unexplained = _unexplained(found, left)
-    not_testable = _not_testable(library, findings)
+    not_testable = (*_not_testable(library, findings), *by_reason(responses.not_testable))
     verdict = VERDICTS[findings.verdict]
-    if faulty and findings.verdict is Verdict.NOTHING:
+    is_due = any(one.is_changed for one in refitted)
+    if (faulty or responses.offered or is_due) and findings.verdict is Verdict.NOTHING:
         verdict = VERDICTS[Verdict.FOUND]
-    noise_um, floor_um = _noise(found)
+    noise = _noise(found)
+    floor = _floor(components)
     unit = figures_unit(found.residuals)
     return Analysis(
         verdict=verdict,
-        summary=summary(verdict, described, unexplained, before, after, noise_um, unit, kinds),
+        summary=summary(verdict, described, refitted, unexplained, size, after, noise, unit, kinds),
         kinds=kinds,
         unit=unit,
-        noise_um=noise_um,
-        floor_um=floor_um,
-        before=before,
+        noise=noise,
+        floor=floor,
+        floor_unknown=None if floor is not None else NO_REPEATS,
+        before=size,
         after=after,
         after_with_maps_refitted=pooled_figures(
             found.rows, found.zeros, left, findings.predicted, chosen, seed
@@ -187,30 +250,74 @@ def _answer(
         values=int(found.use.sum()),
         components=tuple(components),
         effects=tuple(described),
+        refitted=refitted,
         unexplained=tuple(unexplained),
         excluded=tuple(_excluded(found.residuals, findings)),
         not_testable=not_testable,
         detectable=tuple(_detectable(found)),
         what_next=what_next(
-            described, unexplained, not_testable, found.residuals.rows.visits, _apart(found)
+            *(described, unexplained, not_testable, found.residuals.rows.visits, _apart(found)),
+            is_cut=findings.is_cut,
         ),
-        plots=plots(found, effects),
+        plots=plots(found, [*effects, *(offered.effect for offered in responses.offered)]),
     )
 
 
-def _noise(found: Found) -> tuple[float | None, float | None]:
-    """Pool repeatability and floor over the channels in µm, or over all where there is none."""
+def _together(
+    found: FinishedSearch, before: AdoptedBefore, effects: list[Effect], judged: Judged
+) -> tuple[list[Effect], tuple[RefittedEffect, ...]]:
+    """Fit what the model has and what helps together: this is what adoption stores.
+
+    Returns
+    -------
+    effects, refitted
+        The found effects, those that help as they are without the others; and what becomes of
+        the model's own.
+    """
+    findings = found.findings
+    if findings.beside is None or not judged.refits_hold:
+        return effects, refitted_effects(found, before, (), is_refused=not judged.refits_hold)
+    # A mistake in the data is in these rows, whatever is adopted.
+    kept = [i for i, one in enumerate(judged.helps) if one.helps or not effects[i].terms]
+    terms, refitted = findings.beside({findings.terms[i].place for i in kept})
+    if findings.refitted and len(kept) < len(effects):
+        anew = {term.place: found.effect_of(term) for term in terms}
+        pairs = zip(effects, findings.terms, strict=True)
+        effects = [anew.get(term.place, effect) for effect, term in pairs]
+    return effects, refitted_effects(found, before, refitted, is_refused=False)
+
+
+def _by_live_path(
+    found: FinishedSearch, before: Sequence[Effect], after: Sequence[Effect]
+) -> FloatArray:
+    """Say what other effects add to each row, as predictions and live tables add them, shape (n,).
+
+    Parameters
+    ----------
+    before, after
+        The model's effects as they are, and as they would be.
+    """
+    projection = found.residuals.projection
+    was, becomes = (contributions(projection, effects).errors for effects in (before, after))
+    return becomes - was
+
+
+def _noise(found: FinishedSearch) -> float | None:
+    """Pool the repeatability over the channels in µm, or over all where there is none."""
     chosen = lengths(found.residuals)
     numbers = [n for n in found.findings.noise if chosen[found.rows.channel == n].any()]
-    noise, held = found.findings.noise, found.findings.held_out
-    floors = [n for n in numbers if n in held]
-    return (
-        pooled([noise[n].fitted for n in numbers], [noise[n].rows for n in numbers]),
-        pooled([held[n].floor for n in floors], [held[n].rows for n in floors]),
-    )
+    noise = found.findings.noise
+    return pooled([noise[n].fitted for n in numbers], [noise[n].rows for n in numbers])
 
 
-def _unexplained(found: Found, left: FloatArray) -> list[UnexplainedPart]:
+def _floor(components: Sequence[ComponentFigures]) -> float | None:
+    """Pool the floor as the figures are pooled; None where one of their components has none."""
+    in_um = [one for one in components if one.unit == Unit.UM.symbol] or list(components)
+    known = [one.floor for one in in_um if one.floor is not None]
+    return pooled(known, [one.count for one in in_um]) if len(known) == len(in_um) else None
+
+
+def _unexplained(found: FinishedSearch, left: FloatArray) -> list[UnexplainedPart]:
     """Gather what is left by channel, with what it moves with."""
     by_channel = defaultdict(list)
     for one in found.findings.unexplained:
@@ -220,18 +327,18 @@ def _unexplained(found: Found, left: FloatArray) -> list[UnexplainedPart]:
     for channel, ones in by_channel.items():
         own = found.use if channel is None else found.use & (found.rows.channel == channel)
         noise = [n.fitted for c, n in found.findings.noise.items() if channel in (None, c)]
-        leads_here = [words_of(o.lead) for o in ones if o.test == "generic" and o.lead]
+        moves_with = [words_of(o.moves_with) for o in ones if o.test == "generic" and o.moves_with]
         parts.append(
             UnexplainedPart(
                 component="all components" if channel is None else names[channel],
-                rms_um=rms(without_zeros(found.zeros, np.where(own, left, np.nan))[own]),
-                noise_um=float(np.mean(noise)),
+                rms=rms(without_zeros(found.zeros, np.where(own, left, np.nan))[own]),
+                noise=float(np.mean(noise)),
                 unit=channel_unit(names[channel or 0]).symbol,
-                leads=tuple(dict.fromkeys(leads_here)),
+                moves_with=tuple(dict.fromkeys(moves_with)),
                 tests=tuple(dict.fromkeys(o.test for o in ones)),
             )
         )
-    return sorted(parts, key=lambda p: -p.rms_um / max(p.noise_um, 1e-12))
+    return sorted(parts, key=lambda p: -p.rms / max(p.noise, 1e-12))
 
 
 def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOut]:
@@ -241,7 +348,7 @@ def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOut]:
     return [LeftOut(reason, count) for reason, count in counts.most_common()]
 
 
-def _apart(found: Found) -> list[str]:
+def _apart(found: FinishedSearch) -> list[str]:
     """Name the visits that were left out as slips, with their components."""
     rows = found.residuals.rows
     return [
@@ -265,11 +372,11 @@ def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, .
 
 def _why(untested: Untested) -> str:
     if untested.reason == "few-visits":
-        return f"needs {untested.visits_needed} visits, came {untested.visits}"
+        return f"needs {untested.visits_needed} visits, got {untested.visits}"
     return "these observations do not show it: what drives it never changed where it would act"
 
 
-def _detectable(found: Found) -> list[SmallestSeen]:
+def _detectable(found: FinishedSearch) -> list[SmallestSeen]:
     """Give the smallest effect of each kind on each component that would have been seen."""
     best: dict[tuple[str, str], SmallestSeen] = {}
     noise = found.findings.noise

@@ -25,7 +25,10 @@ Parameters: TypeAlias = Annotated[
     Mapping[str, float], Field(examples=[{"time_constant_min": 41.2}])
 ]
 
-Verdict: TypeAlias = Literal["effects-found", "nothing-found", "unexplained"]
+Verdict: TypeAlias = Literal["effects-found", "nothing-found", "unexplained", "not-judged"]
+
+Zero: TypeAlias = Literal["absolute", "first", "removed"]
+"""What figures are relative to."""
 
 ROUNDING: Final = 1e-9
 """Share of a size: less is rounding."""
@@ -38,23 +41,28 @@ MOST_SUBJECTS: Final = 12
 class Figures(Answer, published_as="FiguresAnswer"):
     """Size of residuals over all lengths, or over all values where none is a length."""
 
-    rms_um: float
+    rms: Annotated[float, Field(alias="rms_um")]
     """Root mean square of all visits together [µm]"""
 
-    p95_um: float
+    p95: Annotated[float, Field(alias="p95_um")]
     """95th percentile of the size [µm]"""
 
-    holdout_rms_um: float | None
+    holdout_rms: Annotated[float | None, Field(alias="holdout_rms_um")]
     """Root mean square on visits that took no part in what predicts them [µm]; null where nothing
     could be held out"""
 
-    holdout_rms_ci95_um: Range | None
+    holdout_rms_ci95: Annotated[Range | None, Field(alias="holdout_rms_ci95_um")]
     """Its 95 % confidence interval, over visits [µm]"""
 
+    zero: Zero | None = None
+    """What they are relative to: the model's zero (`absolute`); wherever an instrument's zero is
+    another, each set-up's first observation, at which it was zeroed (`first`), or the mean of what
+    shares a zero that nobody knows (`removed`); null in older results"""
+
     @property
-    def shown_rms_um(self) -> float:
-        """The root mean square that is shown: on held-out visits where there are any [µm]."""
-        return self.rms_um if self.holdout_rms_um is None else self.holdout_rms_um
+    def shown_rms(self) -> float:
+        """The root mean square that is shown: on held-out visits where there are any."""
+        return self.rms if self.holdout_rms is None else self.holdout_rms
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +102,23 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
 
     floor: Annotated[
         float | None,
-        Field(description=f"What repeatability and set-up scatter alone would leave {IN_ITS_UNIT}"),
+        Field(
+            description="What noise alone would leave, as repeats within two minutes and the "
+            f"scatter of set-ups show it {IN_ITS_UNIT}; null where too little was repeated"
+        ),
     ]
+    floor_unknown: str | None = None
+    """Why there is no floor; null where there is one"""
+
+    setup_scatter: Annotated[
+        float | None,
+        Field(
+            description="Standard deviation by which set-ups differ, as these residuals were "
+            f"fitted {IN_ITS_UNIT}; null where nothing could be held out"
+        ),
+    ] = None
+    zero: Zero | None = None
+    """What its figures are relative to, as for the figures over all"""
 
     @property
     def is_held_out(self) -> bool:
@@ -113,11 +136,6 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
     def is_changed(self) -> bool:
         """Whether effects change it by more than rounding does."""
         return abs(self.after_rms - self.before_rms) > ROUNDING * self.before_rms
-
-    @property
-    def noise_floor(self) -> float:
-        """What noise alone would leave: the floor, else the repeatability."""
-        return self.noise if self.floor is None else self.floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +203,9 @@ class Alternative(Answer, published_as="AlternativeAnswer"):
     tied: bool
     """Whether these observations cannot tell the two apart"""
 
+    with_offset: bool
+    """Whether it comes so close only with a constant beside it"""
+
     separating_measurement: str | None = None
     """What would tell them apart"""
 
@@ -200,6 +221,36 @@ class StrongVisit(Answer, published_as="StrongVisitAnswer"):
     """When it began, UTC"""
 
 
+@dataclass(frozen=True, slots=True)
+class Cause(Answer, published_as="CauseAnswer"):
+    """What the observations say of one cause among many that drive an effect together."""
+
+    claim: Annotated[Literal["kind", "driver", "tie", "amount"], Field(examples=["amount"])]
+    """`kind`: whether a kind of causes takes part; `driver`: one that nothing stands in for; `tie`:
+    some that stand in for each other; `amount`: by how much the component moves"""
+
+    names: tuple[str, ...]
+    """Sensors and states that it is about; empty where it is about all or none"""
+
+    sentence: str
+    """One plain sentence"""
+
+    two_ln_bayes_factor: float | None = None
+    """Evidence that is lost without it: above 6 it is strong, above 10 very strong"""
+
+    value: Annotated[
+        float | None,
+        Field(description=f"The amount after the longest time that is stated {IN_ITS_UNIT}"),
+    ] = None
+    error: Annotated[
+        float | None,
+        Field(
+            description="Its standard deviation, the larger one of posterior and jackknife "
+            f"{IN_ITS_UNIT}"
+        ),
+    ] = None
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class FoundEffect(Answer, published_as="FoundEffectAnswer"):
     """One effect that the model lacks."""
@@ -207,21 +258,32 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
     effect: StoredEffect
     """What adoption stores"""
 
-    before_rms_um: float
+    before_rms: Annotated[float, Field(alias="before_rms_um")]
     """Root mean square of its components before it, on held-out visits where there are any [µm];
     see `unit`"""
 
-    after_rms_um: float
+    after_rms: Annotated[float, Field(alias="after_rms_um")]
     """The same with it [µm]; see `unit`"""
 
     unit: UnitSymbol
     """Unit of the two: lengths where any is one"""
 
     status: str
-    """What held-out visits say: `confirmed`, `suspected` or `not-confirmable`"""
+    """How sure its name is: `confirmed`, `suspected` or `not-confirmable`"""
+
+    helps: bool
+    """Whether visits that took no part in finding it get better with it, and none markedly worse:
+    adopted unless effects are named"""
+
+    why_not: str | None
+    """Why nobody can say that it helps; null where it does"""
 
     is_proxy: bool
     """Whether unexplained structure remains beside it"""
+
+    doubts: tuple[str, ...]
+    """In what the measured values differ from it, more than noise would: its name is then not
+    `confirmed`; empty where they do not"""
 
     evidence: Evidence
     """How sure it is"""
@@ -243,6 +305,9 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
 
     measure_again: str | None
     """Until when one that grows with time may be used, and what to measure"""
+
+    causes: tuple[Cause, ...] = ()
+    """What can be said of its causes, where many drive it together; empty of other effects"""
 
     @shown
     def kind(self) -> Annotated[str, Field(examples=["thermal-lag"])]:
@@ -285,9 +350,65 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
         return self.effect.learnt_in
 
     @property
+    def doubt(self) -> str | None:
+        """Why its name is not sure, in one sentence; None where nothing speaks against it."""
+        if not self.doubts:
+            return None
+        return (
+            f"the measured values prefer a version of it that is not in the library: "
+            f"{list_names(self.doubts)}; it may be another cause that resembles it"
+        )
+
+    @property
     def ties(self) -> tuple[Alternative, ...]:
         """The alternatives that these observations cannot tell from it."""
         return tuple(a for a in self.alternatives if a.tied)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RefittedEffect(Answer, published_as="RefittedEffectAnswer"):
+    """What becomes of an effect that the model has, if the effects that help are adopted."""
+
+    effect: StoredEffect
+    """The effect as the model has it"""
+
+    becomes: StoredEffect | None
+    """What adoption stores in its place; null where it is dropped or left"""
+
+    outcome: Literal["refitted", "dropped", "left"]
+    """`refitted` together with the effects that were found and help; `dropped`, because it no
+    longer pays beside them; `left` as it is"""
+
+    is_changed: bool
+    """Whether it is dropped, or moves by more than its parameters are unsure by"""
+
+    explanation: str
+    """What it was and what it becomes, or why it stays, in one plain sentence"""
+
+    @shown
+    def kind(self) -> Annotated[str, Field(examples=["thermal-lag"])]:
+        """Kind of effect."""
+        return self.effect.kind
+
+    @shown
+    def components(self) -> Codes:
+        """Components that it acts on."""
+        return self.effect.components
+
+    @shown
+    def parameters(self) -> Parameters:
+        """Parameters as the model has them; the unit ends each name [µm; …]."""
+        return self.effect.parameters
+
+    @shown
+    def refitted_parameters(self) -> Parameters | None:
+        """Parameters as they become [µm; …]; null where it is dropped or left."""
+        return None if self.becomes is None else self.becomes.parameters
+
+    @shown
+    def refitted_standard_errors(self) -> Parameters | None:
+        """One standard deviation of each [µm; …]; null where it is dropped or left."""
+        return None if self.becomes is None else self.becomes.standard_errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,16 +418,16 @@ class UnexplainedPart(Answer, published_as="UnexplainedAnswer"):
     component: Annotated[str, Field(examples=["EYZ"])]
     """Where"""
 
-    rms_um: float
+    rms: Annotated[float, Field(alias="rms_um")]
     """Root mean square of what is left [µm]; see `unit`"""
 
-    noise_um: float
+    noise: Annotated[float, Field(alias="noise_um")]
     """Standard deviation of one observation [µm]; see `unit`"""
 
     unit: UnitSymbol
     """The unit of its numbers"""
 
-    leads: tuple[str, ...]
+    moves_with: Annotated[tuple[str, ...], Field(alias="leads")]
     """What it moves with"""
 
     tests: tuple[str, ...]
@@ -392,6 +513,10 @@ class VisitMeans(Answer):
     after: tuple[float, ...]
     """Means with all effects [µm; …], in `unit`"""
 
+    expected: tuple[float, ...] = ()
+    """Standard deviation that each mean has by repeatability, set-up scatter and the maps' own
+    uncertainty [µm; …], in `unit`; empty in older results"""
+
 
 @dataclass(frozen=True, slots=True)
 class Plots(Answer):
@@ -404,12 +529,73 @@ class Plots(Answer):
     """Of each component"""
 
 
+@dataclass(frozen=True, slots=True)
+class PlannedPlace(Answer, published_as="PlannedPlaceAnswer"):
+    """One observation to be made, as planning takes it."""
+
+    time: str
+    """When, at the moment of the record that stands for it, UTC"""
+
+    component: str | None
+    """Component code; null at a point"""
+
+    position_mm: float | None
+    """Position on its axis [mm]"""
+
+    point_mm: tuple[float, float, float] | None
+    """Nominal point x, y, z [mm]; null of a component"""
+
+    tool_offset_mm: tuple[float, float, float]
+    """Tool offset X, Y, Z [mm]"""
+
+    direction: Mapping[str, Literal["+", "-"]] | None
+    """Axis to its direction of approach"""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedVisit(Answer, published_as="PlannedVisitAnswer"):
+    """A visit to be made: one of the `planned` of a plan."""
+
+    label: str
+    """What the plan calls it"""
+
+    datum: str
+    """`absolute`, `first` or `free`, as in the visits before"""
+
+    repeatability_um: float | None
+    """Standard deviation of one length, where it is known [µm]"""
+
+    observations: tuple[PlannedPlace, ...]
+    """In their order"""
+
+
+@dataclass(frozen=True, slots=True)
+class NextVisit(Answer, published_as="NextVisitAnswer"):
+    """The visit that would tell most next."""
+
+    sentence: str
+    """What to measure, when, and what for"""
+
+    like_time: datetime
+    """When the machine was like that, UTC"""
+
+    temperatures_c: Mapping[str, float]
+    """Its sensors' temperatures then [°C]"""
+
+    states: Mapping[str, float]
+    """Its state then"""
+
+    planned: PlannedVisit
+    """What to hand on to planning"""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Analysis(Answer, published_as="AnalysisResult"):
     """What an analysis found; `plots` are the arrays of its report."""
 
     verdict: Verdict
-    """`unexplained` where structure remains that no effect fits"""
+    """`unexplained` where structure remains that no effect fits; `not-judged` where residuals are
+    larger than the noise and too few set-ups were made to say why"""
 
     summary: str
     """Two plain sentences"""
@@ -420,11 +606,12 @@ class Analysis(Answer, published_as="AnalysisResult"):
     unit: UnitSymbol
     """Of the figures over all values: µm, or that of the angles where no length was measured"""
 
-    noise_um: float | None
+    noise: Annotated[float | None, Field(alias="noise_um")]
     """Standard deviation of one observation [µm]; see `unit`"""
 
-    floor_um: float | None
-    """What repeatability and set-up scatter alone would leave [µm]; see `unit`"""
+    floor: Annotated[float | None, Field(alias="floor_um")]
+    """What noise alone would leave, as repeats and the scatter of set-ups show it [µm]; null where
+    a component has too few repeats; see `unit`"""
 
     before: Figures
     """Residuals of the model as it was"""
@@ -448,7 +635,10 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """By component, largest first"""
 
     effects: tuple[FoundEffect, ...]
-    """Effects that the model lacks"""
+    """Effects that the model lacks; numbered from 0, as adoption, report and terminal do"""
+
+    refitted: tuple[RefittedEffect, ...]
+    """Effects that it has already, and what becomes of them when those that help are adopted"""
 
     unexplained: tuple[UnexplainedPart, ...]
     """What no effect explains"""
@@ -468,10 +658,16 @@ class Analysis(Answer, published_as="AnalysisResult"):
     plots: Plots
     """Arrays of the report's plots"""
 
+    floor_unknown: str | None = None
+    """Why there is no floor; null where there is one"""
+
+    next_visit: NextVisit | None = None
+    """The visit that would tell most next; null where none can be proposed"""
+
     @property
-    def noise_floor_um(self) -> float | None:
-        """What noise alone would leave: the floor, else the repeatability [µm]; see `unit`."""
-        return self.noise_um if self.floor_um is None else self.floor_um
+    def is_refit_due(self) -> bool:
+        """Whether adopting changes effects that the model has already."""
+        return any(one.is_changed for one in self.refitted)
 
     @property
     def overall_count(self) -> int:

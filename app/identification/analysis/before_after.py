@@ -3,41 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
-from app.identification.analysis.analysis import ComponentFigures, Figures
+from app.identification.analysis.analysis import ComponentFigures, Figures, Zero
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.figures import figure, rms
-from app.search.findings import Findings
+from app.search.findings import ChannelNoise, Findings, HeldOut
+from app.search.noise import replicate_scatter
 from app.search.rows import Datum, Rows
 from app.units import Unit
 
+NO_REPEATS: Final = (
+    "too few observations were repeated at one place within two minutes: what noise alone would "
+    "leave was not measured"
+)
+"""Why there is no floor."""
 
-def unknown_zeros(residuals: Residuals, rows: Rows) -> list[IntArray]:
-    """List the rows that share each unknown zero of an instrument.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnknownZero:
+    """Rows that share a zero of the instrument that is not the model's.
 
     Parameters
     ----------
-    residuals, rows
-        The rows, with their datum.
+    rows : ndarray, shape (m,)
+        In order of time.
+    is_first
+        Whether the instrument read zero at the first of them.
     """
-    own = [
-        np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-        for (visit, channel), datum in rows.datum.items()
-        if datum is not Datum.ABSOLUTE
-    ]
-    return [*own, *residuals.rows.shared_zeros()]
+
+    rows: IntArray
+    is_first: bool
 
 
-def without_zeros(zeros: Sequence[IntArray], values: FloatArray) -> FloatArray:
-    """Take the mean off what shares an instrument's unknown zero.
+def unknown_zeros(rows: Rows) -> list[UnknownZero]:
+    """List the rows that share each unknown zero of an instrument."""
+    minutes = np.arange(float(len(rows.values))) if rows.minutes is None else rows.minutes
+    found = []
+    for (visit, channel), datum in rows.datum.items():
+        own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+        if own.size and datum is not Datum.ABSOLUTE:
+            ordered = own[np.argsort(minutes[own], kind="stable")]
+            found.append(UnknownZero(ordered, datum is Datum.FIRST))
+    return found
+
+
+def without_zeros(zeros: Sequence[UnknownZero], values: FloatArray) -> FloatArray:
+    """Take unknown zeros of an instrument off, as a user of the machine meets what is left.
+
+    Of an instrument that was zeroed at its first observation that observation's residual, of
+    one whose zero nobody knows the mean.
 
     Parameters
     ----------
-    zeros
-        Rows of each zero (`unknown_zeros`).
     values : ndarray, shape (n,)
         Residuals; NaN takes no part.
 
@@ -47,38 +69,41 @@ def without_zeros(zeros: Sequence[IntArray], values: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> without_zeros([np.array([0, 1])], np.array([3.0, 5.0, 7.0])).tolist()
+    >>> values, shared = np.array([3.0, 5.0, 7.0]), np.array([0, 1])
+    >>> without_zeros([UnknownZero(shared, False)], values).tolist()
     [-1.0, 1.0, 7.0]
+    >>> without_zeros([UnknownZero(shared, True)], values).tolist()
+    [0.0, 2.0, 7.0]
     """
     found = values.copy()
-    for own in zeros:
-        known = own[~np.isnan(values[own])]
+    for zero in zeros:
+        known = zero.rows[~np.isnan(values[zero.rows])]
         if known.size:
-            found[known] -= values[known].mean()
+            found[known] -= values[known[0]] if zero.is_first else values[known].mean()
     return found
 
 
-def lengths(residuals: Residuals) -> BoolArray:
-    """Say which rows are in µm; all where none is, shape (n,).
+def zero_of(zeros: Sequence[UnknownZero], chosen: BoolArray) -> Zero:
+    """Say what figures of chosen rows are relative to; a mean that was taken off goes before.
 
-    Parameters
-    ----------
-    residuals
-        The rows.
+    >>> zero_of([UnknownZero(np.array([0]), True)], np.array([False, True]))
+    'absolute'
     """
+    taken = [zero.is_first for zero in zeros if chosen[zero.rows].any()]
+    if not taken:
+        return "absolute"
+    return "first" if all(taken) else "removed"
+
+
+def lengths(residuals: Residuals) -> BoolArray:
+    """Say which rows are in µm; all where none is, shape (n,)."""
     in_um = np.array([channel_unit(name) is Unit.UM for name in residuals.rows.channels])
     found: BoolArray = in_um[residuals.rows.channel]
     return found if found.any() else np.ones(len(found), dtype=np.bool_)
 
 
 def figures_unit(residuals: Residuals) -> str:
-    """Give the symbol of the unit of figures over all `lengths`: µm, or that of the angles.
-
-    Parameters
-    ----------
-    residuals
-        The rows.
-    """
+    """Give the symbol of the unit of figures over all `lengths`: µm, or that of the angles."""
     units = {channel_unit(name) for name in residuals.rows.channels}
     if Unit.UM in units:
         return Unit.UM.symbol
@@ -86,15 +111,7 @@ def figures_unit(residuals: Residuals) -> str:
 
 
 def used_rows(findings: Findings, count: int) -> BoolArray:
-    """Say which rows took part in the search.
-
-    Parameters
-    ----------
-    findings
-        What was found.
-    count
-        How many rows there are.
-    """
+    """Say which rows took part in the search."""
     use = np.ones(count, dtype=np.bool_)
     for one in findings.excluded:
         use[list(one.rows)] = False
@@ -103,7 +120,7 @@ def used_rows(findings: Findings, count: int) -> BoolArray:
 
 def pooled_figures(
     rows: Rows,
-    zeros: Sequence[IntArray],
+    zeros: Sequence[UnknownZero],
     values: FloatArray,
     predicted: FloatArray,
     chosen: BoolArray,
@@ -113,31 +130,21 @@ def pooled_figures(
 
     Parameters
     ----------
-    rows
-        The rows.
-    zeros
-        Rows of each unknown zero.
     values : ndarray, shape (n,)
         Residuals with the effects as all visits together say.
     predicted : ndarray, shape (n,)
         What a model that did not see a row's visit says of it; NaN: not held out.
     chosen : ndarray, shape (n,)
         Which rows count.
-    seed
-        Of the interval.
-
-    Returns
-    -------
-    Figures
     """
     own = without_zeros(zeros, np.where(chosen, values, np.nan))[chosen]
     held = chosen & np.isfinite(predicted)
     size, p95 = rms(own), float(np.quantile(np.abs(own), 0.95))
     if not held.any():
-        return Figures(size, p95, None, None)
+        return Figures(size, p95, None, None, zero_of(zeros, chosen))
     left = without_zeros(zeros, np.where(held, rows.values - predicted, np.nan))[held]
     found = figure(left, rows.visit[held], seed)
-    return Figures(size, p95, found.rms, (found.low, found.high))
+    return Figures(size, p95, found.rms, (found.low, found.high), zero_of(zeros, chosen))
 
 
 def component_figures(
@@ -147,21 +154,13 @@ def component_figures(
 
     Parameters
     ----------
-    residuals, rows
-        The rows.
     effects : ndarray, shape (n,)
         What the found effects explain.
-    findings
-        What was found.
     use : ndarray, shape (n,)
         Which rows took part.
-
-    Returns
-    -------
-    list of ComponentFigures
     """
-    zeros = unknown_zeros(residuals, rows)
-    before, after, foretold = (
+    zeros = unknown_zeros(rows)
+    before, after, predicted_left = (
         without_zeros(zeros, np.where(use, rows.values - part, np.nan))
         for part in (np.zeros(len(use)), effects, findings.adopted)
     )
@@ -170,6 +169,9 @@ def component_figures(
         own = use & (rows.channel == number)
         held = findings.held_out.get(number)
         name = residuals.rows.channels[number]
+        setup = None if held is None else setup_scatter(noise, held)
+        zero = zero_of(zeros, own)
+        floor = _floor(replicate_scatter(rows, number, use), setup, zero)
         found.append(
             ComponentFigures(
                 component=name,
@@ -179,14 +181,38 @@ def component_figures(
                 after_rms=rms(after[own]),
                 before_p95=float(np.quantile(np.abs(before[own]), 0.95)),
                 after_p95=float(np.quantile(np.abs(after[own]), 0.95)),
-                holdout_before_rms=rms(before[own & ~np.isnan(foretold)]) if held else None,
-                holdout_after_rms=rms(foretold[own & ~np.isnan(foretold)]) if held else None,
+                holdout_before_rms=rms(before[own & ~np.isnan(predicted_left)]) if held else None,
+                holdout_after_rms=rms(predicted_left[own & ~np.isnan(predicted_left)])
+                if held
+                else None,
                 noise=noise.fitted,
                 noise_origin=noise.origin,
-                floor=held.floor if held else None,
+                floor=floor,
+                floor_unknown=None if floor is not None else NO_REPEATS,
+                setup_scatter=setup,
+                zero=zero,
             )
         )
     return sorted(found, key=lambda c: -c.before_rms / max(c.noise, 1e-12))
+
+
+def setup_scatter(noise: ChannelNoise, held: HeldOut) -> float:
+    """Give by how much set-ups differ beyond the repeatability that the floor was made with."""
+    own = noise.repeatability if noise.origin == "declared" else noise.fitted
+    return float(np.sqrt(max(held.floor**2 - own**2, 0.0)))
+
+
+def _floor(repeats: float | None, setup: float | None, zero: Zero) -> float | None:
+    """Say what repeats and set-ups would leave; None where nothing was repeated.
+
+    From the first observation as zero, the noise of that one is in all the others, and what a
+    set-up shifts is in none.
+    """
+    if repeats is None:
+        return None
+    if zero == "first":
+        return float(np.sqrt(2.0)) * repeats
+    return float(np.hypot(repeats, setup or 0.0))
 
 
 def pooled(values: Sequence[float], counts: Sequence[int]) -> float | None:

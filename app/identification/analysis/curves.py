@@ -19,28 +19,19 @@ from app.effects.driver import (
 )
 from app.effects.effect import Effect
 from app.effects.observations import POINT_CHANNELS
+from app.effects.registry import kind_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.analysis.analysis import EffectCurve, Plots, VisitMeans
-from app.identification.analysis.before_after import without_zeros
-from app.identification.analysis.found_effects import Found
+from app.identification.analysis.before_after import setup_scatter, without_zeros
+from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 
 MOST_POINTS: Final = 400
 DIGITS: Final = 5
 
-OVER_TIME: Final = ("drift", "step", "sensor-fault")
-OVER_POSITION: Final = ("backlash", "periodic", "outdated-map")
 
-
-def plots(found: Found, effects: Sequence[Effect]) -> Plots:
+def plots(found: FinishedSearch, effects: Sequence[Effect]) -> Plots:
     """Gather all arrays that a page needs to show the answer without the data.
-
-    Parameters
-    ----------
-    found
-        The finished search.
-    effects
-        Its effects.
 
     Returns
     -------
@@ -56,7 +47,7 @@ def plots(found: Found, effects: Sequence[Effect]) -> Plots:
     )
 
 
-def _over_driver(found: Found, effect: Effect, after: FloatArray) -> EffectCurve:
+def _over_driver(found: FinishedSearch, effect: Effect, after: FloatArray) -> EffectCurve:
     """Residuals without this effect and with it, over what drives it."""
     rows = _rows_of(found, effect)
     own = found.explained(effect)
@@ -77,7 +68,7 @@ def _over_driver(found: Found, effect: Effect, after: FloatArray) -> EffectCurve
     )
 
 
-def _rows_of(found: Found, effect: Effect) -> IntArray:
+def _rows_of(found: FinishedSearch, effect: Effect) -> IntArray:
     """The effect's own components, or points where they were not observed; some of them."""
     rows, moved = found.residuals.rows, found.explained(effect) != 0
     names = np.array(rows.channels)[rows.channel]
@@ -88,14 +79,17 @@ def _rows_of(found: Found, effect: Effect) -> IntArray:
     return chosen[np.linspace(0, len(chosen) - 1, MOST_POINTS).round().astype(np.intp)]
 
 
-def _driver_of(found: Found, effect: Effect, own: FloatArray) -> tuple[str, str, FloatArray]:
+def _driver_of(
+    found: FinishedSearch, effect: Effect, own: FloatArray
+) -> tuple[str, str, FloatArray]:
     conditions, rows = found.residuals.projection.conditions, found.residuals.rows
-    if effect.kind in OVER_TIME:
+    over = kind_of(effect.kind).drawn_over
+    if over == "time":
         return "time", "s", conditions.times_s
     axis = COMPONENTS[effect.components[0]].axis
-    if effect.kind in OVER_POSITION and axis is not None:
+    if over == "position" and axis is not None:
         return f"position of {axis.upper()}", "mm", rows.points_mm[:, LINEAR_LETTERS.index(axis)]
-    named = _named(effect.terms[0].driver)
+    named = _named(effect.terms[0].driver) if effect.terms else None
     if named is not None:
         return *named, effect.terms[0].driver.at(conditions)
     return "what the effect explains", channel_unit(effect.components[0]).symbol, own
@@ -120,8 +114,9 @@ def _named(driver: Driver) -> tuple[str, str] | None:
     return None
 
 
-def _directions(found: Found, effect: Effect, rows: IntArray) -> tuple[float, ...]:
-    axis = COMPONENTS[effect.components[0]].axis
+def _directions(found: FinishedSearch, effect: Effect, rows: IntArray) -> tuple[float, ...]:
+    code = effect.components[0]
+    axis = None if code in POINT_CHANNELS else COMPONENTS[code].axis
     if axis is None:
         return (0.0,) * len(rows)
     signs = found.residuals.rows.directions[rows, LINEAR_LETTERS.index(axis)]
@@ -134,10 +129,21 @@ def _reversing(effects: Sequence[Effect]) -> set[str]:
     return {code for effect in own for code in effect.components}
 
 
-def _over_visits(found: Found, after: FloatArray, reversing: Collection[str]) -> list[VisitMeans]:
+def _over_visits(
+    found: FinishedSearch, after: FloatArray, reversing: Collection[str]
+) -> list[VisitMeans]:
     """Means by visit of every channel; of very many visits some."""
     rows = found.residuals.rows
-    before = np.where(found.use, found.rows.values, np.nan)
+    # Means of what has a zero that nobody knows keep it; from a first observation they are shown.
+    first = [zero for zero in found.zeros if zero.is_first]
+    before, after = (
+        without_zeros(first, values)
+        for values in (np.where(found.use, found.rows.values, np.nan), after)
+    )
+    zero_row = np.full(len(rows), -1)
+    for zero in first:
+        used = zero.rows[found.use[zero.rows]]
+        zero_row[used] = used[:1]
     curves = []
     for number, channel in enumerate(rows.channels):
         own = found.use & (rows.channel == number)
@@ -166,9 +172,50 @@ def _over_visits(found: Found, after: FloatArray, reversing: Collection[str]) ->
                 count=tuple(counts[kept].tolist()),
                 before=_rounded(means[1][kept]),
                 after=_rounded(means[2][kept]),
+                expected=_rounded(
+                    np.sqrt(mean_variances(found, number, np.flatnonzero(own), which, zero_row))[
+                        kept
+                    ]
+                ),
             )
         )
     return curves
+
+
+def mean_variances(
+    found: FinishedSearch, channel: int, rows: IntArray, which: IntArray, zero_row: IntArray
+) -> FloatArray:
+    """Give the variance of each mean: repeatability, set-up scatter, and the maps' uncertainty.
+
+    Parameters
+    ----------
+    rows, which : ndarray, shape (m,)
+        The channel's rows, and the mean in which each counts.
+    zero_row : ndarray, shape (n,)
+        The row from which each counts, -1 where its zero is the model's. Its noise is in the
+        mean, the set-up's shift is not, and of the maps what they say of the difference.
+
+    Returns
+    -------
+    ndarray, shape (k,) [the channel's unit, squared]
+    """
+    noise, held = found.findings.noise[channel], found.findings.held_out.get(channel)
+    setup = 0.0 if held is None else setup_scatter(noise, held)
+    counts = np.bincount(which)
+    zeroed = np.bincount(which, weights=zero_row[rows] >= 0) / counts
+    variances = noise.fitted**2 * (1.0 / counts + zeroed) + setup**2 * (1.0 - zeroed)
+    for one in found.of_maps:
+        if one.channel != channel:
+            continue
+        place = np.full(len(zero_row) + 1, -1)
+        place[one.rows] = np.arange(len(one.rows))
+        columns = np.vstack([one.columns * one.prior, np.zeros(one.columns.shape[1])])
+        # The last row, of zeros, stands for a row without entries and for the model's own zero.
+        entering = columns[place[rows]] - columns[place[zero_row[rows]]]
+        sums = np.zeros((len(counts), columns.shape[1]))
+        np.add.at(sums, which, entering)
+        variances = variances + np.sum((sums / counts[:, None]) ** 2, axis=1)
+    return np.asarray(variances)
 
 
 def _rounded(values: FloatArray) -> tuple[float, ...]:

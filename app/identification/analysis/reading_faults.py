@@ -57,10 +57,6 @@ class ReadingFaults:
     ----------
     campaign
         The same campaign, single readings that jump away and back left out.
-    effects
-        One for each faulty sensor.
-    words
-        For each of them how it was seen.
     """
 
     campaign: Campaign
@@ -69,17 +65,7 @@ class ReadingFaults:
 
 
 def reading_faults(campaign: Campaign) -> ReadingFaults:
-    """Look for sensors that spike or stand still, beyond what the version has adopted already.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-
-    Returns
-    -------
-    ReadingFaults
-    """
+    """Look for sensors that spike or stand still, beyond what the version has adopted already."""
     readings = campaign.readings
     spikes = {name: spike_rows(campaign, name) for name in readings.temperatures_c}
     cleaned = TemperatureHistory(
@@ -122,13 +108,6 @@ def _episode(effect: Effect) -> tuple[float, float]:
 
 def spike_rows(campaign: Campaign, sensor: str) -> BoolArray:
     """Find readings that lie far from those before and after them.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-    sensor
-        Which sensor.
 
     Returns
     -------

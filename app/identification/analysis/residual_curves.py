@@ -30,8 +30,6 @@ class ResidualCurve:
     ----------
     over
         The quantity, with its unit.
-    bins
-        Means and scatter along it.
     at, residual
         The single values, where and what; empty where there are too many.
     """
@@ -52,11 +50,6 @@ class ComponentCurves:
 
 def residual_curves(report: ResidualReport) -> list[ComponentCurves]:
     """Give the curves of all lengths together, and of each component.
-
-    Parameters
-    ----------
-    report
-        Residuals and their size.
 
     Returns
     -------

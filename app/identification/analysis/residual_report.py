@@ -11,7 +11,15 @@ from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import BoolArray, FloatArray
-from app.identification.analysis.before_after import lengths, pooled, unknown_zeros, without_zeros
+from app.identification.analysis.analysis import Zero
+from app.identification.analysis.before_after import (
+    UnknownZero,
+    lengths,
+    pooled,
+    unknown_zeros,
+    without_zeros,
+    zero_of,
+)
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.residuals.summary import Summary, summarise
 from app.search.figures import rms
@@ -44,6 +52,9 @@ class Size(Answer, published_as="SizeAnswer"):
     share_above_repeatability: float | None
     """Share that exceeds it in size; noise alone: 0.32"""
 
+    zero: Zero
+    """What its figures are relative to, as in an analysis"""
+
     @property
     def ratio(self) -> float:
         """The root mean square in repeatabilities; 0 where nothing is known of them."""
@@ -58,12 +69,6 @@ class ResidualFigures:
     ----------
     overall
         All lengths together; None where no value is one.
-    components
-        Each channel by itself.
-    summaries
-        Along everything that they may depend on.
-    excluded
-        What could not be compared.
     """
 
     overall: Size | None
@@ -83,10 +88,9 @@ class ResidualReport(ResidualFigures):
 
     Parameters
     ----------
-    residuals
-        What could be compared with the model.
     values : ndarray, shape (n,) [the channels' units]
-        Measured minus predicted, without the unknown zero of a datum that is not absolute.
+        Measured minus predicted: from its first observation where the instrument was zeroed
+        there, less the mean where nobody knows its zero.
     """
 
     residuals: Residuals
@@ -94,27 +98,20 @@ class ResidualReport(ResidualFigures):
 
 
 def residual_report(residuals: Residuals) -> ResidualReport:
-    """Sum residuals up.
-
-    Parameters
-    ----------
-    residuals
-        Measured minus predicted.
-
-    Returns
-    -------
-    ResidualReport
-    """
+    """Sum residuals up."""
     rows = residuals.as_rows()
-    values = without_zeros(unknown_zeros(residuals, rows), rows.values)
-    components = component_sizes(residuals, rows, values)
+    zeros = unknown_zeros(rows)
+    values = without_zeros(zeros, rows.values)
+    components = component_sizes(residuals, rows, values, zeros)
     in_um = [size for size in components if size.unit == "µm"]
     overall = None
     noise_um = None
     if in_um:
         noise_um = pooled([s.repeatability or 0.0 for s in in_um], [s.count for s in in_um])
         origins = "/".join(dict.fromkeys(s.repeatability_origin for s in in_um))
-        overall = _size("all", "µm", values[lengths(residuals)], noise_um, origins)
+        chosen = lengths(residuals)
+        zero = zero_of(zeros, chosen)
+        overall = _size("all", "µm", values[chosen], noise_um, origins, zero)
     return ResidualReport(
         residuals=residuals,
         values=values,
@@ -125,19 +122,15 @@ def residual_report(residuals: Residuals) -> ResidualReport:
     )
 
 
-def component_sizes(residuals: Residuals, rows: Rows, values: FloatArray) -> list[Size]:
+def component_sizes(
+    residuals: Residuals, rows: Rows, values: FloatArray, zeros: Sequence[UnknownZero]
+) -> list[Size]:
     """Sum each channel up, in the order of the channels.
 
     Parameters
     ----------
-    residuals, rows
-        The rows.
     values : ndarray, shape (n,) [the channels' units]
         Their residuals.
-
-    Returns
-    -------
-    list of Size
     """
     everything: BoolArray = np.ones(len(values), dtype=np.bool_)
     found = []
@@ -146,11 +139,14 @@ def component_sizes(residuals: Residuals, rows: Rows, values: FloatArray) -> lis
         if own.any():
             noise = repeatability(rows, number, everything)
             unit = channel_unit(name).symbol
-            found.append(_size(name, unit, values[own], noise.value, noise.origin))
+            zero = zero_of(zeros, own)
+            found.append(_size(name, unit, values[own], noise.value, noise.origin, zero))
     return found
 
 
-def _size(component: str, unit: str, values: FloatArray, noise: float | None, origin: str) -> Size:
+def _size(
+    component: str, unit: str, values: FloatArray, noise: float | None, origin: str, zero: Zero
+) -> Size:
     size = np.abs(values)
     return Size(
         component=component,
@@ -162,4 +158,5 @@ def _size(component: str, unit: str, values: FloatArray, noise: float | None, or
         repeatability=noise,
         repeatability_origin=origin,
         share_above_repeatability=None if noise is None else float(np.mean(size > noise)),
+        zero=zero,
     )

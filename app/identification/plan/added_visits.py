@@ -42,11 +42,6 @@ class AddedVisit:
 def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
     """Choose moments of the record that differ most from the planned visits, and each other.
 
-    Parameters
-    ----------
-    campaign
-        The plan, inside the record.
-
     Returns
     -------
     list of AddedVisit
@@ -61,7 +56,7 @@ def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
     moments_s = np.arange(first_s + SECONDS_PER_H, last_s - lasts_s, step_s)
     if not moments_s.size:
         return []
-    there = _conditions(campaign, np.concatenate([begins_s, moments_s]))
+    there = conditions_at(campaign, np.concatenate([begins_s, moments_s]))
     names, features = _features(there, begins_s.size)
     known = np.isfinite(features[begins_s.size :].sum(axis=1))
     chosen = _furthest(np.nan_to_num(features), begins_s.size, known)
@@ -87,7 +82,14 @@ def _template(
     return replace(source, observations=kept, is_planned=True), end_s - begin_s
 
 
-def _conditions(campaign: Campaign, times_s: FloatArray) -> Conditions:
+def conditions_at(campaign: Campaign, times_s: FloatArray) -> Conditions:
+    """Read temperatures and states off the record.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,) [s]
+        Since 1970-01-01 UTC.
+    """
     machine = campaign.model.machine
     return recorded_conditions(
         machine.sensors, believed(machine, campaign.readings), campaign.state_readings, times_s
@@ -145,10 +147,10 @@ def _added(
 def _words(there: Conditions, names: list[str], feature: FloatArray) -> str:
     """Name what stands out most: `spindle warm, x-middle cold`."""
     order = sorted(range(len(names)), key=lambda i: -abs(feature[i]))
-    told = []
+    parts = []
     for i in order[:3]:
         if abs(feature[i]) > CLEARLY:
             is_sensor = names[i] in there.temperatures_c
             high, low = ("warm", "cold") if is_sensor else ("high", "low")
-            told.append(f"{names[i]} {high if feature[i] > 0 else low}")
-    return ", ".join(told) or "conditions as planned"
+            parts.append(f"{names[i]} {high if feature[i] > 0 else low}")
+    return ", ".join(parts) or "conditions as planned"

@@ -75,7 +75,7 @@ class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
 
 
 @dataclass(frozen=True, slots=True)
-class Helped(Answer, published_as="HelpedAnswer"):
+class ImprovedEffect(Answer, published_as="HelpedAnswer"):
     """What an added visit does for one effect."""
 
     kind: str
@@ -115,7 +115,7 @@ class Suggestion(Answer, published_as="SuggestionAnswer"):
     states: Mapping[str, float]
     """Its state then"""
 
-    helped: tuple[Helped, ...]
+    helped: tuple[ImprovedEffect, ...]
     """The effects that gain most"""
 
 

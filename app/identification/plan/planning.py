@@ -14,27 +14,33 @@ from typing import Final
 import numpy as np
 
 from app.arrays import BoolArray, one_blas_thread
+from app.effects.campaign_view import CampaignView
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import NotTested
 from app.effects.observations import Verification
 from app.effects.registry import Repertoire, repertoire, separating_measurement
-from app.effects.site import Site
 from app.errors import InvalidContent, counted, list_names
 from app.identification.analysis.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.plan.added_visits import AddedVisit, choose_added_visits
-from app.identification.plan.plan import Helped, Plan, PlannedEffect, PlannedRival, Suggestion
+from app.identification.plan.plan import (
+    ImprovedEffect,
+    Plan,
+    PlannedEffect,
+    PlannedRival,
+    Suggestion,
+)
 from app.identification.residuals.map_uncertainty import map_uncertainty
-from app.identification.residuals.residuals import Residuals, channel_unit, zero_columns
+from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.candidate import Candidate
 from app.search.detectability import smallest_effects
 from app.search.findings import Detectable
 from app.search.library import Library, read_library
 from app.search.problem import Problem, make_problem
 from app.search.rows import DeclaredNoise, Rows
+from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import FALSE_ALARM
 from app.search.state import State
-from app.search.visit_scatter import FEWEST_VISITS
 from app.units import SECONDS_PER_DAY, utc_time
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
@@ -62,14 +68,6 @@ def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALAR
     campaign
         Its verifications are the plan; those that are yet to be measured say so. Times outside
         the record are planned on recorded days.
-    model_version
-        Number of the version that it holds.
-    false_alarm
-        Accepted probability that anything is found in noise.
-
-    Returns
-    -------
-    Plan
 
     Raises
     ------
@@ -80,16 +78,16 @@ def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALAR
     added = choose_added_visits(planned)
     every = replace(planned, verifications=[*planned.verifications, *(a.visit for a in added)])
     residuals = residuals_of(every)
-    site = Site(every.model, every.maps, residuals.rows, residuals.projection.conditions)
-    library = repertoire(site)
+    view = CampaignView(every.model, every.maps, residuals.rows, residuals.projection.conditions)
+    library = repertoire(view)
     rows, assumed = _with_declared_noise(residuals)
     with one_blas_thread():
         problem = _problem(residuals, rows, every, len(planned.verifications))
         entries = _read_middles(problem, library.candidates)
-        sight = _Sight(entries, library.hypotheses, residuals, false_alarm)
-        seen = sight.smallest(0, rivals=True)
-    effects = _best_forms([sight.described(one) for one in seen.values()])
-    suggestions = _suggestions(sight, added, seen)
+        limits = _DetectionLimits(entries, library.hypotheses, residuals, false_alarm)
+        seen = limits.smallest(0, rivals=True)
+    effects = _best_forms([limits.described(one) for one in seen.values()])
+    suggestions = _suggestions(limits, added, seen)
     own = residuals.rows.verification < len(planned.verifications)
     visits = int(np.unique(residuals.rows.visit[own]).size)
     return Plan(
@@ -98,7 +96,7 @@ def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALAR
         visits=visits,
         values=int(own.sum()),
         notes=(*notes, *assumed),
-        effects=tuple(sorted(effects, key=_hardness)),
+        effects=tuple(sorted(effects, key=_distinguishability)),
         not_testable=_not_testable(library, seen),
         excluded=residuals.left_out,
         suggestions=tuple(suggestions),
@@ -110,7 +108,7 @@ def _on_recorded_days(campaign: Campaign) -> tuple[Campaign, list[str]]:
     times_s = campaign.readings.times_s
     if times_s.size == 0:
         raise InvalidContent.of_field(
-            "verifications", "expected readings to plan with, came none: record some days first"
+            "verifications", "expected readings to plan with, got none: record some days first"
         )
     first_s, last_s = float(times_s[0]), float(times_s[-1])
     moved, shifted = [], 0
@@ -164,12 +162,9 @@ def _problem(residuals: Residuals, rows: Rows, campaign: Campaign, planned: int)
     """Put the plan into cell 0 and each visit that may be added into a cell of its own."""
     which = residuals.rows.verification
     cell = np.where(which < planned, 0, which - planned + 1)
-    cell_of = dict(zip(residuals.rows.visit.tolist(), cell.tolist(), strict=True))
+    cell_of = dict(zip(rows.block.tolist(), cell.tolist(), strict=True))
     use = np.ones(len(rows.values), dtype=np.bool_)
-    nuisance = [
-        *map_uncertainty(residuals.projection, campaign.maps),
-        *zero_columns(residuals.rows),
-    ]
+    nuisance = map_uncertainty(residuals.projection, campaign.maps)
     return make_problem(rows, nuisance, use, cell_of, 1 + int(cell.max()))
 
 
@@ -188,7 +183,7 @@ def _read_middles(problem: Problem, candidates: Sequence[Candidate]) -> Library:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sight:
+class _DetectionLimits:
     """What visits see, whichever of them take part."""
 
     library: Library
@@ -211,7 +206,9 @@ class _Sight:
         """Put an effect into words and its component's unit."""
         own = self.hypotheses[one.key]
         size, unit = self._size(own)
-        told = one.distinguishable * size if np.isfinite(one.distinguishable) else None
+        distinguishable_rms = (
+            one.distinguishable * size if np.isfinite(one.distinguishable) else None
+        )
         return PlannedEffect(
             own.kind,
             own.variant,
@@ -220,16 +217,16 @@ class _Sight:
             own.states,
             unit,
             one.smallest * size,
-            told,
+            distinguishable_rms,
             self._rival(own, one),
         )
 
-    def helped(self, key: str, before: Detectable, after: Detectable) -> Helped:
+    def improved(self, key: str, before: Detectable, after: Detectable) -> ImprovedEffect:
         """Say what more visits do for one effect."""
         own = self.hypotheses[key]
         size, unit = self._size(own)
         sizes = (before.smallest * size, after.smallest * size)
-        return Helped(own.kind, own.components, own.sensors, own.states, unit, *sizes)
+        return ImprovedEffect(own.kind, own.components, own.sensors, own.states, unit, *sizes)
 
     def _allowed(self, states: Mapping[int, State]) -> BoolArray:
         """Few visits show only what a single visit excites."""
@@ -237,7 +234,7 @@ class _Sight:
         candidates = self.library.candidates
         allowed = np.zeros(len(candidates), dtype=np.bool_)
         for batch in self.library.batches:
-            enough = max((visits.get(c, 0) for c in batch.channels), default=0) >= FEWEST_VISITS
+            enough = max((visits.get(c, 0) for c in batch.channels), default=0) >= FEWEST_BLOCKS
             for i in batch.entries:
                 number = self.library.entries[i].candidate
                 within = candidates[number].within_visit
@@ -266,21 +263,23 @@ class _Sight:
 
 
 def _suggestions(
-    sight: _Sight, added: Sequence[AddedVisit], seen: Mapping[str, Detectable]
+    limits: _DetectionLimits, added: Sequence[AddedVisit], seen: Mapping[str, Detectable]
 ) -> list[Suggestion]:
     """Try each visit beside the plan; the one that lowers the smallest effects most goes first."""
     found = []
     for number, visit in enumerate(added):
-        after = sight.smallest(0, number + 1)
+        after = limits.smallest(0, number + 1)
         shares = {
             k: after[k].smallest / seen[k].smallest
             for k in seen
             # When a visit is added in the record says nothing about when it will be made.
-            if k in after and not sight.hypotheses[k].is_trending
+            if k in after and not limits.hypotheses[k].is_trending
         }
-        best = _different(sight, sorted(shares, key=shares.__getitem__))
+        best = _different(limits, sorted(shares, key=shares.__getitem__))
         helped = [
-            sight.helped(key, seen[key], after[key]) for key in best if shares[key] <= WORTH_SAYING
+            limits.improved(key, seen[key], after[key])
+            for key in best
+            if shares[key] <= WORTH_SAYING
         ][:MOST_HELPED]
         gain = float(np.mean(np.log(list(shares.values())))) if shares else 0.0
         if helped:
@@ -288,16 +287,16 @@ def _suggestions(
     return [s for _, s in sorted(found, key=lambda f: f[0])[:MOST_SUGGESTIONS]]
 
 
-def _different(sight: _Sight, keys: Sequence[str]) -> list[str]:
+def _different(limits: _DetectionLimits, keys: Sequence[str]) -> list[str]:
     """Keep the first of each kind on the same components."""
     first: dict[tuple[str, tuple[str, ...]], str] = {}
     for key in keys:
-        own = sight.hypotheses[key]
+        own = limits.hypotheses[key]
         first.setdefault((own.kind, own.components), key)
     return list(first.values())
 
 
-def _suggestion(visit: AddedVisit, helped: Sequence[Helped]) -> Suggestion:
+def _suggestion(visit: AddedVisit, helped: Sequence[ImprovedEffect]) -> Suggestion:
     one = helped[0]
     driven = list_names((*one.sensors, *one.states), 2)
     by = f" by {driven}" if one.sensors or one.states else ""
@@ -325,9 +324,9 @@ def _best_forms(effects: Sequence[PlannedEffect]) -> list[PlannedEffect]:
     return list(best.values())
 
 
-def _hardness(effect: PlannedEffect) -> float:
-    told = effect.distinguishable_rms
-    return -(np.inf if told is None else told)
+def _distinguishability(effect: PlannedEffect) -> float:
+    distinguishable_rms = effect.distinguishable_rms
+    return -(np.inf if distinguishable_rms is None else distinguishable_rms)
 
 
 def _not_testable(library: Repertoire, seen: Mapping[str, Detectable]) -> tuple[NotTested, ...]:

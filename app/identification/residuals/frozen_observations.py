@@ -23,27 +23,26 @@ FROZEN_S: Final = 600.0
 """A value that is repeated for longer than this is not a measured one [s]."""
 
 FEWEST: Final = 3
-"""So many times in a row, at least."""
+FEWEST_TOGETHER: Final = 2
+"""So many times in a row, at least; where several channels repeat together, to the last digit."""
+
+FRESH_S: Final = 300.0
+"""The first of the repeated values is a measured one, but nobody knows of when: if the observation
+before is longer ago than this, it takes no part either [s]."""
 
 MOVED_K: Final = 1.0
-"""Some temperature must have moved by so much meanwhile [K]."""
+"""Some temperature must have moved by more than this meanwhile [K]: a sensor of whole degrees ticks
+by as much."""
 
 
 def frozen_rows(rows: ObservationRows, conditions: Conditions) -> BoolArray:
     """Find observations that only repeat an instrument's last value.
 
-    Parameters
-    ----------
-    rows
-        All rows.
-    conditions
-        What held at each of them.
-
     Returns
     -------
     ndarray, shape (n,)
-        True from the second one of each repeated value on; never where nothing was measured
-        yet.
+        True from the second one of each repeated value on, from the first where observations are
+        rare; never for the first observation of all, and where nothing was measured yet.
     """
     found = np.zeros(len(rows), dtype=np.bool_)
     for which in np.unique(rows.verification[~rows.is_planned]).tolist():
@@ -52,9 +51,12 @@ def frozen_rows(rows: ObservationRows, conditions: Conditions) -> BoolArray:
         stands = _stands_still(rows, own, moment, len(times_s))
         for first, last in _stretches(stands):
             here = own[(moment >= first) & (moment <= last)]
-            long = times_s[last] - times_s[first] > FROZEN_S and last - first + 1 >= FEWEST
-            if long and _moved_k(conditions, here) >= MOVED_K:
-                found[own[(moment > first) & (moment <= last)]] = True
+            is_alone = np.unique(rows.channel[here]).size == 1
+            fewest = FEWEST if is_alone else FEWEST_TOGETHER
+            long = times_s[last] - times_s[first] > FROZEN_S and last - first + 1 >= fewest
+            if long and _moved_k(conditions, here) > MOVED_K:
+                is_old = first > 0 and times_s[first] - times_s[first - 1] > FRESH_S
+                found[own[(moment > first - is_old) & (moment <= last)]] = True
     return found
 
 

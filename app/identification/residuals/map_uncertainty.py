@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from app.arrays import FloatArray, IntArray, SparseArray
-from app.effects.map_tables import maps_of_label
+from app.effects.map_tables import UNSTATED, maps_of_label
 from app.effects.observations import POINT_CHANNELS
 from app.effects.projection import Projection, View
 from app.errors import InvalidContent
@@ -27,9 +27,6 @@ from app.thermal.group import Member
 from app.thermal.map_weights import common_ranges, maps_at
 from app.thermal.resampling import hat_weights
 from app.units import Unit
-
-UNSTATED: Final = 0.5
-"""Standard error where a map states none, in the component's unit."""
 
 NEGLIGIBLE: Final = 0.5
 """Squares, summed over all rows, that combined entries may leave out: of one row's variance."""
@@ -54,8 +51,6 @@ class ChannelEntries:
 
     Parameters
     ----------
-    channel
-        Number of the channel.
     rows : ndarray, shape (m,)
         Its rows.
     columns : sparse array, shape (m, e)
@@ -75,13 +70,6 @@ class ChannelEntries:
 
 def channel_entries(projection: Projection, maps: Sequence[ErrorMap]) -> list[ChannelEntries]:
     """Lay the maps' entries out over the rows of each channel.
-
-    Parameters
-    ----------
-    projection
-        The rows.
-    maps
-        The error maps that the model was made of.
 
     Returns
     -------
@@ -109,13 +97,6 @@ def channel_entries(projection: Projection, maps: Sequence[ErrorMap]) -> list[Ch
 
 def map_uncertainty(projection: Projection, maps: Sequence[ErrorMap]) -> list[Nuisance]:
     """Lay the maps' uncertainty out as columns for each channel.
-
-    Parameters
-    ----------
-    projection
-        The rows.
-    maps
-        The error maps that the model was made of.
 
     Returns
     -------
@@ -146,10 +127,6 @@ def entry_columns(model: CompiledModel, code: str, view: View) -> SparseArray:
 
     Parameters
     ----------
-    model
-        The compiled model.
-    code
-        A component that it has.
     view
         The rows in which it shows.
 
@@ -198,12 +175,6 @@ def entry_errors(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    maps
-        The error maps that it was made of.
-    code
-        A component that it has.
     backward
         Whether the entries of the negative approach are meant.
 
@@ -308,7 +279,7 @@ def _refuse_too_large(projection: Projection, own: ChannelEntries, taken: int) -
     if numbers > MOST_NUMBERS:
         raise InvalidContent(
             f"expected observations for which the maps' uncertainty takes at most "
-            f"{MOST_NUMBERS:,} numbers, came {numbers:,} for {m:,} values of {channel} that lie "
+            f"{MOST_NUMBERS:,} numbers, got {numbers:,} for {m:,} values of {channel} that lie "
             f"between {p:,} entries of the maps: analyse fewer verifications at once, measure at "
             "the same positions again, or store maps with fewer positions"
         )

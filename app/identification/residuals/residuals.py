@@ -23,7 +23,7 @@ from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.residuals.frozen_observations import FROZEN, frozen_rows
 from app.search.figures import rms
-from app.search.rows import DeclaredNoise, Nuisance, Rows
+from app.search.rows import DeclaredNoise, Rows
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Group
@@ -36,7 +36,7 @@ from app.thermal.prediction import (
 )
 from app.thermal.sensor_health import believed, without_stuck
 from app.thermal.temperature_history import TemperatureHistory
-from app.units import UM_PER_MM, Unit
+from app.units import SECONDS_PER_MIN, UM_PER_MM, Unit
 
 Reasons: TypeAlias = NDArray[np.object_]
 """A sentence for each row, empty where nothing is the matter."""
@@ -80,8 +80,6 @@ class Residuals:
         The model, the rows that are left, and what held there.
     predicted : ndarray, shape (n,)
         What the model says, its adopted effects included [the channels' units].
-    left_out
-        What was left out.
     kept : ndarray, shape (all rows,)
         Which of the original rows are left.
     counted_as_zero
@@ -106,16 +104,10 @@ class Residuals:
         return self.rows.measured - self.predicted
 
     def as_rows(self) -> Rows:
-        """Hand the residuals to the search.
-
-        The mean is taken off what shares an unknown zero; the search keeps it free
-        (`zero_columns`).
-        """
-        rows, values = self.rows, self.values
-        for own in rows.shared_zeros():
-            values[own] -= values[own].mean()
+        """Hand the residuals to the search."""
+        rows = self.rows
         return Rows(
-            values=values,
+            values=self.values,
             visit=rows.visit,
             channel=rows.channel,
             tilt=tilt_columns(self.projection),
@@ -123,6 +115,7 @@ class Residuals:
             noise=_declared(rows),
             datum=rows.datum(),
             alike={i: str(channel_unit(name)) for i, name in enumerate(rows.channels)},
+            minutes=(rows.times_s - rows.times_s.min()) / SECONDS_PER_MIN,
         )
 
 
@@ -137,20 +130,10 @@ def compute_residuals(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    rows
-        The observations.
     conditions
         What held at each row; temperatures as far as they can be believed.
-    effects
-        Effects that the model version has adopted already.
     readings
         The readings as they came, believable or not: to say why there is no temperature.
-
-    Returns
-    -------
-    Residuals
 
     Raises
     ------
@@ -174,9 +157,10 @@ def compute_residuals(
         LeftOut(str(reason), int((reasons == reason).sum())) for reason in np.unique(reasons[~kept])
     )
     if not kept.any():
-        told = ", ".join(f"{e.reason}: {e.count}" for e in left_out)
+        counts = ", ".join(f"{e.reason}: {e.count}" for e in left_out)
         raise InvalidContent.of_field(
-            "observations", f"expected some that can be compared with the model, came none ({told})"
+            "observations",
+            f"expected some that can be compared with the model, got none ({counts})",
         )
     _refuse_wrong_unit(rows.take(kept), own[kept])
     projection = Projection(model, rows.take(kept), conditions.take(np.flatnonzero(kept)))
@@ -192,32 +176,8 @@ def _counted_as_zero(
     return tuple(missing_at_points(model, effects, tools_mm)) if len(tools_mm) else ()
 
 
-def zero_columns(rows: ObservationRows) -> list[Nuisance]:
-    """Lay unknown zeros that several visits share out as entirely free columns.
-
-    Parameters
-    ----------
-    rows
-        The rows.
-
-    Returns
-    -------
-    list of Nuisance
-        One for each verification and channel whose instrument was zeroed once for all visits.
-    """
-    return [
-        Nuisance(int(rows.channel[own[0]]), own, np.ones((len(own), 1)), np.array([np.inf]))
-        for own in rows.shared_zeros()
-    ]
-
-
 def tilt_columns(projection: Projection) -> FloatArray:
     """Make the columns along which a visit may tilt: positions from −1 to 1 over their range.
-
-    Parameters
-    ----------
-    projection
-        The rows.
 
     Returns
     -------
@@ -280,17 +240,17 @@ def _reasons(
     model: CompiledModel,
     rows: ObservationRows,
     conditions: Conditions,
-    told: Reasons,
+    predicted: Reasons,
     readings: TemperatureHistory | None,
 ) -> Reasons:
     """Say of each row why it cannot be judged, empty where it can."""
     reasons = np.full(len(rows), "", dtype=object)
-    reasons[told == "not in the model"] = "the model does not have the component"
-    reasons[told == OUTSIDE_MAPS] = "outside the maps' temperatures"
-    reasons[(told == Status.CLAMPED) & _far_outside(model, rows, conditions)] = (
+    reasons[predicted == "not in the model"] = "the model does not have the component"
+    reasons[predicted == OUTSIDE_MAPS] = "outside the maps' temperatures"
+    reasons[(predicted == Status.CLAMPED) & _far_outside(model, rows, conditions)] = (
         "outside the maps' temperatures"
     )
-    silent = told == NO_READING
+    silent = predicted == NO_READING
     reasons[silent] = "no reading near enough in time"
     if readings is not None and silent.any():
         at = np.flatnonzero(silent)
@@ -303,14 +263,14 @@ def _reasons(
 def _why_silent(model: CompiledModel, times_s: FloatArray, readings: TemperatureHistory) -> Reasons:
     """Tell missing readings from readings that cannot be believed."""
     machine = model.machine
-    thawed = without_stuck(machine, readings)
+    without_frozen = without_stuck(machine, readings)
     trusted = believed(machine, readings)
     reasons = np.full(times_s.shape, "no reading near enough in time", dtype=object)
     for name in {group.sensor for group in model.groups}:
         age_s = machine.sensor(name).max_age_s
         known = ~np.isnan(readings.at(name, times_s, age_s))
         lost = known & np.isnan(trusted.at(name, times_s, age_s))
-        frozen = known & np.isnan(thawed.at(name, times_s, age_s))
+        frozen = known & np.isnan(without_frozen.at(name, times_s, age_s))
         reasons[lost] = f"{name} could not be believed"
         reasons[frozen] = "frozen"
     first = readings.times_s[0] if readings.times_s.size else np.inf
@@ -359,7 +319,7 @@ def _refuse_wrong_unit(rows: ObservationRows, predicted: FloatArray) -> None:
             raise WrongUnit.of_field(
                 "measured_um",
                 f"expected values in µm in verification {verification.label!r}, where the model "
-                f"says up to {expected:.3g} µm, came no more than {came:.3g}: were they meant in "
+                f"says up to {expected:.3g} µm, got no more than {came:.3g}: were they meant in "
                 f"{unit}?",
             )
 

@@ -76,8 +76,6 @@ def summarise(
 
     Parameters
     ----------
-    residuals
-        Where they belong.
     values : ndarray, shape (n,) [the channels' units]
         Other residuals of the same rows: after effects, for example.
     repeatability_um
@@ -114,8 +112,6 @@ def curves_along(
 
     Parameters
     ----------
-    residuals
-        Where they belong.
     values : ndarray, shape (n,)
         The residuals of all rows, those that are chosen in one unit.
     chosen : ndarray, shape (n,)
@@ -164,8 +160,6 @@ def by_range(
 
     Parameters
     ----------
-    over
-        What the quantity is.
     values, quantity : ndarray, shape (n,)
         The residuals and the quantity.
     repeatability

@@ -32,8 +32,6 @@ class EProcess:
 
     Parameters
     ----------
-    steps
-        How many there were.
     begun
         Evidence of all beginnings so far, each with its weight.
     """
@@ -49,15 +47,11 @@ class EProcess:
     def after(self, ratio: float) -> EProcess:
         """Take one observation.
 
-        Parameters
-        ----------
-        ratio
-            Its `likelihood_ratio`.
-
         Examples
         --------
         >>> one = np.ones(1)
-        >>> quiet, loud = (EProcess().after(likelihood_ratio(z, one, one)) for z in (0.3, 5.0))
+        >>> ratios = (likelihood_ratio(z * one, one, one) for z in (0.3, 5.0))
+        >>> quiet, loud = map(EProcess().after, ratios)
         >>> quiet.evidence < 1.0 < 1000 < loud.evidence
         True
         """
@@ -65,19 +59,18 @@ class EProcess:
         return EProcess(self.steps + 1, min((self.begun + weight) * ratio, 1e300))
 
 
-def likelihood_ratio(away: float, variances: FloatArray, weights: FloatArray) -> float:
+def likelihood_ratio(away: FloatArray, variances: FloatArray, weights: FloatArray) -> float:
     """Compare wider normal distributions with those that were expected.
 
     Parameters
     ----------
-    away
-        Deviation from what was expected.
-    variances, weights : ndarray, shape (m,)
-        Variances that are held possible, and how much each is believed; they add up to one.
+    away, variances, weights : ndarray, shape (m,)
+        Distances from the means that are held possible, variances about them, and how much each
+        is believed; the weights add up to one.
 
     Examples
     --------
-    >>> round(likelihood_ratio(0.0, np.ones(1), np.ones(1)), 3)
+    >>> round(likelihood_ratio(np.zeros(1), np.ones(1), np.ones(1)), 3)
     0.292
     """
     wider = variances * (1.0 + np.array(WIDER)[:, None])
@@ -86,7 +79,7 @@ def likelihood_ratio(away: float, variances: FloatArray, weights: FloatArray) ->
     return float(np.exp(min(changed - expected, 600.0)))
 
 
-def _log_density(away: float, variances: FloatArray, weights: FloatArray) -> float:
-    """Mix normal distributions about 0; up to a constant."""
+def _log_density(away: FloatArray, variances: FloatArray, weights: FloatArray) -> float:
+    """Mix normal distributions; up to a constant."""
     logs = np.log(np.maximum(weights, 1e-300)) - 0.5 * (away**2 / variances + np.log(variances))
     return float(np.logaddexp.reduce(logs.ravel()))

@@ -2,8 +2,8 @@
 
 Of each component's residuals a level and slopes along the axes are followed from visit to
 visit. What is expected of them: the scatter of observations and set-ups, and one constant that
-the maps' own uncertainty allows. How much set-ups scatter is not known beforehand: it is learnt
-from how much each visit differs from the one before, which a lasting change does once only.
+the maps' own uncertainty allows. How much set-ups scatter, and how much each resembles the one
+before, is not known beforehand: it is learnt from visit to visit, a lasting change apart.
 The evidence of all numbers is averaged; the mean of e-values is an e-value, whatever their
 dependence, so no allowance for their number is lost.
 """
@@ -25,6 +25,7 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.map_uncertainty import ChannelEntries, channel_entries
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.identification.watch.e_process import EProcess, likelihood_ratio
+from app.identification.watch.setups import PAIRS, Track, believed, learn
 from app.search.rows import Datum, Rows
 
 FALSE_ALARM: Final = 0.01
@@ -38,19 +39,6 @@ set-up scatter, which is only being learnt in the first visits: `tests/identific
 test_watching.py` counts the alarms of unchanged machines whose set-ups scatter up to six
 repeatabilities.
 """
-
-SETUPS: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Set-up scatters that are held possible, in repeatabilities."""
-
-SETUP_WEIGHTS: Final = (0.004, 0.01, 0.03, 0.1, 0.25, 0.606)
-"""How much each is believed at first: rather too much scatter than a false alarm."""
-
-CHANGED_BETWEEN: Final = 0.02
-"""Share of the differences of visits that something may have changed between, and then by how
-much: else one step would for long be taken for a wide scatter of set-ups."""
-
-CHANGED_BY: Final = 30.0
-"""[repeatabilities]"""
 
 STATED_WEIGHT: Final = 20.0
 """A stated repeatability counts as much as so many observations."""
@@ -68,62 +56,63 @@ KEY: Final = "|"
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One followed number: what is known of its constant part, and the evidence for a change.
+    """One followed number: what is known of its parts, and the evidence for a change.
 
     Parameters
     ----------
-    mean, variance
-        Of the constant that the maps' uncertainty allows [the component's unit, squared].
-    process
-        The evidence.
-    value, scatter
-        Latest value, and its variance by observations alone [the component's unit, squared].
+    unchanged, learnt
+        Filters that know of no change, by which it is judged; filters that allow for one, by
+        which the scatter of set-ups is learnt.
+    likelihoods
+        Log likelihood of each pair of set-up scatter and correlation.
+    value
+        Latest value [the component's unit].
     expected
         Standard deviation that was to be expected of it [the component's unit].
-    setups
-        Log likelihood of each of `SETUPS`, by the differences of successive visits.
     """
 
-    mean: float
-    variance: float
+    unchanged: Track
+    learnt: Track
+    likelihoods: tuple[float, ...] = (0.0,) * PAIRS
     process: EProcess = field(default_factory=EProcess)
     value: float | None = None
-    scatter: float = 0.0
     expected: float = 0.0
-    setups: tuple[float, ...] = (0.0,) * len(SETUPS)
+
+    @classmethod
+    def begin(cls, variance: float) -> Stream:
+        """Begin with a constant that the maps allow, of that variance."""
+        track = Track.begin(0.0, variance)
+        return cls(track, track)
 
     def after(self, number: VisitNumber, repeatability: float) -> Stream:
         """Take the number of one more visit.
 
         Parameters
         ----------
-        number
-            Its value with what observations and maps let expect of it.
         repeatability
             Standard deviation of one observation [the component's unit].
         """
-        shifts = (np.array(SETUPS) * repeatability) ** 2
-        likelihoods = np.array(self.setups)
-        if self.value is not None:
-            apart = self.scatter + number.scatter + 2.0 * shifts
-            likelihoods += _log_of_difference(number.value - self.value, apart, repeatability)
-            likelihoods -= likelihoods.max()
-        weights = np.array(SETUP_WEIGHTS) * np.exp(likelihoods)
-        weights /= weights.sum()
+        is_first = not self.process.steps
         # The maps' error is constant where temperatures are: half of it may change with them.
-        own = number.scatter + 0.5 * number.maps + shifts
-        away = number.value - self.mean
-        ratio = likelihood_ratio(away, self.variance + own, weights)
-        mean_own = float(weights @ own)
-        gain = self.variance / (self.variance + mean_own)
+        own = number.scatter + 0.5 * number.maps
+        foretold = self.unchanged.foretell(repeatability, is_first)
+        likelihoods = np.array(self.likelihoods)
+        weights = believed(likelihoods)
+        variances = foretold.variance + own
+        ratio = likelihood_ratio(foretold.away(number.value), variances, weights)
+        learnt, likelihood = learn(
+            self.learnt.foretell(repeatability, is_first), number.value, own, repeatability
+        )
+        if not is_first:  # The first number says more of the maps than of set-ups.
+            likelihoods += likelihood
+            likelihoods -= likelihoods.max()
         return Stream(
-            self.mean + gain * away,
-            self.variance * (1.0 - gain),
+            foretold.after(number.value, own).track(),
+            learnt.track(),
+            tuple(likelihoods.tolist()),
             self.process.after(ratio),
             number.value,
-            number.scatter,
-            float(np.sqrt(self.variance + mean_own)),
-            tuple(likelihoods.tolist()),
+            float(np.sqrt(weights @ variances)),
         )
 
 
@@ -266,12 +255,9 @@ def watch(
         The new verifications alone, with the readings around them and the adopted effects.
     state
         What the verifications before have left; a new one for a new model version.
-    model_version
-        Number of the active version.
 
     Returns
     -------
-    judgement : Judgement
     state : WatchState
         To be kept for the next verification.
 
@@ -340,19 +326,9 @@ def _after_channel(
     streams = dict(state.streams)
     for number in fit.numbers(variance, sheet.maps(channel, own), is_zeroed):
         key = f"{name}{KEY}{number.what}"
-        before = streams.get(key, Stream(0.0, number.maps))
+        before = streams.get(key, Stream.begin(number.maps))
         streams[key] = before.after(number, float(np.sqrt(variance)))
     return replace(state, streams=streams), True
-
-
-def _log_of_difference(
-    difference: float, variances: FloatArray, repeatability: float
-) -> FloatArray:
-    """Log density of a difference of successive visits at each variance, up to a constant."""
-    wide = variances + (CHANGED_BY * repeatability) ** 2
-    same, changed = (-0.5 * (difference**2 / v + np.log(v)) for v in (variances, wide))
-    both = np.logaddexp(np.log(1.0 - CHANGED_BETWEEN) + same, np.log(CHANGED_BETWEEN) + changed)
-    return np.asarray(both)
 
 
 def _along_travels(residuals: Residuals) -> FloatArray:
@@ -426,15 +402,17 @@ class _Fit:
 
 def _judgement(state: WatchState, judged: bool, visits: int, model_version: int) -> Judgement:
     is_beyond = state.beyond_since_s is not None
-    told = state.all_followed()[:MOST_NAMED] if is_beyond else []
-    changed = [one for one in told if one.evidence >= LIMIT] or told[:1]
+    named = state.all_followed()[:MOST_NAMED] if is_beyond else []
+    changed = [one for one in named if one.evidence >= LIMIT] or named[:1]
     return Judgement(
         model_version,
         "beyond" if is_beyond else "within" if judged else "not-judged",
         state.evidence(),
         LIMIT,
         FALSE_ALARM,
-        _sentence(changed, judged, is_first=not any(any(s.setups) for s in state.streams.values())),
+        _sentence(
+            changed, judged, is_first=all(s.process.steps <= 1 for s in state.streams.values())
+        ),
         tuple(changed),
         visits,
     )

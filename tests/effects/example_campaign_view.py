@@ -11,9 +11,9 @@ from datetime import UTC, datetime
 import numpy as np
 
 from app.effects.adopted.live_effects import CorrectedTable
+from app.effects.campaign_view import CampaignView
 from app.effects.conditions import recorded_conditions
 from app.effects.observations import Observation, Verification, observation_rows
-from app.effects.site import Site
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, ORDER
 from app.thermal.compile_model import compile_model
@@ -138,7 +138,7 @@ def observations(with_points=True, seed=3, visits_a_day=3, measured=None):
     return verifications
 
 
-def site(with_points=True, with_rotations=False, verifications=None, **policies):
+def example_view(with_points=True, with_rotations=False, verifications=None, **policies):
     """The whole campaign as the kinds of effects see it."""
     own = maps(with_rotations)
     model = compile_model(machine(**policies), own, ASSIGNMENT)
@@ -147,7 +147,7 @@ def site(with_points=True, with_rotations=False, verifications=None, **policies)
     conditions = recorded_conditions(
         model.machine.sensors, history, states, rows.times_s, rows.states
     )
-    return Site(model, own, rows, conditions)
+    return CampaignView(model, own, rows, conditions)
 
 
 def all_rows(states, found):

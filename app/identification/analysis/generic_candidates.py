@@ -1,7 +1,7 @@
 """Smooth shapes without a physical meaning: they say what something unexplained moves with.
 
-A lead is never found as an effect. It only tells that structure is left, and over which
-quantity a person should look at it.
+A generic candidate is never found as an effect. It only tells that structure is left, and over
+which quantity a person should look at it.
 """
 
 from __future__ import annotations
@@ -13,26 +13,21 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
+from app.effects.campaign_view import CampaignView
 from app.effects.observations import POINT_CHANNELS
-from app.effects.site import Site
 from app.search.candidate import Candidate, Part
 
 WAVES: Final = 3
 """Cosines over the range of a quantity: half a period, one, one and a half."""
 
 FEWEST_ROWS: Final = 24
-"""A channel with fewer rows gives no leads."""
+"""A channel with fewer rows gets none."""
 
 CROSSED_WITH: Final = " and the position"
 
 
-def leads(site: Site) -> list[Candidate]:
+def generic_candidates(view: CampaignView) -> list[Candidate]:
     """List smooth functions of everything that was recorded, for each channel.
-
-    Parameters
-    ----------
-    site
-        The machine and the campaign.
 
     Returns
     -------
@@ -40,11 +35,11 @@ def leads(site: Site) -> list[Candidate]:
         Generic ones; their keys end in what they move with, in words (`words_of`).
     """
     found = []
-    for number, channel in enumerate(site.rows.channels):
-        rows = site.rows.of_channel(channel)
+    for number, channel in enumerate(view.rows.channels):
+        rows = view.rows.of_channel(channel)
         if len(rows) < FEWEST_ROWS:
             continue
-        for words, columns in _shapes(site, rows, channel in POINT_CHANNELS):
+        for words, columns in _shapes(view, rows, channel in POINT_CHANNELS):
             found.append(
                 Candidate(
                     key=f"{channel}: {words}",
@@ -58,7 +53,7 @@ def leads(site: Site) -> list[Candidate]:
 
 
 def words_of(key: str) -> str:
-    """Say what a lead moves with.
+    """Say what a generic candidate moves with.
 
     >>> words_of("EXX: the rate of z-column")
     'the rate of z-column'
@@ -70,14 +65,16 @@ def _part(number: int, rows: IntArray, columns: FloatArray, _: float | None) -> 
     return [Part(number, rows, columns)]
 
 
-def _shapes(site: Site, rows: IntArray, at_points: bool) -> Iterator[tuple[str, FloatArray]]:
+def _shapes(
+    view: CampaignView, rows: IntArray, at_points: bool
+) -> Iterator[tuple[str, FloatArray]]:
     """Give words and columns, shape (m, k), for one channel."""
     places = {
-        f"the position of {axis.upper()}": _scaled(site.rows.points_mm[rows, i])
+        f"the position of {axis.upper()}": _scaled(view.rows.points_mm[rows, i])
         for i, axis in enumerate("xyz")
-        if _varies(site.rows.points_mm[rows, i])
+        if _varies(view.rows.points_mm[rows, i])
     }
-    for words, values in _slow(site, rows).items():
+    for words, values in _slow(view, rows).items():
         if _varies(values):
             own = _cosines(values)
             yield words, own
@@ -86,30 +83,30 @@ def _shapes(site: Site, rows: IntArray, at_points: bool) -> Iterator[tuple[str, 
                     yield words + CROSSED_WITH, own * place[:, None]
     for words, place in places.items():
         yield words, np.column_stack([_cosines(place), np.cos(4.0 * np.pi * place)])
-    yield from _of_directions(site, rows, places)
+    yield from _of_directions(view, rows, places)
     if at_points:
-        yield from _of_points(site, rows, places)
+        yield from _of_points(view, rows, places)
 
 
-def _slow(site: Site, rows: IntArray) -> Mapping[str, FloatArray]:
+def _slow(view: CampaignView, rows: IntArray) -> Mapping[str, FloatArray]:
     """Everything that changes with time rather than with the place."""
-    conditions = site.conditions
+    conditions = view.conditions
     found = {"time": conditions.times_s[rows]}
-    for sensor in site.varying_sensors:
+    for sensor in view.varying_sensors:
         found[f"the temperature of {sensor}"] = conditions.temperature(sensor)[rows]
         rates = conditions.rates_c_per_h.get(sensor)
         if rates is not None:
             found[f"the rate of {sensor}"] = rates[rows]
-    for state in site.varying_states:
+    for state in view.varying_states:
         found[state] = conditions.state(state)[rows]
     return found
 
 
 def _of_directions(
-    site: Site, rows: IntArray, places: Mapping[str, FloatArray]
+    view: CampaignView, rows: IntArray, places: Mapping[str, FloatArray]
 ) -> Iterator[tuple[str, FloatArray]]:
     for i, axis in enumerate("xyz"):
-        signs = np.sign(site.rows.directions[rows, i])
+        signs = np.sign(view.rows.directions[rows, i])
         place = places.get(f"the position of {axis.upper()}")
         if place is not None and (signs > 0).any() and (signs < 0).any():
             yield (
@@ -119,7 +116,7 @@ def _of_directions(
 
 
 def _of_points(
-    site: Site, rows: IntArray, places: Mapping[str, FloatArray]
+    view: CampaignView, rows: IntArray, places: Mapping[str, FloatArray]
 ) -> Iterator[tuple[str, FloatArray]]:
     """Products of coordinates, and the tool."""
     names = list(places)
@@ -128,7 +125,7 @@ def _of_points(
             product = (places[first] - 0.5) * (places[second] - 0.5)
             yield f"{first} times {second}", product[:, None]
     for i, axis in enumerate("xyz"):
-        tool = site.rows.tool_offsets_mm[rows, i]
+        tool = view.rows.tool_offsets_mm[rows, i]
         if _varies(tool):
             yield f"the tool offset in {axis.upper()}", _scaled(tool)[:, None]
 

@@ -44,20 +44,8 @@ CLEARLY: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
-    """A machine, its model, and the observations that are to be explained.
-
-    Parameters
-    ----------
-    model
-        The compiled model.
-    maps
-        The error maps that it was made of.
-    rows
-        The observations that take part.
-    conditions
-        What held at each row.
-    """
+class CampaignView:
+    """A machine, its model, and the observations that are to be explained."""
 
     model: CompiledModel
     maps: Sequence[ErrorMap]
@@ -95,7 +83,7 @@ class Site:
         )
 
     @cached_property
-    def following(self) -> dict[str, tuple[str, ...]]:
+    def components_by_sensor(self) -> dict[str, tuple[str, ...]]:
         """Sensor to the components that are assigned to it and show."""
         return {
             sensor: tuple(c for c in self.components if self.sensor_of(c) == sensor)
@@ -125,10 +113,10 @@ class Site:
         return self.rows.has_own_zero
 
     @cached_property
-    def visit_starts_s(self) -> FloatArray:
-        """Time at which each visit begins, increasing [s]."""
-        visits = self.rows.visit
-        return np.sort([self.rows.times_s[visits == v].min() for v in np.unique(visits)])
+    def moments_s(self) -> FloatArray:
+        """Times at which each visit, or each block of a long one, begins, increasing [s]."""
+        block = self.rows.block
+        return np.sort([self.rows.times_s[block == b].min() for b in np.unique(block)])
 
     def shows(self, code: str) -> bool:
         """Whether a component shows in any row."""
@@ -180,24 +168,25 @@ class Site:
         rising = self.rising(code) if positions.size and np.ptp(positions) > 0 else None
         return [Everywhere()] if rising is None else [Everywhere(), rising]
 
-    def lasting(self, code: str, shapes: Sequence[Shape]) -> list[Shape]:
+    def comparable_shapes(self, code: str, shapes: Sequence[Shape]) -> list[Shape]:
         """Keep the shapes in which visits can be compared.
 
-        A zero of its own takes from each visit what is the same in all of its rows.
+        A zero of its own takes from each visit what is the same in all of its rows; a visit
+        of hours shows by itself what changes within it.
 
         Parameters
         ----------
-        code
-            A component.
         shapes
             How it may have changed from some visit to the next.
         """
         rows = self.projection.view(code).rows
         own = self._has_own_zero[rows]
-        if len(np.unique(self.rows.visit[rows[~own]])) > 1:
+        visits, blocks = self.rows.visit[rows], self.rows.block[rows]
+        is_long = len(np.unique(blocks)) > len(np.unique(visits))
+        if is_long or len(np.unique(visits[~own])) > 1:
             return list(shapes)
         columns = self.projection.columns([[Term(code, Always(), shape)] for shape in shapes])
-        zeros = np.column_stack([self.rows.visit[rows], self.rows.channel[rows]])
+        zeros = np.column_stack([visits, self.rows.channel[rows]])
         _, zero = np.unique(zeros, axis=0, return_inverse=True)
         return [
             shape
@@ -222,12 +211,6 @@ def beyond_maps(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    maps
-        The error maps that it was made of.
-    code
-        The component.
     sensor, minus
         The sensor, and the one that is subtracted, or an empty name.
 
@@ -256,10 +239,6 @@ def travel_of(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    component
-        The component.
     positions_mm : ndarray, shape (m,) [mm]
         Where the axis was observed.
 

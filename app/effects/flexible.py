@@ -1,0 +1,186 @@
+"""Flexible versions of a hypothesis: what it would be if its shape were only about right.
+
+An effect that the library does not have is often imitated by one that it has: a bow by a profile
+that comes and goes, a gradient with an offset by a late speed. Beside a right name none of
+these versions explains anything; what does, says that the name stands for something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.driver import Always
+from app.effects.projection import Projection, View
+from app.effects.shape import Everywhere, OfPosition, Shape
+from app.effects.term import Term
+from app.search.candidate import OFFSET, Flexible
+
+Weight: TypeAlias = Callable[[Term, View], FloatArray]
+"""Gives for a term the factors, shape (m,), of the rows in which it shows."""
+
+ALONG: Final = 3
+"""Powers of the position along the axis."""
+
+WAVES: Final = 4
+"""Cosines over the time of the campaign: half a period, one, one and a half, two."""
+
+STRETCHES: Final = 24
+"""Stretches of time in which it may have a size of its own: so many at most."""
+
+FEWEST_STRETCHES: Final = 4
+
+OTHER_TIMES: Final = (1.0 / 3.0, 3.0)
+"""Time constants beside its own, as multiples of it."""
+
+
+def flexible_versions(
+    projection: Projection,
+    unit_terms: Callable[[float | None], Sequence[Sequence[Term]]],
+    theta: float | None,
+    time_constants: tuple[float, float] | None,
+) -> list[Flexible]:
+    """List what a hypothesis would add if it were only about right.
+
+    Parameters
+    ----------
+    unit_terms
+        Gives for a value of the nonlinear parameter the amplitudes' terms, with coefficient 1.
+    theta
+        The nonlinear parameter that was found.
+    time_constants
+        Bounds of the nonlinear parameter where that is a time constant; else None.
+    """
+    amplitudes = unit_terms(theta)
+    every = [term for terms in amplitudes for term in terms]
+    first = amplitudes[:1]
+    made = {
+        "along the axis it goes otherwise": _columns(projection, first, _powers()),
+        "it depends otherwise on what drives it": _columns(
+            projection, amplitudes, _of_driver(projection, every)
+        ),
+        "its size changes in the course of time": _columns(
+            projection, amplitudes, _waves(projection)
+        ),
+        "its size changes from visit to visit": _columns(projection, first, _stretches(projection)),
+        "its components do not share it": _columns(projection, amplitudes, _by_component(every)),
+        OFFSET: _offset(projection, every),
+    }
+    if time_constants is not None and theta is not None:
+        low, high = time_constants
+        beside = [t for m in OTHER_TIMES if low <= (t := m * theta) <= high]
+        made["it also answers faster or slower"] = np.hstack(
+            [
+                np.zeros((len(projection.rows), 0)),
+                *(projection.columns(unit_terms(t)) for t in beside),
+            ]
+        )
+    return [
+        Flexible(words, parts)
+        for words, columns in made.items()
+        if columns.shape[1] and (parts := projection.parts_of(_lively(columns)))
+    ]
+
+
+def _columns(
+    projection: Projection, amplitudes: Sequence[Sequence[Term]], weights: Sequence[Weight]
+) -> FloatArray:
+    """Lay terms out over all rows, weighted in each way; shape (n, amplitudes · weights)."""
+    found = np.zeros((len(projection.rows), len(amplitudes) * len(weights)))
+    for j, terms in enumerate(amplitudes):
+        for term in terms:
+            view, errors = projection.errors(term)
+            for w, weight in enumerate(weights):
+                found[view.rows, j * len(weights) + w] += errors * weight(term, view)
+    return np.nan_to_num(found, nan=0.0)
+
+
+def _lively(columns: FloatArray) -> FloatArray:
+    """Leave out what shows nowhere."""
+    return columns[:, columns.any(axis=0)]
+
+
+def _powers() -> list[Weight]:
+    return [partial(_power, m) for m in range(1, ALONG + 1)]
+
+
+def _power(exponent: int, _: Term, view: View) -> FloatArray:
+    """Give a power of the position, scaled from −1 to 1 over where it was measured."""
+    at = view.places.positions_mm
+    low, high = np.nanmin(at, initial=np.inf), np.nanmax(at, initial=-np.inf)
+    if not high > low:
+        return np.zeros(at.shape)
+    found: FloatArray = ((2.0 * at - low - high) / (high - low)) ** exponent
+    return found
+
+
+def _of_driver(projection: Projection, terms: Sequence[Term]) -> list[Weight]:
+    """Powers of the driver, of its largest size; none of one that never changes."""
+    if all(isinstance(term.driver, Always) for term in terms):
+        return []
+    values = [term.driver.at(projection.view(term.component).conditions) for term in terms]
+    largest = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in values) or 1.0
+    return [partial(_driver_power, largest, exponent) for exponent in (1, 2)]
+
+
+def _driver_power(largest: float, exponent: int, term: Term, view: View) -> FloatArray:
+    found: FloatArray = (term.driver.at(view.conditions) / largest) ** exponent
+    return found
+
+
+def _waves(projection: Projection) -> list[Weight]:
+    times_s = projection.conditions.times_s
+    began_s, lasted_s = float(times_s.min()), float(np.ptp(times_s)) or 1.0
+    return [partial(_wave, began_s, lasted_s / k) for k in range(1, WAVES + 1)]
+
+
+def _wave(began_s: float, half_period_s: float, _: Term, view: View) -> FloatArray:
+    found: FloatArray = np.cos(np.pi * (view.conditions.times_s - began_s) / half_period_s)
+    return found
+
+
+def _stretches(projection: Projection) -> list[Weight]:
+    """One for each stretch of time: visits, or blocks of long ones, as many together as are due."""
+    number = np.unique(projection.rows.block, return_inverse=True)[1]
+    count = int(number.max(initial=-1)) + 1
+    stretches = min(count, STRETCHES)
+    if stretches < FEWEST_STRETCHES:
+        return []
+    stretch = number * stretches // count
+    return [partial(_in_stretch, stretch == s) for s in range(stretches)]
+
+
+def _in_stretch(own: BoolArray, _: Term, view: View) -> FloatArray:
+    return own[view.rows].astype(float)
+
+
+def _by_component(terms: Sequence[Term]) -> list[Weight]:
+    codes = list(dict.fromkeys(term.component for term in terms))
+    return [partial(_of_component, code) for code in codes] if len(codes) > 1 else []
+
+
+def _of_component(code: str, term: Term, view: View) -> FloatArray:
+    return np.full(len(view.rows), float(term.component == code))
+
+
+def _offset(projection: Projection, terms: Sequence[Term]) -> FloatArray:
+    """A constant of each component, and one along its axis."""
+    found = np.zeros((len(projection.rows), 0))
+    for shapes in _constants(terms):
+        found = np.hstack([found, projection.columns([[term] for term in shapes])])
+    return np.nan_to_num(found, nan=0.0)
+
+
+def _constants(terms: Sequence[Term]) -> Iterator[list[Term]]:
+    if all(isinstance(term.driver, Always) for term in terms):
+        return
+    for code in dict.fromkeys(term.component for term in terms):
+        own = [term for term in terms if term.component == code]
+        shapes: dict[Shape, None] = dict.fromkeys(
+            [Everywhere(), *(t.shape for t in own if isinstance(t.shape, OfPosition))]
+        )
+        yield [Term(code, Always(), shape) for shape in shapes]

@@ -1,0 +1,87 @@
+"""A sensor ages: its bias grows evenly with time."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import ClassVar
+
+from app.effects.campaign_view import OWN_ZEROS, CampaignView
+from app.effects.driver import SinceReference
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kinds.drift import beginnings_s
+from app.effects.shape import Sensitivity
+from app.effects.term import Term
+from app.effects.words import components
+from app.units import plus_minus
+
+
+class AgeingSensor(EffectKind):
+    """A bias that grows since the maps, or since the first visit, in all components of a sensor.
+
+    The sensor reads T where the machine has T − drift · days: measured minus predicted is
+    E(T − drift · days) − E(T). The search takes the linear part; what is found and adopted moves
+    the temperature, as with a bias (`sensor-fault`).
+    """
+
+    kind: ClassVar[str] = "ageing-sensor"
+    text: ClassVar[str] = "a sensor's bias grows evenly with time"
+    drawn_over: ClassVar[DrawnOver] = "time"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
+    trending: ClassVar[bool] = True
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "compare {sensor} with a calibrated thermometer at its place, now and again after as much "
+        "time as this campaign took"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every sensor that components follow, since the maps or since the first visit."""
+        found, slope = Proposals(), Sensitivity(is_local=True)
+        for sensor, codes in view.components_by_sensor.items():
+            if not any(view.comparable_shapes(code, [slope]) for code in codes):
+                found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                continue
+            for variant, since_s in beginnings_s(view, codes[0]).items():
+                found.hypotheses.append(_hypothesis(sensor, codes, variant, since_s))
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how fast it ages."""
+        name = "bias_k_per_day"
+        size = plus_minus(abs(effect.parameters[name]), effect.standard_errors.get(name), "K/day")
+        way = "more" if effect.parameters[name] > 0.0 else "less"
+        return (
+            f"{effect.sensors[0]} ages: {effect.variant} it has read {size} {way} each day, which "
+            f"shows in {components(effect)}"
+        )
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to exchange."""
+        return (
+            f"Calibrate or exchange {effect.sensors[0]}, then activate a version without the "
+            "effect and measure the maps again."
+        )
+
+
+def _hypothesis(sensor: str, codes: tuple[str, ...], variant: str, since_s: float) -> Hypothesis:
+    return Hypothesis(
+        kind=AgeingSensor.kind,
+        variant=variant,
+        components=codes,
+        sensors=(sensor,),
+        unit_terms=partial(_terms, codes, since_s),
+        adopted_terms=partial(_moved, codes, since_s),
+        amplitudes=(Amplitude("bias_k_per_day", -1.0),),
+    )
+
+
+def _terms(codes: tuple[str, ...], since_s: float, theta: float | None) -> Amplitudes:
+    return [[Term(code, SinceReference(since_s), Sensitivity(is_local=True)) for code in codes]]
+
+
+def _moved(codes: tuple[str, ...], since_s: float, estimate: Estimate) -> list[Term]:
+    """Move the temperature itself, by minus the bias."""
+    driver = SinceReference(since_s, height=float(estimate.coefficients[0]))
+    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]

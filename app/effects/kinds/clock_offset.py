@@ -1,0 +1,132 @@
+"""The clocks of readings and observations are apart."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.campaign_view import KNOWN_SHARE, CampaignView
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.projection import Projection
+from app.effects.supposition import left_by_temperatures
+from app.effects.words import TWO_ERRORS, components
+from app.search.candidate import Expected
+from app.units import SECONDS_PER_MIN, plus_minus
+
+APART_MIN: Final = (5, 10, 20, 40, 60, 90, 120, 180, 240, 300, 360, 480, 600, 720)
+"""How far apart they may be, either way: a slow clock, daylight saving time, another zone."""
+
+WHOLE: Final = Expected((1.0,), 0.05)
+"""All of it, but for what the maps' own slopes may be wrong by."""
+
+APART: Final = "apart_min"
+HOUR_MIN: Final = 60.0
+NEARLY_MIN: Final = 5.0
+
+
+class ClockOffset(EffectKind):
+    """Observations were made at other times than noted, all by as much.
+
+    Measured minus predicted is E(T(t + apart)) − E(T(t)), of all sensors that components follow.
+    """
+
+    kind: ClassVar[str] = "clock-offset"
+    text: ClassVar[str] = "the clocks of readings and observations are apart"
+    drawn_over: ClassVar[DrawnOver] = "time"
+    share_of: ClassVar[str] = "of what clocks so far apart would do: 1 where they are"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "compare the clock of what sends the readings with that of the measuring computer, time "
+        "zone and daylight saving time included"
+    )
+    not_adopted: ClassVar[str] = (
+        "it is a mistake in the times of the observations: they are to be stored anew with the "
+        "right ones"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """One for everything, over the offsets at which the readings are known."""
+        followed = [s for s in view.components_by_sensor if s in view.varying_sensors]
+        codes = tuple(c for s in followed for c in view.components_by_sensor[s])
+        grid = [
+            by_s
+            for sign in (-1.0, 1.0)
+            for by_s in (sign * minutes * SECONDS_PER_MIN for minutes in APART_MIN)
+            if all(_is_known(view, sensor, by_s) for sensor in followed)
+        ]
+        if not codes or not grid:
+            reason = "no sensor that components follow is known some minutes earlier or later"
+            return Proposals(not_testable=[self.refuse("clocks", reason)])
+        grid.sort()
+        nonlinear = Nonlinear(
+            APART, SECONDS_PER_MIN, tuple(grid), (grid[0], grid[-1]), log_scale=False
+        )
+        return Proposals(
+            [
+                Hypothesis(
+                    kind=self.kind,
+                    components=codes,
+                    unit_terms=no_terms,
+                    adopted_terms=no_terms,
+                    amplitudes=(Amplitude("share"),),
+                    nonlinear=nonlinear,
+                    supposed=partial(later_readings, tuple(followed)),
+                    expected=WHOLE,
+                )
+            ]
+        )
+
+    def explain(self, effect: Effect) -> str:
+        """Say how far apart, and which way."""
+        way = "early" if effect.parameters[APART] > 0.0 else "late"
+        return (
+            f"the clocks of readings and observations are {_apart(effect)} apart: observations "
+            f"are noted too {way}{_zone(effect)}, which shows in {components(effect)}"
+        )
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to store anew."""
+        way = "later" if effect.parameters[APART] > 0.0 else "earlier"
+        whole = ", by the whole hours if it is a time zone" if _zone(effect) else ""
+        return (
+            "Compare the two clocks, their time zones and daylight saving time; store the "
+            f"verifications anew with times {_apart(effect)} {way}{whole}, then analyse again."
+        )
+
+
+def later_readings(
+    sensors: tuple[str, ...], projection: Projection, by_s: float | None
+) -> FloatArray:
+    """Say what is left where sensors should have been read some time later [s]."""
+    conditions = projection.conditions
+    return left_by_temperatures(
+        projection,
+        {
+            s: conditions.temperature_later(s, by_s or 0.0) - conditions.temperature(s)
+            for s in sensors
+        },
+    )
+
+
+def _is_known(view: CampaignView, sensor: str, by_s: float) -> bool:
+    later = view.conditions.temperature_later(sensor, by_s)
+    return bool(np.mean(np.isfinite(later)) >= KNOWN_SHARE)
+
+
+def _apart(effect: Effect) -> str:
+    return plus_minus(abs(effect.parameters[APART]), effect.standard_errors.get(APART), "min")
+
+
+def _zone(effect: Effect) -> str:
+    """Say that it is a whole number of hours, where it is."""
+    apart = abs(effect.parameters[APART])
+    off = abs(apart - HOUR_MIN * max(round(apart / HOUR_MIN), 1))
+    error = effect.standard_errors.get(APART, 0.0)
+    near = off <= min(max(TWO_ERRORS * error, 1.0), NEARLY_MIN)
+    return ", by whole hours as with another time zone" if near else ""

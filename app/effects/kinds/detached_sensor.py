@@ -1,0 +1,103 @@
+"""A sensor came half off: it reads something between its body and what surrounds it."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import ClassVar, Final
+
+from app.effects.campaign_view import CampaignView
+from app.effects.driver import Difference
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis, Reported
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.shape import Sensitivity
+from app.effects.term import Term
+from app.effects.words import components, parameter
+from app.search.candidate import Expected
+
+BETWEEN: Final = Expected((0.25, 1.0), 0.5)
+"""(1 − share) / share of sensors that read 80 % or half of their body, and around them: never
+below 0, which no surroundings can do."""
+
+MOST_OVERSHOT: Final = 0.9
+"""Beyond it a share means nothing any more."""
+
+
+class DetachedSensor(EffectKind):
+    """The sensor reads share · T_body + (1 − share) · T_around since the maps were measured.
+
+    The body is then at T + (T − T_around)(1 − share)/share: measured minus predicted is the maps
+    there minus the maps at T, in all components of the sensor. The search takes the linear part;
+    what is found and adopted moves the temperature.
+    """
+
+    kind: ClassVar[str] = "detached-sensor"
+    text: ClassVar[str] = "a sensor reads something between its body and what surrounds it"
+    drawn_over: ClassVar[DrawnOver] = "time"
+    share_of: ClassVar[str] = "of its body's temperature in what the sensor reads"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "press a second thermometer onto the body of the sensor that {component} follows, while "
+        "it is much warmer than {sensor}"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every sensor that components follow, with each that may say what surrounds it."""
+        followed = view.components_by_sensor
+        around = [s for s in view.varying_sensors if s not in followed] or view.varying_sensors
+        return Proposals(
+            [
+                _hypothesis(sensor, other, codes)
+                for sensor, codes in followed.items()
+                for other in around
+                if sensor in view.varying_sensors and other != sensor
+            ]
+        )
+
+    def explain(self, effect: Effect) -> str:
+        """Say between what it reads."""
+        sensor, around = effect.sensors
+        share = parameter(effect, "share")
+        return (
+            f"{sensor} reads between its body and {around}, a share of {share} of its body, as if "
+            f"it had come half off, which shows in {components(effect)}"
+        )
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to fasten."""
+        return (
+            f"Fasten {effect.sensors[0]} to its body and shield it from what surrounds it; then "
+            "activate a version without the effect, and measure again."
+        )
+
+
+def _hypothesis(sensor: str, around: str, codes: tuple[str, ...]) -> Hypothesis:
+    return Hypothesis(
+        kind=DetachedSensor.kind,
+        components=codes,
+        sensors=(sensor, around),
+        unit_terms=partial(_terms, sensor, around, codes),
+        adopted_terms=partial(_moved, sensor, around, codes),
+        amplitudes=(Amplitude("share"),),
+        expected=BETWEEN,
+        report=_reported,
+    )
+
+
+def _terms(sensor: str, around: str, codes: tuple[str, ...], theta: float | None) -> Amplitudes:
+    driver = Difference(sensor, around, reference_k=0.0)
+    return [[Term(code, driver, Sensitivity(is_local=True)) for code in codes]]
+
+
+def _moved(sensor: str, around: str, codes: tuple[str, ...], estimate: Estimate) -> list[Term]:
+    """Move the temperature to that of the body."""
+    driver = Difference(sensor, around, reference_k=0.0, height=float(estimate.coefficients[0]))
+    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]
+
+
+def _reported(estimate: Estimate) -> Reported:
+    """Give the share of the body, 1 / (1 + k)."""
+    k, variance = float(estimate.coefficients[0]), float(estimate.covariance[0, 0])
+    share = 1.0 / (1.0 + max(k, -MOST_OVERSHOT))
+    return Reported({"share": share}, {"share": variance**0.5 * share**2})

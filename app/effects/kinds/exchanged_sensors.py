@@ -1,0 +1,93 @@
+"""Two sensors' plugs are exchanged: each reads what the other one should."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import combinations
+from typing import ClassVar, Final
+
+from app.arrays import FloatArray
+from app.effects.campaign_view import CampaignView
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, constant_sensors
+from app.effects.projection import Projection
+from app.effects.supposition import left_by_temperatures
+from app.effects.words import components
+from app.search.candidate import Expected
+
+WHOLE: Final = Expected((1.0,), 0.05)
+"""Plugs are exchanged or not: 0.05 is what the maps' own slopes may be wrong by."""
+
+
+class ExchangedSensors(EffectKind):
+    """Since the maps were measured, each of two sensors has been read in the other's place.
+
+    Measured minus predicted is E(T_b) − E(T_a) for all components of sensor a and E(T_a) − E(T_b)
+    for all of sensor b, on the scales that the maps state: one hypothesis without an amplitude.
+    Exchanged while the maps were measured too, nothing is wrong but the names: that is
+    `other-sensor`.
+    """
+
+    kind: ClassVar[str] = "exchanged-sensors"
+    text: ClassVar[str] = "two sensors' plugs are exchanged: each reads what the other one should"
+    drawn_over: ClassVar[DrawnOver] = "time"
+    share_of: ClassVar[str] = "of what exchanging the two readings would do: 1 where they are"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "warm the place of {sensor} by hand for a minute, and look whose reading rises"
+    )
+    not_adopted: ClassVar[str] = (
+        "it is a mistake in the wiring, not in the model: a correction would be wrong as soon as "
+        "somebody puts the plugs right"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every pair of sensors of which components follow one at least."""
+        return Proposals(
+            [
+                Hypothesis(
+                    kind=self.kind,
+                    components=codes,
+                    sensors=pair,
+                    unit_terms=no_terms,
+                    adopted_terms=no_terms,
+                    amplitudes=(Amplitude("share"),),
+                    supposed=partial(_supposed, pair),
+                    expected=WHOLE,
+                )
+                for pair, codes in _pairs(view)
+            ],
+            constant_sensors(self, view),
+        )
+
+    def explain(self, effect: Effect) -> str:
+        """Say which two are exchanged."""
+        one, other = effect.sensors
+        return (
+            f"{one} and {other} are exchanged: each reads what the other one should, which shows "
+            f"in {components(effect)}"
+        )
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say which plugs to swap."""
+        one, other = effect.sensors
+        return (
+            f"Swap the plugs of {one} and {other}, or their names where readings are sent, then "
+            "measure and analyse again: readings that are stored stay exchanged."
+        )
+
+
+def _pairs(view: CampaignView) -> Iterator[tuple[tuple[str, str], tuple[str, ...]]]:
+    followed = view.components_by_sensor
+    for one, other in combinations(view.varying_sensors, 2):
+        codes = (*followed.get(one, ()), *followed.get(other, ()))
+        if codes:
+            yield (one, other), codes
+
+
+def _supposed(pair: tuple[str, str], projection: Projection, theta: float | None) -> FloatArray:
+    one, other = (projection.conditions.temperature(sensor) for sensor in pair)
+    return left_by_temperatures(projection, {pair[0]: other - one, pair[1]: one - other})

@@ -1,0 +1,85 @@
+"""A sensor reports late: what it says now was so some time ago."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.effects.campaign_view import KNOWN_SHARE, CampaignView
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kinds.clock_offset import WHOLE, later_readings
+from app.effects.words import components, parameter
+from app.units import SECONDS_PER_MIN
+
+LATE_MIN: Final = (3.0, 6.0, 12.0, 24.0, 48.0, 96.0)
+"""Twice as long each time."""
+
+
+class LateSensor(EffectKind):
+    """All components of a sensor are ahead of what it says, by as much.
+
+    Measured minus predicted is E(T(t + late)) − E(T(t)): the opposite of a late structure, which
+    is behind its sensor.
+    """
+
+    kind: ClassVar[str] = "late-sensor"
+    text: ClassVar[str] = "a sensor reports late"
+    drawn_over: ClassVar[DrawnOver] = "time"
+    share_of: ClassVar[str] = "of what a sensor so late would do: 1 where it is"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "warm {sensor} by hand, and note how long its reading takes to rise and to arrive"
+    )
+    not_adopted: ClassVar[str] = (
+        "what the sensor will say is not known yet when a table is asked for: it has to be made "
+        "to report at once"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every sensor that components follow."""
+        found = Proposals()
+        for sensor, codes in view.components_by_sensor.items():
+            grid = tuple(m * SECONDS_PER_MIN for m in LATE_MIN if _is_known(view, sensor, m))
+            if sensor not in view.varying_sensors or not grid:
+                reason = "it did not change, or was not known some minutes later"
+                found.not_testable.append(self.refuse(sensor, reason))
+                continue
+            found.hypotheses.append(
+                Hypothesis(
+                    kind=self.kind,
+                    components=codes,
+                    sensors=(sensor,),
+                    unit_terms=no_terms,
+                    adopted_terms=no_terms,
+                    amplitudes=(Amplitude("share"),),
+                    nonlinear=Nonlinear("late_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1])),
+                    supposed=partial(later_readings, (sensor,)),
+                    expected=WHOLE,
+                )
+            )
+        return found
+
+    def explain(self, effect: Effect) -> str:
+        """Say how late."""
+        return (
+            f"{effect.sensors[0]} reports {parameter(effect, 'late_min', 'min')} late, which shows "
+            f"in {components(effect)}"
+        )
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to look for."""
+        return (
+            f"Look why {effect.sensors[0]} is late: a long mean or a buffer in what sends its "
+            "readings, a wrong clock there, or a sensor that hardly touches its body; then measure "
+            "again."
+        )
+
+
+def _is_known(view: CampaignView, sensor: str, minutes: float) -> bool:
+    later = view.conditions.temperature_later(sensor, minutes * SECONDS_PER_MIN)
+    return bool(np.mean(np.isfinite(later)) >= KNOWN_SHARE)

@@ -1,0 +1,178 @@
+"""Tables have the wrong sign, or are too large by a factor: a mistake in units or signs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.campaign_view import CampaignView
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported, no_terms
+from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.map_tables import UNSTATED, maps_of_label
+from app.effects.projection import Projection
+from app.effects.supposition import left_by_maps
+from app.effects.words import TWO_ERRORS, components, verb
+from app.geometry.components import COMPONENTS
+from app.search.candidate import Expected
+from app.thermal.error_map import ComponentTable, ErrorMap
+
+WRONG_SIGN: Final = -1.0
+TIMES: Final = (2.0, 10.0, 25.4, 1000.0)
+"""A laser's optics that count twice; a decimal; inches for millimetres; mm for µm."""
+
+TO_MULTIPLY_BY: Final = (WRONG_SIGN, *(1.0 / t for t in TIMES), *TIMES)
+"""What puts such a table right."""
+
+EXPECTED: Final = Expected(tuple(factor - 1.0 for factor in TO_MULTIPLY_BY), 0.03)
+"""Amplitudes; 0.03 is what the table's own errors may do."""
+
+ABOVE_ITS_ERRORS: Final = 4.0
+"""A table is not looked for as too large if its values are not so many standard errors."""
+
+NOT_TOO_LARGE: Final = Expected(tuple(v for v in EXPECTED.values if abs(v) > 1.0), EXPECTED.spread)
+"""Amplitudes of the other tables. Their own errors are in the residuals too: minus a share of what
+they say is there, as if they were too large by a factor."""
+
+MULTIPLY: Final = "to_multiply_by"
+
+
+class MapFactor(EffectKind):
+    """Measured minus predicted is (c − 1) times what the tables say, which should be c times it.
+
+    One component in all maps or in one, all of one map, or everything. Only the sign and the
+    factors that people make are looked for: a table that is off by some per cent is an
+    outdated one.
+    """
+
+    kind: ClassVar[str] = "map-factor"
+    text: ClassVar[str] = "tables have the wrong sign, or are in another unit"
+    drawn_over: ClassVar[DrawnOver] = "position"
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "compare the stored tables of {component} with the instrument's own protocol"
+    )
+    not_adopted: ClassVar[str] = (
+        "it is a mistake in stored maps: they are to be stored right, which a correction beside "
+        "them would then spoil"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every component in all maps and in each; all of each map; everything."""
+        return Proposals([_hypothesis(view, codes, label) for codes, label in _tables(view)])
+
+    def explain(self, effect: Effect) -> str:
+        """Say which tables are wrong, and how."""
+        what = f"the {verb(effect.components, 'table', 'tables')} of {components(effect)}"
+        where = f" in map {effect.variant!r}" if effect.variant else " in all maps"
+        have = verb(effect.components, "has", "have")
+        are = verb(effect.components, "is", "are")
+        possible = _possible(effect)
+        said = [_how_wrong(factor) for factor in possible if factor != WRONG_SIGN]
+        if WRONG_SIGN in possible:
+            return f"{what}{where} {have} the wrong sign"
+        return f"{what}{where} {are} {' or '.join(said)}"
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to multiply by."""
+        factors = " or ".join(_number(factor) for factor in _possible(effect))
+        where = f"map {effect.variant!r}" if effect.variant else "all maps"
+        return (
+            f"Look up {components(effect)} of {where} in the instrument's protocol; store them "
+            f"anew multiplied by {factors}, then analyse again."
+        )
+
+
+def _tables(view: CampaignView) -> Iterator[tuple[tuple[str, ...], str]]:
+    """List which tables may be wrong together: components, and a map's label or nothing."""
+    labels: dict[str, list[str]] = {}
+    for code in view.components:
+        found = view.model.find(code)
+        own = found[0].labels if found else ()
+        yield (code,), ""
+        for label in own:
+            yield (code,), label
+            labels.setdefault(label, []).append(code)
+    together = [*labels.items(), *([("", list(view.components))] if labels else [])]
+    for label, codes in together:
+        if len(codes) > 1:
+            yield tuple(codes), label
+
+
+def _is_above_errors(view: CampaignView, codes: tuple[str, ...], label: str) -> bool:
+    """Whether tables say clearly more than what they may be wrong by."""
+    squares: list[float] = []
+    for code in codes:
+        found = view.model.find(code)
+        for own in found[0].labels if found else ():
+            if label in ("", own):
+                having = (m for m in maps_of_label(view.maps, own) if code in m.tables)
+                squares += [_square_over_error(m, m.tables[code]) for m in having]
+    return bool(squares) and bool(np.mean(squares) > ABOVE_ITS_ERRORS**2)
+
+
+def _square_over_error(error_map: ErrorMap, table: ComponentTable) -> float:
+    unstated = max(error_map.repeatability_um or 0.0, UNSTATED)
+    error = unstated if table.standard_errors is None else table.standard_errors
+    return float(np.mean((table.errors / np.maximum(error, np.finfo(float).tiny)) ** 2))
+
+
+def _hypothesis(view: CampaignView, codes: tuple[str, ...], label: str) -> Hypothesis:
+    return Hypothesis(
+        kind=MapFactor.kind,
+        variant=label,
+        components=codes,
+        unit_terms=no_terms,
+        adopted_terms=no_terms,
+        amplitudes=(Amplitude(MULTIPLY),),
+        supposed=partial(_supposed, codes, label),
+        expected=EXPECTED if _is_above_errors(view, codes, label) else NOT_TOO_LARGE,
+        report=_reported,
+        is_within_visit=any(COMPONENTS[code].is_table for code in codes),
+    )
+
+
+def _supposed(
+    codes: tuple[str, ...], label: str, projection: Projection, theta: float | None
+) -> FloatArray:
+    return left_by_maps(projection, codes, label or None)
+
+
+def _reported(estimate: Estimate) -> Reported:
+    """Give c of c − 1."""
+    (less_one,), error = estimate.coefficients, float(np.sqrt(estimate.covariance[0, 0]))
+    return Reported({MULTIPLY: 1.0 + float(less_one)}, {MULTIPLY: error})
+
+
+def _possible(effect: Effect) -> list[float]:
+    """List the factors that the estimate allows, the nearest first."""
+    found = effect.parameters[MULTIPLY] - 1.0
+    error = effect.standard_errors.get(MULTIPLY, 0.0)
+
+    def away(factor: float) -> float:
+        spread = EXPECTED.spread * (factor - 1.0)
+        return float(abs(found - (factor - 1.0)) / np.hypot(error, spread))
+
+    near = sorted(TO_MULTIPLY_BY, key=away)
+    return [near[0], *(factor for factor in near[1:] if away(factor) < TWO_ERRORS)]
+
+
+def _how_wrong(factor: float) -> str:
+    return (
+        f"{_number(1.0 / factor)} times too large"
+        if factor < 1.0
+        else f"{_number(factor)} times too small"
+    )
+
+
+def _number(factor: float) -> str:
+    """Write a factor; a small one as a fraction.
+
+    >>> _number(1 / 25.4), _number(-1.0), _number(10.0)
+    ('1/25.4', '-1', '10')
+    """
+    return f"1/{1.0 / factor:g}" if 0.0 < factor < 1.0 else f"{factor:g}"

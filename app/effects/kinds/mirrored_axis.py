@@ -1,0 +1,122 @@
+"""Positions of a verification were noted from the other end of the axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.campaign_view import CampaignView, travel_of
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
+from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.projection import Projection
+from app.effects.supposition import left_by_places
+from app.effects.words import components
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Kind
+from app.search.candidate import Expected
+
+WHOLE: Final = Expected((1.0,), 0.05)
+"""Mirrored or not; 0.05 is what the tables' own errors may do."""
+
+ALL, POINTS, REVERSED = "all of the axis", "points", "sign reversed too"
+
+
+class _Mirror(NamedTuple):
+    """What may be mirrored: an axis, about the middle of its travel, in some rows."""
+
+    axis: str
+    ends_mm: float
+    rows: BoolArray
+    sign: float = 1.0
+
+
+class MirroredAxis(EffectKind):
+    """What was noted at x was measured at (lower + upper end of travel) − x, coming the other way.
+
+    All of an axis, its points alone, or one component's line; a displacement along the axis may
+    have the wrong sign as well, where the instrument stood at the other end.
+    """
+
+    kind: ClassVar[str] = "mirrored-axis"
+    text: ClassVar[str] = "positions were noted from the other end of the axis"
+    drawn_over: ClassVar[DrawnOver] = "position"
+    share_of: ClassVar[str] = "of what mirroring would do: 1 where it is so"
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure {component} at the two ends of travel alone, and note which end was which"
+    )
+    not_adopted: ClassVar[str] = (
+        "it is a mistake in the positions of the observations: they are to be stored anew with "
+        "the right ones"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every axis whose positions vary."""
+        return Proposals([_hypothesis(*one) for one in _mirrors(view)])
+
+    def explain(self, effect: Effect) -> str:
+        """Say what was mirrored."""
+        axis = str(COMPONENTS[effect.components[0]].axis).upper()
+        what = f"positions of {axis} of {components(effect)}"
+        if effect.variant == POINTS:
+            what = f"positions of {axis} at points, which show {components(effect)},"
+        too = ", with the wrong sign too" if effect.variant == REVERSED else ""
+        return f"{what} were noted from the other end of the axis{too}"
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to store anew."""
+        axis = str(COMPONENTS[effect.components[0]].axis).upper()
+        of = "the points" if effect.variant == POINTS else components(effect)
+        too = ", and the sign of its values" if effect.variant == REVERSED else ""
+        return (
+            f"Look up in which direction {axis} was counted when {of} was verified{too}; store the "
+            "verifications anew with the right positions, then analyse again."
+        )
+
+
+def _mirrors(view: CampaignView) -> Iterator[tuple[str, tuple[str, ...], _Mirror]]:
+    """List what may be mirrored: form, components, and how."""
+    rows, names = view.rows, np.array(view.rows.channels)[view.rows.channel]
+    for letter in LINEAR_LETTERS:
+        codes = tuple(code for code in view.tables if COMPONENTS[code].axis == letter)
+        lines = [code for code in codes if code in rows.components]
+        if not codes or (travel := travel_of(view.model, COMPONENTS[codes[0]])) is None:
+            continue
+        mirror = partial(_Mirror, letter, travel.min_mm + travel.max_mm)
+        for code in lines:
+            yield "", (code,), mirror(names == code)
+            if COMPONENTS[code].kind is Kind.LINEAR:
+                yield REVERSED, (code,), mirror(names == code, -1.0)
+        if rows.has_points:
+            yield POINTS, codes, mirror(rows.at_points)
+        if len(lines) + rows.has_points > 1:
+            yield ALL, codes, mirror(rows.at_points | np.isin(names, lines))
+
+
+def _hypothesis(variant: str, codes: tuple[str, ...], mirror: _Mirror) -> Hypothesis:
+    return Hypothesis(
+        kind=MirroredAxis.kind,
+        variant=variant,
+        components=codes,
+        unit_terms=no_terms,
+        adopted_terms=no_terms,
+        amplitudes=(Amplitude("share"),),
+        supposed=partial(_supposed, mirror),
+        expected=WHOLE,
+        is_within_visit=True,
+    )
+
+
+def _supposed(mirror: _Mirror, projection: Projection, theta: float | None) -> FloatArray:
+    rows, column = projection.rows, LINEAR_LETTERS.index(mirror.axis)
+    points, directions = rows.points_mm.copy(), rows.directions.copy()
+    points[mirror.rows, column] = mirror.ends_mm - points[mirror.rows, column]
+    directions[mirror.rows, column] *= -1
+    really = replace(rows, points_mm=points, directions=directions)
+    left = left_by_places(projection, really, mirror.sign)
+    return np.where(mirror.rows, left, 0.0)

@@ -1,0 +1,56 @@
+"""Many collinear sensors and states, late, as one effect: what only all of them can say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from app.effects.campaign_view import CampaignView
+from app.effects.effect import Effect
+from app.effects.kind import EffectKind, Proposals
+from app.errors import counted, list_names
+from app.geometry.components import COMPONENTS
+
+BEFORE, AFTER = "held_out_before", "held_out_after"
+WORST_BEFORE, WORST_AFTER = "worst_before", "worst_after"
+SET_UPS: Final = "set_ups"
+MOST_NAMES: Final = 4
+
+
+class Response(EffectKind):
+    """A component answers many sensors and states together, each late by several times.
+
+    It is learnt from whole courses of set-ups beside the search, not among its candidates: none
+    of its drivers by itself is what is found.
+    """
+
+    kind: ClassVar[str] = "response"
+    text: ClassVar[str] = (
+        "many sensors and states with lags together, where no single one of them can be named"
+    )
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure {component} every 10 min for some hours from a cold start, with the room's "
+        "temperature changed in mid-run and the states in blocks, and repeat it on other days"
+    )
+    against: ClassVar[Mapping[str, str]] = {}
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """List nothing: the search has no part in it."""
+        return Proposals()
+
+    def explain(self, effect: Effect) -> str:
+        """Say what answers to what, and what set-ups held out gained."""
+        code = effect.components[0]
+        unit = COMPONENTS[code].unit
+        symbol = unit.symbol
+        told = effect.parameters
+        drivers = [*effect.sensors, *effect.states]
+        named = list_names(drivers, MOST_NAMES)
+        return (
+            f"{code} answers {counted(len(drivers), 'sensor and state', 'sensors and states')} "
+            f"together ({named}), each of them late by several times: {told[SET_UPS]:.0f} set-ups, "
+            f"each held out in turn, go from {told[f'{BEFORE}_{unit}']:.3g} to "
+            f"{told[f'{AFTER}_{unit}']:.3g} {symbol}, the one that gains least from "
+            f"{told[f'{WORST_BEFORE}_{unit}']:.3g} to {told[f'{WORST_AFTER}_{unit}']:.3g} {symbol}"
+        )

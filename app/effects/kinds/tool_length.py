@@ -1,0 +1,109 @@
+"""A tool's length was stated wrongly: the angles act at another place than the model asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar, Final
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.campaign_view import CampaignView
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.projection import Projection
+from app.effects.supposition import left_by_places
+from app.effects.words import components, parameter
+from app.geometry.components import COMPONENTS, Kind
+
+MOST_TOOLS: Final = 6
+"""Of more tools only those that most observations were made with are tried by themselves."""
+
+LONGER: Final = "longer_by_mm"
+
+ALONG_Z: Final = (0.0, 0.0, 1.0)
+"""The spindle's axis (ISO 841)."""
+
+
+class ToolLength(EffectKind):
+    """Measured minus predicted is what the angles do over the length that was not stated.
+
+    One tool, or all of them by as much: the gauge line was taken at another place. Linear in the
+    length, so its size is an amplitude.
+    """
+
+    kind: ClassVar[str] = "tool-length"
+    text: ClassVar[str] = "a tool's length was stated wrongly: it acts through the angles"
+    drawn_over: ClassVar[DrawnOver] = "position"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    only_once: ClassVar[bool] = True
+    shown_by: ClassVar[str] = (
+        "measure the tool's length from the gauge line, and the same points with a second tool of "
+        "quite another length"
+    )
+    not_adopted: ClassVar[str] = (
+        "it is a mistake in what was stated beside the observations: they are to be stored anew "
+        "with the right tool offset"
+    )
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Every tool by itself, and all together."""
+        codes = tuple(c for c in view.tables if COMPONENTS[c].kind is Kind.ANGULAR)
+        if not codes:
+            return Proposals(not_testable=[self.refuse("tools", "no map has an angle")])
+        return Proposals([_hypothesis(name, rows, codes) for name, rows in _tools(view)])
+
+    def explain(self, effect: Effect) -> str:
+        """Say which tool is how much longer or shorter."""
+        longer = effect.parameters[LONGER] > 0.0
+        which = f"the tool of {effect.variant}" if effect.variant else "every tool"
+        size = parameter(effect, LONGER, "mm").removeprefix("-").removeprefix("−")
+        return (
+            f"{which} is {size} {'longer' if longer else 'shorter'} than stated, which acts "
+            f"through {components(effect)}"
+        )
+
+    def what_to_do(self, effect: Effect) -> str:
+        """Say what to measure."""
+        which = f"the tool of {effect.variant}" if effect.variant else "the tools"
+        return (
+            f"Measure {which} from the gauge line; store the verifications anew with the right "
+            "tool offset, then analyse again."
+        )
+
+
+def _tools(view: CampaignView) -> Iterator[tuple[str, BoolArray]]:
+    """List tools by their length, with their rows; nameless: all of them."""
+    lengths_mm = np.where(
+        view.rows.at_points, np.linalg.norm(view.rows.tool_offsets_mm, axis=1), 0.0
+    ).round(3)
+    known, counts = np.unique(lengths_mm[view.rows.at_points], return_counts=True)
+    yield "", view.rows.at_points
+    each = known[np.argsort(-counts, kind="stable")][:MOST_TOOLS]
+    for length_mm in each if known.size > 1 else ():
+        yield f"{length_mm:g} mm", lengths_mm == length_mm
+
+
+def _hypothesis(name: str, rows: BoolArray, codes: tuple[str, ...]) -> Hypothesis:
+    return Hypothesis(
+        kind=ToolLength.kind,
+        variant=name,
+        components=codes,
+        unit_terms=no_terms,
+        adopted_terms=no_terms,
+        amplitudes=(Amplitude(LONGER),),
+        supposed=partial(_supposed, rows),
+        is_within_visit=True,
+    )
+
+
+def _supposed(longer: BoolArray, projection: Projection, theta: float | None) -> FloatArray:
+    """Make each of some tools 1 mm longer along itself; one that was not stated, along Z."""
+    tools_mm = projection.rows.tool_offsets_mm.copy()
+    own = tools_mm[longer]
+    size = np.linalg.norm(own, axis=1, keepdims=True)
+    tools_mm[longer] = own + np.where(size > 0.0, own / np.maximum(size, 1e-9), ALONG_Z)
+    return left_by_places(projection, replace(projection.rows, tool_offsets_mm=tools_mm))

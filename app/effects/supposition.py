@@ -1,0 +1,98 @@
+"""What mistakes in the data leave in the rows: the maps of the right data, less those of the noted.
+
+A mistake in the data or the wiring is no error of the machine. It is tested by asking the same
+maps at the temperatures, positions or tools that would have been noted without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.map_tables import moved
+from app.effects.observations import ObservationRows
+from app.effects.projection import Projection
+from app.thermal.map_weights import read_maps, weights_of
+
+
+def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray]) -> FloatArray:
+    """Say what is left where sensors were not as warm as they said.
+
+    Parameters
+    ----------
+    by_k : mapping of sensor to ndarray, shape (n,) [K]
+        What is to be added to its reading in each row; NaN where that is not known.
+
+    Returns
+    -------
+    ndarray, shape (n,) [the rows' units]
+        The maps at the moved temperatures minus the maps at those that were read.
+    """
+    model, found = projection.model, np.zeros(len(projection.rows))
+    for group in model.groups:
+        if group.sensor not in by_k:
+            continue
+        for member in group.members:
+            view = projection.view(member.component.code)
+            now_c = view.conditions.temperature(group.sensor)
+            reading = moved(model, group, now_c, by_k[group.sensor][view.rows])
+            found[view.rows] += view.gains * read_maps(group, member, reading.weights, *view.places)
+    return found
+
+
+def left_by_maps(
+    projection: Projection, codes: Collection[str], label: str | None = None
+) -> FloatArray:
+    """Say what components' tables contribute: what is left where they should count twice.
+
+    Parameters
+    ----------
+    codes
+        Whose tables.
+    label
+        Of one map alone; None: of all maps.
+
+    Returns
+    -------
+    ndarray, shape (n,) [the rows' units]
+    """
+    return _said(projection, codes, label)
+
+
+def left_by_places(projection: Projection, rows: ObservationRows, sign: float = 1.0) -> FloatArray:
+    """Say what is left where positions or tools were not those that were noted.
+
+    Parameters
+    ----------
+    rows
+        The same rows with the places or tools that they really had.
+    sign
+        −1 where the measured value has the wrong sign too.
+
+    Returns
+    -------
+    ndarray, shape (n,) [the rows' units]
+    """
+    really = Projection(projection.model, rows, projection.conditions)
+    return sign * _said(really) - _said(projection)
+
+
+def _said(
+    projection: Projection, codes: Collection[str] | None = None, label: str | None = None
+) -> FloatArray:
+    """Give what the maps say of each row by the assigned sensors, shape (n,)."""
+    model, found = projection.model, np.zeros(len(projection.rows))
+    for group in model.groups:
+        scale = group.scales[0]
+        counts = np.array([label in (None, own) for own in group.labels])
+        for member in group.members:
+            code = member.component.code
+            if (codes is not None and code not in codes) or not counts.any():
+                continue
+            view = projection.view(code)
+            brackets = model.brackets(group, scale, view.conditions.temperature(group.sensor))
+            weights = weights_of(scale, brackets) * counts
+            found[view.rows] += view.gains * read_maps(group, member, weights, *view.places)
+    return found

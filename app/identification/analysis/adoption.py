@@ -1,0 +1,271 @@
+"""Whether an effect helps: what decides which effects are adopted unasked.
+
+How sure its name is, is another question, and its status answers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.stats import norm, t
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.effect import Effect
+from app.effects.kinds.ageing_sensor import AgeingSensor
+from app.effects.kinds.drift import Drift
+from app.effects.kinds.step import Step
+from app.effects.registry import kind_of
+from app.errors import list_names
+from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.residuals.residuals import channel_unit
+from app.search.figures import rms
+from app.search.findings import FoundTerm
+from app.search.rows import Datum
+from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
+
+ONE_SIDED: Final = 0.01
+"""Probability by which a gain counts as one, and a visit as worse, although it is not."""
+
+MARKEDLY: Final = 0.1
+"""A visit is not markedly worse by less than this share of what it was."""
+
+FEWEST_GAINS: Final = 5
+"""Visits from which a mean gain has a lower bound."""
+
+SHOWN: Final = 0.05
+"""Share of its largest size from which an effect shows in a visit."""
+
+GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
+"""What grows with time."""
+
+EITHER: Final = frozenset({*GROWING, Step.kind})
+"""What a machine and an instrument can do alike."""
+
+OF_EITHER: Final = (
+    "of the machine, or of the instrument in this channel: it is known from one set-up alone"
+)
+NOT_HELD_OUT: Final = "nothing could be held out that would show whether it helps"
+
+
+class Help(NamedTuple):
+    """Whether an effect helps, and if not, why nobody can say that it does."""
+
+    helps: bool
+    why_not: str | None = None
+
+
+class Judged(NamedTuple):
+    """Which of the found effects help, and whether what is refitted beside them holds.
+
+    With those that are `harming` a visit that was held out gets markedly worse: nobody is sure
+    of their names.
+    """
+
+    helps: list[Help]
+    refits_hold: bool = True
+    harming: frozenset[int] = frozenset()
+
+
+class _Worse(NamedTuple):
+    """A visit of one channel that gets markedly worse with what would be adopted."""
+
+    rows: BoolArray
+    channel: int
+    before: float
+    after: float
+
+
+def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
+    """Say of each found effect whether it helps, those together that do.
+
+    An effect helps if visits that took no part in finding it show it about as large as
+    predicted, or if it makes them smaller significantly; and if none of them gets markedly worse
+    with all that helps: by more than a tenth, and by more than set-up scatter and repeatability
+    would do to one of so many visits in one campaign of a hundred. Visits are taken from their
+    zero as the machine has it. What is refitted is part of what would be adopted: where it alone
+    makes a visit markedly worse, it does not hold.
+
+    Parameters
+    ----------
+    effects
+        As adoption would store them, in the order of the terms.
+    """
+    terms = found.findings.terms
+    said: list[str | None] = [
+        _spoilt(effect, effects) or _why_not(found, effect, term, terms[:i] + terms[i + 1 :])
+        for i, (effect, term) in enumerate(zip(effects, terms, strict=True))
+    ]
+    own = [found.explained(effect) for effect in effects]
+    harming: set[int] = set()
+    while chosen := [i for i, words in enumerate(said) if words is None]:
+        dropped = [
+            i
+            for i, words in enumerate(said)
+            if words is not None and (terms[i].inclusion or 0.0) >= OFTEN_FOUND
+        ]
+        predicted = found.findings.adopted - sum(
+            (own[i] for i in dropped), np.zeros(len(found.use))
+        )
+        worse = next(_markedly_worse(found, predicted), None)
+        if worse is None:
+            break
+        # The one without which that visit would be best.
+        least = min(chosen, key=lambda i: _size(found, predicted - own[i], worse.rows))
+        if not own[least][worse.rows].any():
+            break
+        said[least] = _gets_worse(found, worse)
+        harming.add(least)
+    helps = [Help(words is None, words) for words in said]
+    if found.findings.known is None or not (found.findings.refitted or found.findings.dropped):
+        return Judged(helps, harming=frozenset(harming))
+    # What takes no part was fitted beside what is refitted: it is judged by what is left of both.
+    rest = [part for part, one in zip(own, helps, strict=True) if not one.helps]
+    together = found.findings.adopted - sum(rest, np.zeros(len(found.use)))
+    predicted = together if any(one.helps for one in helps) else found.findings.known
+    holds_refitted = next(_markedly_worse(found, predicted), None) is None
+    return Judged(helps, holds_refitted, frozenset(harming))
+
+
+def _spoilt(effect: Effect, effects: Sequence[Effect]) -> str | None:
+    """Say which mistake found beside an effect makes nothing of it sure."""
+    reasons = (kind_of(one.kind).spoils.get(effect.kind) for one in effects)
+    return next(filter(None, reasons), None)
+
+
+def _why_not(
+    found: FinishedSearch, effect: Effect, term: FoundTerm, others: Collection[FoundTerm]
+) -> str | None:
+    """Say why an effect by itself does not help; None where it does."""
+    if not_adopted := kind_of(effect.kind).not_adopted:
+        return not_adopted
+    if effect.kind in EITHER and _is_of_one_setup(found, effect):
+        return OF_EITHER
+    if not np.isfinite(found.findings.adopted[found.use]).any():
+        return NOT_HELD_OUT
+    forward = term.forward_slope
+    fails_forward = (
+        forward is not None
+        and forward.information >= ABOVE_ZERO**2
+        and not holds(forward, term.likelihood_ratio)
+    )
+    is_seen = (
+        term.slope is not None
+        and (term.inclusion or 0.0) >= OFTEN_FOUND
+        and holds(term.slope, term.likelihood_ratio)
+    )
+    is_alone = not any(set(term.channels) & set(other.channels) for other in others)
+    if not fails_forward and (is_seen or (is_alone and _gains(found, term.channels))):
+        return None
+    slope = forward if fails_forward else term.slope
+    if slope is None:
+        return "it was not found again without the visits that were held out"
+    when = "the last visits" if fails_forward else "visits that were held out"
+    return (
+        f"{when} show {slope.value:.2f} ± {slope.error:.2f} of what it predicts, which does not "
+        "prove that it helps"
+    )
+
+
+def _is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
+    """Whether one set-up alone knows an effect that grows or begins with time."""
+    size = np.abs(found.explained(effect))
+    acts = np.isin(np.array(found.residuals.rows.channels)[found.rows.channel], effect.components)
+    acts = found.use & (acts if acts.any() else size > 0.0)
+    setup = found.rows.visit
+    after = acts & (size > SHOWN * size[acts].max(initial=0.0))
+    sides = [acts] if effect.kind in GROWING else [after, acts & ~after]
+    return any(len(np.unique(setup[side])) < 2 for side in sides)
+
+
+def _gains(found: FinishedSearch, channels: Collection[int]) -> bool:
+    """Whether held-out visits get smaller: the lower bound of their mean gain is above zero."""
+    gains: list[float] = []
+    nothing = np.zeros(len(found.use))
+    visit = found.rows.visit
+    chosen = found.use & np.isfinite(found.findings.adopted)
+    chosen &= np.isin(found.rows.channel, list(channels))
+    for number in np.unique(visit[chosen]):
+        gain = 0.0
+        for c in channels:
+            own = chosen & (visit == number) & (found.rows.channel == c)
+            before, after = (
+                _from_zero(found, part, own) for part in (nothing, found.findings.adopted)
+            )
+            gain += float(np.sum(before**2 - after**2)) / _floor(found, c) ** 2
+        gains.append(gain)
+    if len(gains) < FEWEST_GAINS:
+        return False
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+    return bool(np.mean(gains) > t.isf(ONE_SIDED, len(gains) - 1) * error)
+
+
+def _markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[_Worse]:
+    """List the held-out visits, channel by channel, that get markedly worse."""
+    seen = found.use & np.isfinite(predicted)
+    pairs = np.unique(np.column_stack([found.rows.channel, found.rows.visit])[seen], axis=0)
+    nothing = np.zeros(len(predicted))
+    for c, visit in pairs.tolist():
+        own = seen & (found.rows.channel == c) & (found.rows.visit == visit)
+        if not predicted[own].any():
+            continue
+        before, after = (_size(found, part, own) for part in (nothing, predicted))
+        often = float(norm.isf(ONE_SIDED / int((pairs[:, 0] == c).sum())))
+        scatter = _scatter_of_visit(found, c, visit, int(own.sum()))
+        if after - before > max(MARKEDLY * before, often * scatter):
+            yield _Worse(own, c, before, after)
+
+
+def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
+    """Say how far a visit lies off as a whole by its set-up and its repeatability."""
+    noise = found.findings.noise[channel].fitted
+    setup = max(_floor(found, channel) ** 2 - noise**2, 0.0)
+    is_zeroed = found.rows.datum.get((visit, channel)) is Datum.FIRST
+    return float(np.sqrt(setup + noise**2 * (1.0 / count + is_zeroed)))
+
+
+def _floor(found: FinishedSearch, channel: int) -> float:
+    noise, held = found.findings.noise[channel].fitted, found.findings.held_out.get(channel)
+    return max(noise, 0.0 if held is None else held.floor, np.finfo(float).tiny)
+
+
+def _size(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> float:
+    return rms(_from_zero(found, predicted, own))
+
+
+def _from_zero(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> FloatArray:
+    """Give what is left of one visit in one channel from the zero that the machine has there.
+
+    From its first observation where the instrument read zero there, from the mean where its zero
+    is not known.
+    """
+    rows = np.flatnonzero(own)
+    left: FloatArray = found.rows.values[rows] - predicted[rows]
+    if not rows.size:
+        return left
+    datum = found.rows.datum.get(
+        (int(found.rows.visit[rows[0]]), int(found.rows.channel[rows[0]])), Datum.ABSOLUTE
+    )
+    if datum is Datum.FIRST:
+        left = left - left[np.argmin(found.residuals.rows.times_s[rows])]
+    if datum is Datum.FREE:
+        left = left - left.mean()
+    return left
+
+
+def _gets_worse(found: FinishedSearch, worse: _Worse) -> str:
+    rows = found.residuals.rows
+    first = int(np.flatnonzero(worse.rows)[0])
+    label = rows.verifications[int(rows.verification[first])].label
+    setup = (
+        rows.verifications[int(rows.verification[first])]
+        .observations[int(rows.observation[first])]
+        .setup
+    )
+    name = rows.channels[worse.channel]
+    where = list_names([repr(label), *([] if setup is None else [f"set-up {setup!r}"])])
+    return (
+        f"{name} would get worse in {where}, which was held out: {worse.before:.3g} to "
+        f"{worse.after:.3g} {channel_unit(name).symbol}"
+    )

@@ -1,0 +1,106 @@
+"""A finished search beside the rows that it looked at, and the effects that it found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.adopted.learnt_ranges import use_until_s, with_ranges
+from app.effects.effect import Effect
+from app.effects.hypothesis import Estimate, Hypothesis, key_of
+from app.effects.projection import sum_of_terms
+from app.identification.analysis.before_after import UnknownZero, unknown_zeros
+from app.identification.residuals.residuals import Residuals
+from app.search.findings import Findings, FoundTerm
+from app.search.rows import Nuisance, Rows
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedSearch:
+    """A finished search beside the rows that it looked at.
+
+    Parameters
+    ----------
+    use : ndarray, shape (n,)
+        Which rows took part.
+    of_maps
+        The maps' own uncertainty, as columns of each channel.
+    """
+
+    residuals: Residuals
+    rows: Rows
+    findings: Findings
+    use: BoolArray
+    hypotheses: Mapping[str, Hypothesis]
+    of_maps: Sequence[Nuisance] = ()
+
+    @cached_property
+    def zeros(self) -> list[UnknownZero]:
+        """Rows of each unknown zero."""
+        return unknown_zeros(self.rows)
+
+    def effects(self) -> list[Effect]:
+        """Make the effects that adoption would store, in the order of the terms."""
+        return [self.effect_of(term) for term in self.findings.terms]
+
+    def without_refits(self) -> FinishedSearch:
+        """Leave the effects that the model has as they are, in what is predicted too."""
+        findings = self.findings
+        if findings.known is None:
+            return self
+        return replace(
+            self,
+            findings=replace(
+                findings,
+                predicted=findings.predicted - findings.known,
+                adopted=findings.adopted - findings.known,
+                known=None,
+            ),
+        )
+
+    def with_ranges(self, effect: Effect) -> Effect:
+        """Set beside an effect where these rows show it."""
+        return with_ranges(effect, self.residuals.projection, self.use)
+
+    def effect_of(self, term: FoundTerm) -> Effect:
+        """Make the effect of one term, new or refitted."""
+        hypothesis = self.hypotheses[term.key]
+        effect = self.with_ranges(
+            hypothesis.fitted(
+                Estimate(term.theta, term.theta_error, term.amplitudes, term.covariance)
+            )
+        )
+        if effect.valid is None:
+            return effect
+        until_s = use_until_s(
+            effect.valid,
+            hypothesis.unit_terms(term.theta),
+            term.amplitudes,
+            term.covariance,
+            self.residuals.projection,
+            {channel: noise.fitted for channel, noise in self.findings.noise.items()},
+        )
+        return replace(effect, valid=replace(effect.valid, use_until_s=until_s))
+
+    def explained(self, effect: Effect) -> FloatArray:
+        """Say what an effect adds to each row, shape (n,) [the channels' units].
+
+        A mistake in the data adds nothing to the model: what is said is what it left in the rows.
+        """
+        hypothesis = self.hypotheses.get(key_of(effect))
+        if hypothesis is not None and hypothesis.supposed is not None:
+            return self._left_by(hypothesis)
+        own = sum_of_terms(self.residuals.projection, effect.terms)
+        return np.nan_to_num(own, nan=0.0)
+
+    def _left_by(self, mistake: Hypothesis) -> FloatArray:
+        found = np.zeros(len(self.use))
+        for term in self.findings.terms:
+            if term.key == mistake.key:
+                for part in mistake.parts(self.residuals.projection, term.theta):
+                    found[part.rows] += part.columns @ term.amplitudes
+        return found

@@ -1,0 +1,354 @@
+"""Responses of components to many collinear drivers, offered where they help held-out set-ups.
+
+A response is learnt from what the model leaves without any response, other adopted effects
+included: one that was adopted before is replaced, not added to. It is offered where set-ups held
+out gain by more than chance would, none of them gets markedly worse, and it leaves less than the
+effects that the search has named on the component, which it then takes the place of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.effects.adopted.learnt_ranges import with_ranges
+from app.effects.effect import Effect
+from app.effects.kind import NotTested
+from app.effects.kinds.response import (
+    AFTER,
+    BEFORE,
+    SET_UPS,
+    WORST_AFTER,
+    WORST_BEFORE,
+    Response,
+)
+from app.effects.observations import POINT_CHANNELS
+from app.effects.registry import explain, kind_of
+from app.effects.term import Term
+from app.geometry.components import COMPONENTS
+from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
+from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.response_causes import causes_of
+from app.identification.analysis.response_judged import Judged, judge
+from app.identification.analysis.response_rows import ResponseRows, courses, response_rows
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.residuals.residuals import Residuals
+from app.search.figures import rms
+from app.search.findings import Status
+from app.search.search import Progress
+
+FEWEST: Final = 8
+"""So many set-ups with a course are needed."""
+
+
+NOT_HELD_OUT: Final = (
+    "the response that its component has was learnt from the same set-ups, none of which is held "
+    "out of what it leaves"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Offered:
+    """A response that helps.
+
+    Parameters
+    ----------
+    code
+        The component.
+    effect
+        What adoption stores.
+    judged
+        How set-ups held out fared.
+    causes
+        What can be said of its causes.
+    instead_of
+        What the effects that were named on the component leave, from each set-up's zero; None
+        where none was.
+    """
+
+    code: str
+    effect: Effect
+    judged: Judged
+    causes: tuple[Cause, ...] = ()
+    instead_of: float | None = None
+
+    @property
+    def found(self) -> FoundEffect:
+        """Describe it."""
+        parts = [explain(self.effect)]
+        if self.judged.care > 1.0:
+            parts.append(
+                f"so that none of them gets markedly worse, what is not sure counts "
+                f"{self.judged.care:g} times in how much of it is corrected"
+            )
+        if self.instead_of is not None:
+            parts.append(
+                f"it takes the place of the effects that were named there, which leave "
+                f"{self.instead_of:.3g} {self._symbol}"
+            )
+        return FoundEffect(
+            effect=self.effect,
+            before_rms=self.judged.before_rms,
+            after_rms=self.judged.after_rms,
+            unit=self._symbol,
+            status=str(Status.CONFIRMED),
+            helps=True,
+            why_not=None,
+            is_proxy=False,
+            doubts=(),
+            evidence=Evidence(p_global=self.judged.chance),
+            alternatives=(),
+            explanation="; ".join(parts),
+            strongest_visits=(),
+            leverage=0.0,
+            leverage_warning=None,
+            measure_again=None,
+            causes=self.causes,
+        )
+
+    @property
+    def _symbol(self) -> str:
+        return COMPONENTS[self.code].unit.symbol
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """What was looked for beside the search: responses that help, and why others are not there."""
+
+    offered: tuple[Offered, ...] = ()
+    not_testable: tuple[NotTested, ...] = ()
+
+
+def find_responses(campaign: Campaign, progress: Progress | None = None) -> Responses:
+    """Learn and judge a response of every component that was observed by itself.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    progress
+        Told the share done and what is being done.
+    """
+    plain = replace(campaign, effects=[e for e in campaign.effects if e.kind != Response.kind])
+    residuals = residuals_of(plain)
+    offered, refused = [], []
+    codes = [code for code in residuals.rows.channels if code not in POINT_CHANNELS]
+    for i, code in enumerate(codes):
+        if progress is not None:
+            progress(i / len(codes), f"learning a response of {code}")
+        found = _of_component(campaign, residuals, code)
+        if isinstance(found, Offered):
+            offered.append(found)
+        elif found:
+            refused.append(NotTested(Response.kind, code, found))
+    return Responses(tuple(offered), tuple(refused))
+
+
+def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offered | str:
+    """Find the response of one component, or say why there is none."""
+    own = residuals.rows.of_channel(code)
+    before = [e for e in campaign.effects if e.kind == Response.kind and code in e.components]
+    if any(_has_learnt_from(effect, residuals.rows.times_s[own]) for effect in before):
+        return ""
+    if np.ptp(np.nan_to_num(residuals.projection.view(code).places.positions_mm)) > 0.0:
+        return "needs observations at one position, through hours in which temperatures change"
+    count = courses(residuals.rows, code)
+    if count >= FEWEST:
+        rows = response_rows(residuals, code)
+        count = len(rows.set_ups)
+    if count < FEWEST:
+        return (
+            f"needs {FEWEST} set-ups with an hour's course each, in which the record of sensors is "
+            f"known, came {count}"
+        )
+    judged = judge(rows)
+    if judged.why_not:
+        return "" if judged.is_by_chance else judged.why_not
+    return Offered(code, _effect(rows, judged, residuals), judged, causes_of(rows, judged.average))
+
+
+def _has_learnt_from(effect: Effect, times_s: FloatArray) -> bool:
+    """Whether a response has seen all observations already."""
+    valid = effect.valid
+    return valid is not None and bool(
+        valid.from_s <= times_s.min() + 1.0 and times_s.max() - 1.0 <= valid.to_s
+    )
+
+
+def _effect(rows: ResponseRows, judged: Judged, residuals: Residuals) -> Effect:
+    driver = rows.driver(judged.average, rows.set_ups, judged.doubt)
+    unit = COMPONENTS[rows.code].unit
+    before, after = judged.each
+    worst = int(np.argmax(after - before))
+    effect = Effect(
+        kind=Response.kind,
+        components=(rows.code,),
+        sensors=tuple(dict.fromkeys(c.name for c in rows.columns if not c.is_of_state)),
+        states=tuple(dict.fromkeys(c.name for c in rows.columns if c.is_of_state)),
+        parameters={
+            f"{BEFORE}_{unit}": judged.before_rms,
+            f"{AFTER}_{unit}": judged.after_rms,
+            f"{WORST_BEFORE}_{unit}": float(before[worst]),
+            f"{WORST_AFTER}_{unit}": float(after[worst]),
+            SET_UPS: float(len(rows.set_ups)),
+        },
+        terms=(Term(rows.code, driver),),
+    )
+    use = np.zeros(len(residuals.rows), dtype=np.bool_)
+    use[residuals.rows.of_channel(rows.code)] = True
+    return with_ranges(effect, residuals.projection, use)
+
+
+def beside_search(
+    found: FinishedSearch, responses: Responses, known: Sequence[Effect]
+) -> tuple[FinishedSearch, Responses]:
+    """Set responses beside what the search found: of both on a component, the one that leaves less.
+
+    Parameters
+    ----------
+    found
+        The finished search.
+    responses
+        What was found beside it.
+    known
+        The effects of the model that was analysed.
+
+    Returns
+    -------
+    FinishedSearch
+        Without the effects whose place responses take, and with what set-ups held out say of
+        these.
+    Responses
+        Those that are left. A component that shares an effect with others has none: it is
+        learnt of what that leaves when it has been adopted.
+    """
+    kept = []
+    found = _suspecting(found, known)
+    for offered in responses.offered:
+        named = [
+            term
+            for term in found.findings.terms
+            if offered.code in found.hypotheses[term.key].components
+        ]
+        if any(len(found.hypotheses[term.key].components) > 1 for term in named):
+            continue
+        if any(kind_of(found.hypotheses[term.key].kind).not_adopted for term in named):
+            continue  # it would have learnt the mistake
+        left = _left_by_named(found, offered.code) if named else None
+        if left is not None and left <= offered.judged.after_rms:
+            continue
+        found = _taking_place(found, offered, [term.key for term in named])
+        kept.append(replace(offered, instead_of=left))
+    return found, replace(responses, offered=tuple(kept))
+
+
+def not_beside(described: Iterable[FoundEffect], known: Sequence[Effect]) -> list[FoundEffect]:
+    """Say of effects on a component with an adopted response that nobody can say they help.
+
+    Parameters
+    ----------
+    described
+        What the search found.
+    known
+        The effects of the model that was analysed.
+    """
+    learnt = {code for e in known if e.kind == Response.kind for code in e.components}
+    return [
+        replace(one, helps=False, why_not=NOT_HELD_OUT)
+        if learnt.intersection(one.effect.components)
+        else one
+        for one in described
+    ]
+
+
+def _suspecting(found: FinishedSearch, known: Sequence[Effect]) -> FinishedSearch:
+    """Confirm nothing on a component whose response has learnt from the same set-ups.
+
+    No set-up is held out of that: what is left of all of them is less than it will be.
+    """
+    learnt = {code for e in known if e.kind == Response.kind for code in e.components}
+    terms = tuple(
+        replace(term, status=Status.SUSPECTED)
+        if term.status is Status.CONFIRMED
+        and learnt.intersection(found.hypotheses[term.key].components)
+        else term
+        for term in found.findings.terms
+    )
+    return replace(found, findings=replace(found.findings, terms=terms))
+
+
+def _taking_place(found: FinishedSearch, offered: Offered, keys: Sequence[str]) -> FinishedSearch:
+    """Leave effects out, and put what set-ups held out say of a response in their place."""
+    findings = found.findings
+    own = found.residuals.rows.of_channel(offered.code)
+    rows, left = _held_out(found.residuals, offered)
+    said = []
+    for foretold in (findings.predicted, findings.adopted):
+        anew = foretold.copy()
+        anew[own] = np.nan
+        anew[rows] = np.where(np.isfinite(foretold[rows]), found.rows.values[rows] - left, np.nan)
+        said.append(anew)
+    terms = tuple(term for term in findings.terms if term.key not in keys)
+    return replace(
+        found, findings=replace(findings, terms=terms, predicted=said[0], adopted=said[1])
+    )
+
+
+def explained_by(found: FinishedSearch, offered: Offered, known: Iterable[Effect]) -> FloatArray:
+    """Say what a response adds to each row, beyond one that it takes the place of, shape (n,).
+
+    Parameters
+    ----------
+    found
+        The finished search.
+    offered
+        The response.
+    known
+        The effects of the model that was analysed.
+    """
+    before = [e for e in known if e.kind == Response.kind and offered.code in e.components]
+    total = found.explained(offered.effect)
+    for effect in before:
+        total = total - found.explained(effect)
+    return total
+
+
+def _left_by_named(found: FinishedSearch, code: str) -> float | None:
+    """Say what the search's effects leave of a component held out, from each set-up's zero."""
+    rows, left = found.residuals.rows, found.rows.values - found.findings.adopted
+    own = rows.of_channel(code)
+    parts = [
+        _from_zero(rows.times_s[part], left[part])
+        for part in _by_verification(rows.verification, own)
+    ]
+    known = np.concatenate([part[np.isfinite(part)] for part in parts])
+    return rms(known) if known.size else None
+
+
+def _held_out(residuals: Residuals, offered: Offered) -> tuple[IntArray, FloatArray]:
+    """Give the rows of a response's set-ups, and what the others' response leaves of each."""
+    own = residuals.rows.of_channel(offered.code)
+    at = {float(t): int(row) for t, row in zip(residuals.rows.times_s[own], own, strict=True)}
+    found: list[int] = []
+    left: list[float] = []
+    for one, after in zip(offered.judged.rows.set_ups, offered.judged.after, strict=True):
+        whole = np.concatenate([[0.0], after]) if one.is_zeroed else after
+        for t, value in zip(one.times_s.tolist(), whole.tolist(), strict=True):
+            if t in at:
+                found.append(at[t])
+                left.append(value)
+    return np.array(found, dtype=np.intp), np.array(left)
+
+
+def _by_verification(verification: IntArray, own: IntArray) -> Iterable[IntArray]:
+    return [own[verification[own] == which] for which in np.unique(verification[own])]
+
+
+def _from_zero(times_s: FloatArray, values: FloatArray) -> FloatArray:
+    first = int(np.argmin(times_s))
+    found: FloatArray = values - values[first] if np.isfinite(values[first]) else values
+    return found

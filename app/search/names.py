@@ -1,0 +1,84 @@
+"""Whether a found term is what it is called, or only about so: flexible versions beside it.
+
+Beside a right name its flexible versions explain nothing more than noise does. They are few, so
+that this test sees what the general ones, with all smooth shapes there are, cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from app.search.candidate import OFFSET, Candidate, Part
+from app.search.draws import Draws
+from app.search.library import read_library
+from app.search.problem import Term
+from app.search.scan import scan
+from app.search.selection import Selector
+from app.search.threshold import threshold
+
+
+def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list[tuple[str, ...]]:
+    """Say of each term in what the values differ from it, beyond what noise would do.
+
+    By chance anything is said in one campaign of a hundred at the search's usual level.
+
+    Parameters
+    ----------
+    draws
+        Draws of noise.
+
+    Returns
+    -------
+    list of tuple of str
+        For each term the words of the flexible versions that the values prefer; empty: none.
+    """
+    candidates: list[Candidate] = []
+    of_term: list[int] = []
+    for number, term in enumerate(terms):
+        if term.origin is not None or term.candidate.flexible is None:
+            continue
+        for version in term.candidate.flexible(term.theta):
+            if version.words != OFFSET:
+                candidates.append(_candidate(f"{number}: {version.words}", version.parts))
+                of_term.append(number)
+    said: list[list[str]] = [[] for _ in terms]
+    if not candidates:
+        return [() for _ in terms]
+    problem = selector.library.problem
+    library = read_library(problem, candidates, draws)
+    found = scan(library, selector.given(terms), draws, generic=True)
+    entries = np.array([entry.candidate for entry in library.entries], dtype=np.intp)
+    limit = threshold(
+        found,
+        entries,
+        np.array(of_term, dtype=np.intp)[entries],
+        selector.false_alarm,
+        problem.has_expected_wander,
+    )
+    surprising = (limit.excess(found) >= 0) & (found.rank > 0)
+    for i in np.flatnonzero(surprising).tolist():
+        candidate = entries[i]
+        said[of_term[candidate]].append(candidates[candidate].key.partition(": ")[2])
+    return [tuple(dict.fromkeys(words)) for words in said]
+
+
+def offset_of(selector: Selector, term: Term) -> Term | None:
+    """Make the constant beside a term; None where there is none to be made."""
+    flexible = term.candidate.flexible
+    if flexible is None:
+        return None
+    for version in flexible(term.theta):
+        if version.words == OFFSET:
+            return selector.library.problem.term(_candidate(OFFSET, version.parts), None)
+    return None
+
+
+def _candidate(key: str, parts: Sequence[Part]) -> Candidate:
+    return Candidate(key, "flexible", partial(_parts, parts), generic=True, within_visit=True)
+
+
+def _parts(parts: Sequence[Part], _: float | None) -> Sequence[Part]:
+    return parts

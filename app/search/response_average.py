@@ -1,0 +1,265 @@
+"""A response averaged over the question whether, and since when, the machine answers differently.
+
+For each date a difference of the response before and after it is estimated beside the response;
+every date, and no change, counts by how likely it makes the values (Bayesian model averaging).
+Between two dates the average is one set of coefficients with one covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.search.response import ITERATIONS, Course, Posterior, Prior, Response
+from app.search.wander import Wander
+
+EACH_SIDE: Final = 3
+"""So many set-ups must lie before and after a change."""
+
+CHANGE_ITERATIONS: Final = 12
+"""Most steps at each date, from what was learnt without a change."""
+
+LEAST_WEIGHT: Final = 0.01
+"""What counts less is left out of the average."""
+
+WORTH_LEARNING: Final = 0.1
+"""What counts less keeps the noise and scales that it starts from."""
+
+TRUST: Final = 0.5
+"""Power of the likelihood by which dates are weighed. Set-ups differ in ways that no column holds,
+so that evidence of them taken as exchangeable is worth less than it says: with its whole weight
+another date leads without one of the set-ups (Miller and Dunson, Robust Bayesian inference via
+coarsening, Journal of the American Statistical Association 114, 2019)."""
+
+
+class Priors(NamedTuple):
+    """What was learnt beside the coefficients: without a change, and with one at each date."""
+
+    constant: Prior
+    changing: Mapping[float, Prior]
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The response from one date to the next.
+
+    Parameters
+    ----------
+    until
+        When it ends, in the unit of `Course.began`.
+    mean : ndarray, shape (p,)
+        Coefficients.
+    covariance : ndarray, shape (p, p)
+        Their covariance, that of not knowing the date included.
+    """
+
+    until: float
+    mean: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """A response that was learnt.
+
+    Parameters
+    ----------
+    priors
+        What it starts from when it is learnt again from nearly the same set-ups.
+    noise
+        The noise within a set-up, and its wander.
+    stretches
+        The response, from date to date.
+    dates
+        Date of a change to its weight; None: that there was none.
+    weights : ndarray, shape (m,)
+        How much each set-up counts.
+    misfit
+        Minus the logarithm of how likely the values are without a change.
+    """
+
+    priors: Priors
+    noise: Wander
+    stretches: Sequence[Stretch]
+    dates: dict[float | None, float]
+    weights: FloatArray
+    misfit: float
+
+    def at(self, began: float) -> Stretch:
+        """Choose the response that holds at a time."""
+        return next((s for s in self.stretches if began < s.until), self.stretches[-1])
+
+    def predict(self, course: Course) -> Predicted:
+        """Predict a set-up.
+
+        Parameters
+        ----------
+        course
+            Its columns; its values are not looked at.
+        """
+        own = self.at(course.began)
+        columns = course.columns
+        learnt = np.einsum("ij,jk,ik->i", columns, own.covariance, columns)
+        wander = self.noise.variance(course.times_min, is_zeroed=course.is_zeroed)
+        return Predicted(columns @ own.mean, np.sqrt(np.maximum(learnt, 0.0)), np.sqrt(wander))
+
+
+class Predicted(NamedTuple):
+    """A prediction, the standard deviation of what was learnt, and that of the wander."""
+
+    mean: FloatArray
+    learnt: FloatArray
+    wander: FloatArray
+
+    @property
+    def factor(self) -> FloatArray:
+        """How much of it may be corrected: less where it is not large against what is unsure."""
+        return caution(self.mean, self.learnt, self.wander)
+
+
+def caution(mean: FloatArray, learnt: FloatArray, wander: FloatArray) -> FloatArray:
+    """Say which share of a correction to apply: m² / (m² + s²), 0 where nothing is to be done.
+
+    Examples
+    --------
+    >>> caution(np.array([3.0, 3.0, 0.0]), np.array([0.0, 3.0, 0.0]), np.zeros(3)).tolist()
+    [1.0, 0.5, 0.0]
+    """
+    square = mean**2
+    total = square + learnt**2 + wander**2
+    return np.divide(square, total, out=np.zeros_like(square), where=total > 0.0)
+
+
+def learn_average(
+    response: Response,
+    changing: IntArray,
+    *,
+    start: Priors | None = None,
+    iterations: int = ITERATIONS,
+) -> Average:
+    """Learn a response, averaged over a date of change.
+
+    Parameters
+    ----------
+    response
+        The set-ups.
+    changing : ndarray, shape (c,)
+        Columns whose coefficients may have changed at a date; none: no change is considered.
+    start
+        Where learning begins.
+    iterations
+        Most steps.
+    """
+    began = np.array([course.began for course in response.courses])
+    constant = response.learn(start.constant if start else None, iterations).prior
+    options = [_Option(None, -response.misfit(constant), constant)]
+    dates = _dates(began) if changing.size else []
+    for date in dates:
+        one = response.with_change(changing, _side(began, date))
+        prior = start.changing.get(date) if start else None
+        if prior is None:
+            size = np.sqrt(np.mean(constant.scales[response.groups[changing]] ** 2))
+            prior = Prior(constant.noise, np.append(constant.scales, size))
+            prior = one.learn(prior, CHANGE_ITERATIONS).prior
+        options.append(_Option(date, -one.misfit(prior), prior))
+    if start is not None:
+        worth = _shares(options) >= WORTH_LEARNING
+        options = [
+            _learnt_again(response, changing, option, iterations) if is_worth else option
+            for option, is_worth in zip(options, worth.tolist(), strict=True)
+        ]
+    return _averaged(response, changing, options)
+
+
+class _Option(NamedTuple):
+    """A date, or None for no change; how likely it makes the values; what it starts from."""
+
+    date: float | None
+    log_likelihood: float
+    prior: Prior
+
+
+def _learnt_again(
+    response: Response, changing: IntArray, option: _Option, iterations: int
+) -> _Option:
+    """Go on learning at a date."""
+    if option.date is None:
+        return option
+    began = np.array([course.began for course in response.courses])
+    one = response.with_change(changing, _side(began, option.date))
+    prior = one.learn(option.prior, iterations).prior
+    gained = one.misfit(option.prior) - one.misfit(prior)
+    return _Option(option.date, option.log_likelihood + gained, prior)
+
+
+def _shares(options: Sequence[_Option]) -> FloatArray:
+    """Give the share of each date in the average; 0 for what hardly counts.
+
+    Before anything is measured no change counts as much as all dates together.
+    """
+    none = float(np.log(max(len(options) - 1, 1)))
+    logs = np.array([TRUST * o.log_likelihood + (none if o.date is None else 0) for o in options])
+    shares = np.exp(logs - logs.max())
+    shares = np.where(shares < LEAST_WEIGHT * shares.sum(), 0.0, shares)
+    found: FloatArray = shares / shares.sum()
+    return found
+
+
+def _dates(began: FloatArray) -> list[float]:
+    """List the dates of change that leave enough set-ups to either side."""
+    ordered = np.sort(began)
+    found = np.unique(ordered[EACH_SIDE : len(ordered) - EACH_SIDE + 1])
+    return found.tolist() if found.size > 1 else []
+
+
+def _averaged(response: Response, changing: IntArray, options: Sequence[_Option]) -> Average:
+    shares = _shares(options)
+    began = np.array([course.began for course in response.courses])
+    parts, weights = [], np.zeros(began.size)
+    for option, share in zip(options, shares.tolist(), strict=True):
+        if share:
+            one, date = response, option.date
+            if date is not None:
+                one = response.with_change(changing, _side(began, date))
+            posterior = one.posterior(option.prior)
+            parts.append((share, date, posterior))
+            weights += share * posterior.weights
+    heaviest = options[int(np.argmax(shares))]
+    return Average(
+        Priors(
+            options[0].prior,
+            {option.date: option.prior for option in options if option.date is not None},
+        ),
+        heaviest.prior.noise,
+        _stretches(parts, changing, response.groups.size),
+        {date: share for share, date, _ in parts},
+        weights,
+        -options[0].log_likelihood,
+    )
+
+
+def _side(began: FloatArray, date: float) -> FloatArray:
+    """Give half of a change to either side of its date."""
+    return np.where(began >= date, 0.5, -0.5)
+
+
+def _stretches(
+    parts: Sequence[tuple[float, float | None, Posterior]], changing: IntArray, p: int
+) -> list[Stretch]:
+    dates = sorted({date for _, date, _ in parts if date is not None})
+    found = []
+    for until in (*dates, np.inf):
+        each = []
+        for share, date, posterior in parts:
+            fold = np.eye(p, posterior.mean.size)
+            if date is not None:
+                fold[changing, p + np.arange(changing.size)] = 0.5 if date < until else -0.5
+            each.append((share, fold @ posterior.mean, fold @ posterior.covariance @ fold.T))
+        mean = np.sum([w * m for w, m, _ in each], axis=0)
+        spread = [w * (c + np.outer(m - mean, m - mean)) for w, m, c in each]
+        found.append(Stretch(float(until), mean, np.sum(spread, axis=0)))
+    return found

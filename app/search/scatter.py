@@ -1,0 +1,400 @@
+"""What observations share beside the model: set-ups, and a wander in time within and across them.
+
+Rows are gathered in *blocks*: rows of one set-up at about one time. In one channel a block's
+rows share a shift and tilts u, so that with Z = (1, tilt columns) the covariance of all rows is
+
+    V = I + Z K Z',   K(i, j) = own · [same set-up] + wander · exp(−|t_i − t_j| / τ),
+
+in multiples of the repeatability's variance, for the shift and for each tilt by itself. *own* is
+the set-up: mounted once, it stays. *wander* is an Ornstein-Uhlenbeck process of the room, the
+instrument, the machine: it does not begin anew with a set-up. Blocks far apart in time come out
+as independent by themselves, so that many short visits and one long record have one covariance.
+
+Where each set-up is one block, and they are far apart, nothing tells its own scatter from a
+wander: there is none, and K is diagonal.
+
+References
+----------
+G. Uhlenbeck, L. Ornstein, Phys. Rev. 36 (1930) 823: the process.
+C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning (2006), ch. 2, 4.2: its use as
+a prior for a function of time.
+M. Woodbury, Inverting modified matrices (1950): V⁻¹ without forming V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from app.arrays import BoolArray, FloatArray, IntArray
+
+FEWEST_BLOCKS: Final = 8
+"""Fewer blocks say nothing about what differs between them."""
+
+TIED: Final = (0.0, 0.3, 1.0, 4.0, 16.0, 80.0, 400.0)
+"""Multiples of the declared variances of shift and tilt, tried together."""
+
+APART: Final = ((16.0, 1.0), (200.0, 1.0), (1.0, 16.0), (1.0, 200.0))
+"""(shift, tilt), tried apart: a machine may be re-levelled without being turned."""
+
+TIED_OF_RECORDS: Final = (0.0, 1.0, 16.0)
+"""Fewer for long set-ups: what moves within them is the wander's."""
+
+WANDERS: Final = (0.05, 0.2, 0.8, 3.0, 12.0, 60.0)
+"""Variances of the wander's shift, in those of one observation."""
+
+CORRELATION_TIMES_MIN: Final = (4.0, 12.0, 30.0, 80.0, 200.0)
+"""Time constants of the wander. What is slower than the last is called drift, not wander: a
+convention, for one channel of one record cannot tell the two apart."""
+
+REACH: Final = 3.0
+"""Set-ups so many time constants apart count as independent: 5 % of a variance is left out, and
+days of visits need not be one matrix."""
+
+UNLIMITED: Final = 1e6
+"""Variance of a constant that nobody knows, over the variance of one observation."""
+
+WIDE: Final = 400.0
+"""Variance of the constant of a set-up where too few set-ups tell how they scatter.
+
+It does not grow with anything that is estimated: a wide prior whose determinant depends on a
+parameter votes for that parameter.
+"""
+
+LONG_MIN: Final = 90.0
+"""A shorter set-up is one block: temperatures hardly move in it."""
+
+SHORTEST_BLOCK_MIN: Final = 2.0
+"""Rows of a long set-up that are nearer than this in time share a block."""
+
+BLOCKS_OF_A_SETUP: Final = 100
+"""At most about so many: what whitens them grows as their square."""
+
+BLOCKS_IN_ALL: Final = 400
+"""And so many in all long set-ups together."""
+
+NEAR_MIN: Final = 45.0
+"""Set-ups that follow each other so soon, in the median, share what wanders."""
+
+FEWEST_NEAR: Final = 24
+"""Fewer near set-ups do not tell a wander from a trend that they share."""
+
+LARGE: Final = 24
+"""Size of a system from which one call each costs less than general elimination."""
+
+KEPT_BYTES: Final = 100_000_000
+"""Factors of a channel are kept up to this size: the same ones serve scan after scan."""
+
+FEWEST_SETUPS: Final = 4
+"""Fewer set-ups do not tell how set-ups scatter."""
+
+DECADE: Final = 10.0
+"""A declared variance is believed within such a factor (one standard deviation)."""
+
+KEEPS_POSITIVE: Final = 1e-9
+"""Added to K's diagonal: blocks at one time, or none that scatter, leave it singular."""
+
+ROUNDING: Final = 1e-5
+"""And so much of a diagonal entry, where an unknown zero makes it large."""
+
+
+class Scatter(NamedTuple):
+    """One set of variances that is tried: multiples of a set-up's own, and a wander."""
+
+    shift: float
+    tilt: float
+    wander: float = 0.0
+    minutes: float = CORRELATION_TIMES_MIN[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """The factor F of V⁻¹ = I − (F Z')'(F Z'), as blocks that scatter together.
+
+    Parameters
+    ----------
+    parts
+        For clusters of equally many blocks, their numbers, shape (c, k), and their factors,
+        shape (c, k s, k s), for s shapes.
+    log_determinant
+        Of V.
+    """
+
+    parts: tuple[tuple[IntArray, FloatArray], ...]
+    log_determinant: float
+
+    @property
+    def bytes(self) -> int:
+        """Size of the factors."""
+        return sum(factor.nbytes for _, factor in self.parts)
+
+    def turn(self, reduced: FloatArray) -> FloatArray:
+        """Apply F to sums over blocks: shape (b, s, m) to (b s, m)."""
+        blocks, shapes, columns = reduced.shape
+        return _applied(self.parts, reduced).reshape(blocks * shapes, columns)
+
+    def turn_back(self, turned: FloatArray, shapes: int) -> FloatArray:
+        """Apply F', shape (b s, m) to (b s, m)."""
+        back = [(index, factor.transpose(0, 2, 1)) for index, factor in self.parts]
+        split = turned.reshape(len(turned) // shapes, shapes, turned.shape[1])
+        return _applied(back, split).reshape(turned.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """How the blocks of one channel lie in time and in set-ups.
+
+    Parameters
+    ----------
+    setups : ndarray, shape (b,)
+        Number of each block's set-up.
+    minutes : ndarray, shape (b,)
+        Its time.
+    free : ndarray, shape (b,)
+        Whether the zero of its set-up is unknown.
+    own : ndarray, shape (s,)
+        A set-up's variance of shift and tilts, as declared or assumed.
+    wander : ndarray, shape (s,)
+        The wander's variances of shift and tilts, over its shift's.
+    is_own_unknown
+        Whether too few set-ups tell how they scatter: `own` is then wide, and says nothing.
+    """
+
+    setups: IntArray
+    minutes: FloatArray
+    free: BoolArray
+    own: FloatArray
+    wander: FloatArray
+    is_own_unknown: bool = False
+    _known: dict[tuple[Scatter, bytes], Whitening] = field(default_factory=dict, init=False)
+
+    @property
+    def are_records(self) -> bool:
+        """Whether any set-up has several blocks."""
+        return len(np.unique(self.setups)) < len(self.setups)
+
+    @property
+    def may_wander(self) -> bool:
+        """Whether a wander lasts from block to block: within set-ups, or from one to the next."""
+        apart = np.diff(np.sort(self.minutes))
+        if len(apart) + 1 < FEWEST_NEAR:
+            return self.are_records
+        # Without times nothing is known of what is near.
+        return self.are_records or 0.0 < float(np.median(apart)) <= NEAR_MIN
+
+    def own_variances(self, scatter: Scatter) -> FloatArray:
+        """Give each block's variances beside what is unknown of zeros and set-ups, shape (b, s)."""
+        own = np.zeros(len(self.own)) if self.is_own_unknown else self._of_setup(scatter)
+        known = own + scatter.wander * self.wander
+        found = np.broadcast_to(known, (len(self.free), len(known))).copy()
+        found[self.free, 0] = scatter.wander * self.wander[0]
+        return found
+
+    def covariance(self, scatter: Scatter, which: IntArray, zeros: float = UNLIMITED) -> FloatArray:
+        """Form K of clusters of blocks, ordered block by block.
+
+        Parameters
+        ----------
+        which : ndarray, shape (c, k)
+            The blocks of c clusters.
+        zeros
+            Variance of an unknown zero; 0 leaves it out.
+
+        Returns
+        -------
+        ndarray, shape (c, k s, k s)
+        """
+        (c, k), s = which.shape, len(self.own)
+        setups, minutes = self.setups[which], self.minutes[which]
+        same = setups[:, :, None] == setups[:, None, :]
+        fading = np.exp(-np.abs(minutes[:, :, None] - minutes[:, None, :]) / scatter.minutes)
+        found: FloatArray = np.zeros((c, k, s, k, s))
+        for i, (own, wander) in enumerate(zip(self._of_setup(scatter), self.wander, strict=True)):
+            constant = np.where(self.free[which] & (i == 0), zeros, own)[:, :, None]
+            found[:, :, i, :, i] = same * constant + scatter.wander * wander * fading
+        return found.reshape(c, k * s, k * s)
+
+    def draw(self, scatter: Scatter, unit: FloatArray) -> FloatArray:
+        """Give unit draws K's covariance, unknown zeros left out; shape (b, s, m)."""
+        roots = [
+            (index, _root(self.covariance(scatter, index, zeros=0.0)))
+            for index in self._clusters(scatter, np.ones(len(self.free), dtype=np.bool_))
+        ]
+        return _applied(roots, unit)
+
+    def whitening(self, scatter: Scatter, gram: FloatArray, use: BoolArray) -> Whitening:
+        """Factorise V on some blocks.
+
+        With K = C C' and L L' = I + C' Z'Z C, F = L⁻¹ C' and log det V = 2 Σ log diag L:
+        nothing of the size of the rows squared is ever formed.
+
+        Parameters
+        ----------
+        gram : ndarray, shape (b, s, s)
+            Z'Z of each block.
+        use : ndarray, shape (b,)
+            Which blocks take part; the factors number them from 0.
+
+        Examples
+        --------
+        >>> alone = np.zeros(1)
+        >>> one = Blocks(np.zeros(1, int), alone, alone > 0, np.array([2.0]), np.array([1.0]))
+        >>> w = one.whitening(Scatter(1.0, 1.0), np.array([[[3.0]]]), alone == 0)
+        >>> round(float(np.exp(w.log_determinant)), 6)     # det(I + 2·11') of three rows
+        7.0
+        """
+        key = (scatter, use.tobytes())
+        found = self._known.pop(key, None) or self._whitening(scatter, gram, use)
+        self._known[key] = found  # the last used at the end
+        while sum(w.bytes for w in self._known.values()) > KEPT_BYTES and len(self._known) > 1:
+            del self._known[next(iter(self._known))]
+        return found
+
+    def _whitening(self, scatter: Scatter, gram: FloatArray, use: BoolArray) -> Whitening:
+        place = np.cumsum(use) - 1
+        s = len(self.own)
+        parts, log_determinant = [], 0.0
+        for index in self._clusters(scatter, use):
+            c, k = index.shape
+            root = _root(self.covariance(scatter, index))
+            squares = np.zeros((c, k, s, k, s))
+            squares[:, np.arange(k), :, np.arange(k), :] = gram[index].transpose(1, 0, 2, 3)
+            inner = root.transpose(0, 2, 1) @ squares.reshape(c, k * s, k * s) @ root
+            lower = np.linalg.cholesky(inner + np.eye(k * s))
+            factor = _solved(np.asarray(lower, dtype=np.float64), root.transpose(0, 2, 1))
+            log_determinant += 2.0 * float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
+            parts.append((place[index].astype(np.intp), factor))
+        return Whitening(tuple(parts), log_determinant)
+
+    def _of_setup(self, scatter: Scatter) -> FloatArray:
+        multiples: FloatArray = np.full(len(self.own), scatter.tilt)
+        multiples[0] = scatter.shift
+        return self.own * multiples
+
+    def _clusters(self, scatter: Scatter, use: BoolArray) -> list[IntArray]:
+        """Gather the blocks that scatter together, those of equal size side by side."""
+        reach = REACH * scatter.minutes if scatter.wander else -1.0
+        order = np.flatnonzero(use)
+        order = order[np.argsort(self.minutes[order], kind="stable")]
+        number = _joined(self.setups[order], self.minutes[order], reach)
+        members = [order[number == n] for n in range(number.max(initial=-1) + 1)]
+        sizes = sorted({len(m) for m in members})
+        return [np.stack([m for m in members if len(m) == size]) for size in sizes]
+
+
+def _joined(setups: IntArray, minutes: FloatArray, reach: float) -> IntArray:
+    """Number what hangs together, by set-up or by time (in order); shape (k,)."""
+    number = np.arange(len(setups))
+    number[1:] = np.cumsum(np.diff(minutes) > reach) if len(setups) else 0
+    number[:1] = 0
+    # Set-ups that reach over a pause tie together what lies on either side of it.
+    for setup in np.unique(setups):
+        own = np.unique(number[setups == setup])
+        if len(own) > 1:
+            number[np.isin(number, own)] = own[0]
+    return np.unique(number, return_inverse=True)[1].astype(np.intp)
+
+
+def _applied(parts: Sequence[tuple[IntArray, FloatArray]], split: FloatArray) -> FloatArray:
+    """Multiply what stands at each cluster's blocks, shape (b, s, m), with its matrix."""
+    found: FloatArray = np.empty_like(split)
+    _, shapes, columns = split.shape
+    for index, matrix in parts:
+        clusters, k = index.shape
+        product = matrix @ split[index].reshape(clusters, k * shapes, columns)
+        found[index] = product.reshape(clusters, k, shapes, columns)
+    return found
+
+
+def _solved(lower: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve triangular systems; small ones all at once, large ones by what is triangular."""
+    if lower.shape[1] < LARGE:
+        return np.asarray(np.linalg.solve(lower, right), dtype=np.float64)
+    pairs = zip(lower, right, strict=True)
+    return np.stack([solve_triangular(a, b, lower=True, check_finite=False) for a, b in pairs])
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Give the lower Cholesky factors of covariances, shape (c, n, n)."""
+    size = np.diagonal(covariance, axis1=1, axis2=2)
+    more = KEEPS_POSITIVE * (1.0 + ROUNDING * size)
+    found = np.linalg.cholesky(covariance + more[:, :, None] * np.eye(covariance.shape[1]))
+    return np.asarray(found, dtype=np.float64)
+
+
+def scatters(blocks: Blocks, declared: bool) -> tuple[Scatter, ...]:
+    """List the sets of variances over which the likelihood is profiled.
+
+    Parameters
+    ----------
+    blocks
+        One channel's blocks.
+    declared
+        Whether the scatter of set-ups was declared.
+    """
+    shifted, tilted = not bool(blocks.free.all()), len(blocks.own) > 1
+    # Beside a wander the set-ups' own scatter is as declared: a slow wander says the rest of it.
+    wandering = [Scatter(1.0, 1.0, w, t) for w in WANDERS for t in CORRELATION_TIMES_MIN]
+    if not blocks.are_records:
+        tied = [Scatter(m, m) for m in TIED]
+        apart = [Scatter(*pair) for pair in APART] if tilted and shifted else []
+        return (*tied, *apart, *(wandering if blocks.may_wander else ()))
+    few = len(np.unique(blocks.setups)) < FEWEST_SETUPS
+    own = (1.0,) if few and not declared else TIED_OF_RECORDS if shifted or tilted else (1.0,)
+    return (*(Scatter(m, m) for m in own), *wandering)
+
+
+def log_prior(tried: tuple[Scatter, ...]) -> FloatArray:
+    """Say how well multiples agree with what was declared (log density, 0 at one)."""
+    scale = np.array([[s.shift, s.tilt] for s in tried])
+    decades = np.log(np.maximum(scale, TIED[1] / DECADE)) / np.log(DECADE)
+    return np.asarray(-0.5 * np.mean(decades**2, axis=1))
+
+
+def blocks_in_time(setup: IntArray, minutes: FloatArray) -> IntArray:
+    """Number the blocks of rows: rows of one set-up at about one time.
+
+    Parameters
+    ----------
+    setup : ndarray, shape (n,)
+        Numbers of the set-ups, growing with time.
+    minutes : ndarray, shape (n,)
+        Time of each row.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Growing from set-up to set-up, and with time within each.
+
+    Examples
+    --------
+    >>> blocks_in_time(np.array([0, 0, 1, 1, 1]), np.array([0.0, 20.0, 100.0, 101.0, 260.0]))
+    array([0, 0, 1, 1, 2])
+    """
+    members = [np.flatnonzero(setup == s) for s in np.unique(setup)]
+    spans = [float(np.ptp(minutes[own])) for own in members]
+    total = sum(span for span in spans if span >= LONG_MIN)
+    found, number = np.zeros(len(setup), dtype=np.intp), 0
+    for own, span in zip(members, spans, strict=True):
+        if span < LONG_MIN:
+            found[own] = number
+        else:
+            longest = max(SHORTEST_BLOCK_MIN, span / BLOCKS_OF_A_SETUP, total / BLOCKS_IN_ALL)
+            found[own] = number + _stretches(minutes[own], longest)
+        number = int(found[own].max()) + 1
+    return found
+
+
+def _stretches(minutes: FloatArray, longest: float) -> IntArray:
+    """Number stretches of time that are shorter than a limit, each begun by its first row."""
+    found = np.zeros(len(minutes), dtype=np.intp)
+    began, number = -np.inf, -1
+    for row in np.argsort(minutes, kind="stable").tolist():
+        if minutes[row] - began >= longest:
+            began, number = minutes[row], number + 1
+        found[row] = number
+    return found

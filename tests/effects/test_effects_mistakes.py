@@ -1,0 +1,335 @@
+"""People's mistakes: each leaves in the rows what right data would say, less what was noted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.effects.campaign_view import CampaignView
+from app.effects.hypothesis import Estimate, key_of
+from app.effects.kinds.map_factor import MapFactor
+from app.effects.kinds.map_temperature import MapTemperature
+from app.effects.projection import Projection, sum_of_terms
+from app.effects.registry import KINDS, explain, kind_of, repertoire
+from app.identification.residuals.residuals import compute_residuals
+from app.search.candidate import Expected
+from app.thermal.compile_model import compile_model
+from app.thermal.error_map import ComponentTable
+from tests.effects.example_campaign_view import (
+    ASSIGNMENT,
+    example_view,
+    machine,
+    maps,
+    temperatures,
+)
+
+MISTAKES = [name for name, kind in KINDS.items() if kind.not_adopted]
+
+
+@pytest.fixture(scope="module")
+def view():
+    return example_view()
+
+
+def proposed(view, kind, variant="", components=None, sensors=None):
+    """The one hypothesis of a kind that acts on these components, with these sensors."""
+    (found,) = (
+        h
+        for h in kind_of(kind).candidates(view).hypotheses
+        if h.variant == variant
+        and (components is None or h.components == components)
+        and (sensors is None or set(h.sensors) == set(sensors))
+    )
+    return found
+
+
+def column(view, hypothesis, theta=None):
+    """What one unit of a hypothesis' one amplitude leaves in every row."""
+    found = np.zeros(len(view.rows))
+    for part in hypothesis.parts(view.projection, theta):
+        found[part.rows] = part.columns[:, 0]
+    return found
+
+
+def predicted(view, own_maps):
+    """What the model of some maps says of the view's rows."""
+    model = compile_model(machine(), own_maps, ASSIGNMENT)
+    return compute_residuals(model, view.rows, view.conditions).predicted
+
+
+def with_tables(change):
+    """The example's maps, each table as `change(label, code, errors)` makes it."""
+    return [
+        replace(
+            m,
+            tables={
+                code: ComponentTable.make(
+                    table.component, change(m.label, code, table.errors), table.positions_mm
+                )
+                for code, table in m.tables.items()
+            },
+        )
+        for m in maps()
+    ]
+
+
+def seen_with(view, own_maps):
+    """The same campaign with other maps stored."""
+    model = compile_model(machine(), own_maps, ASSIGNMENT)
+    return CampaignView(model, own_maps, view.rows, view.conditions)
+
+
+def test_exchanged_plugs_leave_each_sensors_components_at_the_others_temperature(view):
+    """EXX grows by 1 µm/K of x-middle at 500 mm, EZZ by 2 then 4 µm/K of z-column."""
+    pair = ("x-middle", "z-column")
+    left = column(view, proposed(view, "exchanged-sensors", sensors=pair))
+    t_x, t_z = (view.conditions.temperature(sensor) for sensor in pair)
+    rows = view.rows.of_channel("EXX")
+    along = view.rows.points_mm[rows, 0] / 500.0
+    inside = (t_z[rows] > 20.0) & (t_z[rows] < 30.0)
+    expected = along * (t_z - t_x)[rows]
+    np.testing.assert_allclose(left[rows][inside], expected[inside], atol=1e-12)
+    rows = view.rows.of_channel("EZZ")
+    along = view.rows.points_mm[rows, 2] / 500.0
+    errors = [np.interp(t[rows], [22.0, 26.0, 32.0], [0.0, 8.0, 32.0]) for t in (t_x, t_z)]
+    np.testing.assert_allclose(left[rows], along * (errors[0] - errors[1]), atol=1e-12)
+
+
+def test_sensors_of_which_no_component_follows_either_cannot_be_seen_exchanged(view):
+    pairs = {frozenset(h.sensors) for h in kind_of("exchanged-sensors").propose(view).hypotheses}
+    assert frozenset(("y-front", "spindle")) not in pairs
+    assert frozenset(("x-middle", "spindle")) in pairs
+
+
+@pytest.mark.parametrize("stored_times", [-1.0, 10.0, 1 / 25.4])
+@pytest.mark.parametrize("label", ["", "Run #3"])
+def test_a_table_stored_times_a_factor_leaves_its_own_multiple(view, stored_times, label):
+    wrong = with_tables(
+        lambda name, code, errors: (
+            errors * stored_times if code == "EZZ" and label in ("", name) else errors
+        )
+    )
+    seen = seen_with(view, wrong)
+    left = predicted(view, maps()) - predicted(view, wrong)
+    own = column(seen, proposed(seen, "map-factor", label, ("EZZ",)))
+    np.testing.assert_allclose(left, (1.0 / stored_times - 1.0) * own, atol=1e-9)
+
+
+def test_a_map_in_another_unit_is_one_mistake(view):
+    wrong = with_tables(lambda name, code, errors: errors * (10.0 if name == "Run #6" else 1.0))
+    seen = seen_with(view, wrong)
+    left = predicted(view, maps()) - predicted(view, wrong)
+    together = proposed(seen, "map-factor", "Run #6", seen.components)
+    np.testing.assert_allclose(left, -0.9 * column(seen, together), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "words", "factor"),
+    [
+        (-2.0, "has the wrong sign", "by -1,"),
+        (-0.9, "is 10 times too large", "by 1/10,"),
+        (24.4, "is 25.4 times too small", "by 25.4,"),
+    ],
+)
+def test_the_factor_is_named_and_what_puts_it_right(view, amplitude, words, factor):
+    hypothesis = proposed(view, "map-factor", "Run #3", ("EXX",))
+    error = 0.01 * abs(amplitude)
+    effect = hypothesis.fitted(Estimate(None, None, np.array([amplitude]), np.array([[error**2]])))
+    assert explain(effect) == f"the table of EXX in map 'Run #3' {words}"
+    assert factor in MapFactor().what_to_do(effect)
+
+
+def test_factors_that_the_estimate_cannot_tell_apart_are_both_named(view):
+    hypothesis = proposed(view, "map-factor", "", ("EXX",))
+    effect = hypothesis.fitted(Estimate(None, None, np.array([-0.93]), np.array([[0.01**2]])))
+    assert "25.4 times too large or 10 times too large" in explain(effect)
+
+
+@pytest.mark.parametrize(
+    ("label", "noted_c"), [("Run #3", 26.5), ("Run #3", 22.0), ("Run #1", 17.0)]
+)
+def test_a_map_noted_at_another_temperature_leaves_what_the_right_scale_says(view, label, noted_c):
+    wrong = [
+        replace(m, temperatures_c={**m.temperatures_c, "x-middle": noted_c})
+        if m.label == label
+        else m
+        for m in maps()
+    ]
+    seen = seen_with(view, wrong)
+    left = predicted(view, maps()) - predicted(view, wrong)
+    (really,) = (m.temperatures_c["x-middle"] for m in maps() if m.label == label)
+    hypothesis = proposed(seen, "map-temperature", label, sensors=("x-middle",))
+    np.testing.assert_allclose(left, column(seen, hypothesis, really - noted_c), atol=1e-9)
+    effect = hypothesis.fitted(
+        Estimate(really - noted_c, 0.2, np.array([1.0]), np.array([[0.01**2]]))
+    )
+    assert effect.parameters["really_c"] == pytest.approx(really)
+    told = explain(effect)
+    assert f"map {label!r} was noted at {noted_c:.1f} °C of x-middle" in told
+    assert f"the data say {really:.1f} ± 0.2 °C" in told
+    assert label in MapTemperature().what_to_do(effect)
+    adopted = sum_of_terms(Projection(seen.model, seen.rows, seen.conditions), effect.terms)
+    np.testing.assert_allclose(adopted, left, atol=1e-9)
+
+
+@pytest.mark.parametrize("by_min", [60.0, -40.0])
+def test_clocks_apart_leave_what_all_sensors_read_then(view, by_min):
+    """EXX at the temperature that the example's wave has an hour later, less that of now."""
+    left = column(view, proposed(view, "clock-offset"), by_min * 60.0)
+    rows = view.rows.of_channel("EXX")
+    now_c, then_c = (
+        temperatures(view.rows.times_s[rows] + by_s)["x-middle"] for by_s in (0.0, by_min * 60.0)
+    )
+    along = view.rows.points_mm[rows, 0] / 500.0
+    # Readings every two minutes, straight between them.
+    np.testing.assert_allclose(left[rows], along * (then_c - now_c), atol=2e-3)
+    late = column(view, proposed(view, "late-sensor", sensors=("x-middle",)), by_min * 60.0)
+    np.testing.assert_array_equal(late[rows], left[rows])
+    assert not late[view.rows.of_channel("EZZ")].any()
+
+
+@pytest.mark.parametrize(
+    ("apart_min", "error", "words"),
+    [
+        (60.3, 0.8, "60.3 ± 0.8 min apart: observations are noted too early, by whole hours"),
+        (-34.2, 0.3, "34.2 ± 0.3 min apart: observations are noted too late, which"),
+    ],
+)
+def test_clocks_apart_are_told_with_the_way(view, apart_min, error, words):
+    hypothesis = proposed(view, "clock-offset")
+    effect = hypothesis.fitted(Estimate(apart_min * 60.0, error * 60.0, np.ones(1), np.eye(1)))
+    assert words in explain(effect)
+    way = "later" if apart_min > 0 else "earlier"
+    whole = ", by the whole hours if it is a time zone" if "whole hours" in words else ""
+    assert f"min {way}{whole}, then analyse again" in KINDS["clock-offset"].what_to_do(effect)
+
+
+def test_a_mirrored_line_leaves_the_difference_of_both_ends(view):
+    """EXX is (T − 20) x/500: at 500 − x less at x that is (T − 20)(1 − x/250)."""
+    left = column(view, proposed(view, "mirrored-axis", "", ("EXX",)))
+    rows = view.rows.of_channel("EXX")
+    above = view.conditions.temperature("x-middle")[rows] - 20.0
+    along = view.rows.points_mm[rows, 0] / 500.0
+    np.testing.assert_allclose(left[rows], above * (1.0 - 2.0 * along), atol=1e-12)
+    assert not np.delete(left, rows).any()
+    both = column(view, proposed(view, "mirrored-axis", "sign reversed too", ("EXX",)))
+    np.testing.assert_allclose(both[rows], -above, atol=1e-12)
+
+
+def test_points_that_were_mirrored_are_those_at_the_other_end(view):
+    """Everything at the mirrored point, the lever arms of rotations included."""
+    own = example_view(with_rotations=True)
+    codes = tuple(c for c in own.tables if c in ("EXX", "EYX", "EBX"))
+    left = column(own, proposed(own, "mirrored-axis", "points", codes))
+    points_mm = own.rows.points_mm.copy()
+    points_mm[:, 0] = np.where(own.rows.at_points, 500.0 - points_mm[:, 0], points_mm[:, 0])
+    mirrored = replace(own.rows, points_mm=points_mm)
+    said = [
+        compute_residuals(own.model, rows, own.conditions).predicted
+        for rows in (mirrored, own.rows)
+    ]
+    np.testing.assert_allclose(left, said[0] - said[1], atol=1e-9)
+    assert not left[own.rows.of_channel("EXX")].any()
+
+
+def test_a_longer_tool_acts_through_the_angles_alone(view):
+    """EBX turns 2 µrad/K at 500 mm: 1 mm of tool moves the point by 0.002 µm/K in X."""
+    own = example_view(with_rotations=True)
+    left = column(own, proposed(own, "tool-length", ""))
+    rows = own.rows.of_channel("points x")
+    above = own.conditions.temperature("x-middle")[rows] - 20.0
+    expected = 2.0e-3 * above * own.rows.points_mm[rows, 0] / 500.0
+    np.testing.assert_allclose(np.abs(left[rows]), np.abs(expected), atol=1e-12)
+    assert not left[own.rows.of_channel("EXX")].any()
+    one = column(own, proposed(own, "tool-length", "100 mm"))
+    is_short = own.rows.tool_offsets_mm[:, 2] == 100.0
+    np.testing.assert_array_equal(one[is_short], left[is_short])
+    assert not one[~is_short].any()
+
+
+def test_without_angles_no_tools_length_can_be_seen(view):
+    found = kind_of("tool-length").candidates(view)
+    assert not found.hypotheses
+    assert "no map has an angle" in found.not_testable[0].reason
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_a_sensor_that_came_half_off_is_read_at_its_bodys_temperature(view, share):
+    """T = share · body + (1 − share) · around: what is adopted asks the maps at the body."""
+    hypothesis = proposed(view, "detached-sensor", sensors=("x-middle", "spindle"))
+    k = (1.0 - share) / share
+    effect = hypothesis.fitted(Estimate(None, None, np.array([k]), np.array([[0.01**2]])))
+    assert effect.parameters["share"] == pytest.approx(share)
+    read_c, around_c = (view.conditions.temperature(s) for s in ("x-middle", "spindle"))
+    body_c = (read_c - (1.0 - share) * around_c) / share
+    rows = view.rows.of_channel("EXX")
+    along = view.rows.points_mm[rows, 0] / 500.0
+    held = [np.clip(t[rows], 20.0, 30.0) for t in (body_c, read_c)]
+    added = sum_of_terms(view.projection, effect.terms)[rows]
+    np.testing.assert_allclose(added, along * (held[0] - held[1]), atol=1e-9)
+
+
+def test_an_ageing_sensor_is_corrected_by_what_it_has_grown_by(view):
+    hypothesis = proposed(view, "ageing-sensor", "since the first visit", sensors=("x-middle",))
+    effect = hypothesis.fitted(Estimate(None, None, np.array([-0.3]), np.array([[0.01**2]])))
+    assert effect.parameters == {"bias_k_per_day": 0.3}
+    assert "x-middle ages: since the first visit it has read 0.30" in explain(effect)
+    rows = view.rows.of_channel("EXX")
+    days = (view.rows.times_s[rows] - view.rows.times_s.min()) / 86400.0
+    read_c = view.conditions.temperature("x-middle")[rows]
+    along = view.rows.points_mm[rows, 0] / 500.0
+    expected = along * (np.clip(read_c - 0.3 * days, 20.0, 30.0) - np.clip(read_c, 20.0, 30.0))
+    added = sum_of_terms(view.projection, effect.terms)[rows]
+    np.testing.assert_allclose(added, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", MISTAKES)
+def test_what_is_put_right_where_it_was_made_adds_nothing_to_the_model(kind):
+    own = example_view(with_rotations=True)
+    for hypothesis in kind_of(kind).candidates(own).hypotheses[:5]:
+        theta = hypothesis.nonlinear.grid[0] if hypothesis.nonlinear else None
+        effect = hypothesis.fitted(Estimate(theta, None, np.array([1.0]), np.eye(1)))
+        assert effect.terms == ()
+        assert kind_of(kind).what_to_do(effect).endswith(".")
+        assert key_of(effect) == hypothesis.key
+
+
+def test_keys_of_all_mistakes_are_unique(view):
+    every = [h for name in MISTAKES for h in kind_of(name).candidates(view).hypotheses]
+    assert len({h.key for h in every}) == len(every)
+    assert len(repertoire(view, MISTAKES).candidates) == len(every)
+
+
+def test_an_expected_amplitude_costs_what_it_misses_by():
+    """A normal prior of deviation 0.1 about 2: ten deviations off cost a hundred."""
+    expected = Expected((2.0,), 0.05)
+    assert expected.cost(1.0, 0.0) == pytest.approx(100.0)
+    # As wide as the prior: half the squared distance, and ln 2 of Occam's factor.
+    assert expected.cost(1.0, 0.01) == pytest.approx(50.0 + np.log(2.0))
+    assert Expected((2.0, -2.0), 0.05).cost(-2.0, 0.0) == pytest.approx(2.0 * np.log(2.0))
+
+
+def test_an_instrument_settles_from_the_beginning_of_each_visit_in_its_own_channel(view):
+    """a (1 − exp(−t/τ)), t since the first row of the visit, whatever it measured."""
+    tau_s = 600.0
+    left = column(view, proposed(view, "instrument-warm-up", components=("EXX",)), tau_s)
+    rows = view.rows
+    for visit in np.unique(rows.visit):
+        own = rows.visit == visit
+        since_s = rows.times_s[own] - rows.times_s[own].min()
+        expected = np.where(rows.channel[own] == 0, 1.0 - np.exp(-since_s / tau_s), 0.0)
+        assert rows.channels[0] == "EXX"
+        np.testing.assert_allclose(left[own], expected, atol=1e-12)
+
+
+def test_an_instruments_time_constant_is_told_with_its_unit(view):
+    hypothesis = proposed(view, "instrument-warm-up", components=("EXX",))
+    effect = hypothesis.fitted(Estimate(600.0, 120.0, np.array([-2.0]), np.eye(1) * 0.01))
+    told = "EXX settles in every visit by -2.00 ± 0.10 µm, with a time constant of 10 ± 2 min: "
+    assert explain(effect).startswith(told)
+
+
+def test_directions_at_points_settle_by_themselves(view):
+    left = column(view, proposed(view, "instrument-warm-up", components=("points y",)), 600.0)
+    moved = {view.rows.channels[c] for c in view.rows.channel[left > 0.0]}
+    assert moved == {"points y"}

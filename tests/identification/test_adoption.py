@@ -1,0 +1,163 @@
+"""What is adopted unasked: what helps visits that were held out, and harms none of them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.effects.effect import Effect
+from app.effects.observations import Observation, Verification, observation_rows
+from app.identification.analysis.adoption import OF_EITHER, judge_help
+from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Slope, Status
+from app.search.rows import Datum
+
+DAY_S = 86400.0
+VISITS, EACH = 20, 6
+SURE = Slope(1.0, 0.05, 400.0)
+
+
+def campaign(datum=Datum.ABSOLUTE, visits=VISITS):
+    """Visits of six observations of EXX, each a verification."""
+    return observation_rows(
+        [
+            Verification(
+                f"visit {v}",
+                [Observation(v * DAY_S + 60.0 * i, (0.0,), "EXX", 20.0 * i) for i in range(EACH)],
+                datum,
+            )
+            for v in range(visits)
+        ]
+    )
+
+
+def term(slope=SURE, status=Status.CONFIRMED, **stated):
+    plain = FoundTerm(
+        *("one", "backlash", (0,), None, None, np.ones(1), np.eye(1), 400.0, 1, 390.0, 0.0, ()),
+        slope=slope,
+        forward_slope=None,
+        inclusion=1.0,
+        status=status,
+        strongest_visits=(),
+        leverage=0.1,
+    )
+    return replace(plain, **stated)
+
+
+def judged(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, seed=1, floor=1.0):
+    """Judge effects that claim what they say of rows where something is true."""
+    rows = campaign() if rows is None else rows
+    values = true + np.random.default_rng(seed).normal(size=len(rows))
+    effects = [Effect(kind, ("EXX",)) for kind in kinds]
+    found = SimpleNamespace(
+        residuals=SimpleNamespace(rows=rows),
+        rows=SimpleNamespace(
+            values=values, visit=rows.visit, channel=rows.channel, datum=rows.datum()
+        ),
+        use=np.ones(len(rows), dtype=bool),
+        explained=lambda effect: claimed[[effect is e for e in effects].index(True)],
+        findings=SimpleNamespace(
+            known=None,
+            terms=tuple(terms),
+            adopted=np.sum(claimed, axis=0),
+            noise={0: ChannelNoise(1.0, "declared", 1.0, rows.visits, len(rows))},
+            held_out={0: HeldOut(len(rows), rows.visits, Figure(1.0, 0.9, 1.1), floor)},
+        ),
+    )
+    return judge_help(found, effects).helps
+
+
+def swinging(rows, size=2.0):
+    return size * np.sin(rows.visit * 1.3)
+
+
+@pytest.mark.parametrize("status", Status)
+def test_what_is_right_helps_whatever_its_name_is_worth(status):
+    right = swinging(campaign())
+    (one,) = judged(right, right, terms=(term(status=status),))
+    assert one == (True, None)
+
+
+def test_a_slope_that_is_known_badly_is_no_reason_where_visits_get_smaller():
+    right = swinging(campaign())
+    vague = term(Slope(0.9, 0.48, 4.3))
+    assert judged(right, right, terms=(vague,)) == [(True, None)]
+    # Beside another effect in the channel nobody knows whose gain it is.
+    rows = campaign()
+    other = 0.5 * np.cos(rows.visit * 2.1)
+    kinds, terms = ("backlash", "periodic"), (vague, term())
+    first, second = judged(right + other, right, other, kinds=kinds, terms=terms)
+    assert second.helps
+    assert "0.90 ± 0.48" in first.why_not
+
+
+def test_what_explains_nothing_does_not_help():
+    rows = campaign()
+    (one,) = judged(0.0 * rows.times_s, 0.2 * swinging(rows), terms=(term(Slope(0.1, 0.3, 11.0)),))
+    assert not one.helps
+    assert "0.10 ± 0.30" in one.why_not
+    (never,) = judged(0.0 * rows.times_s, 0.2 * swinging(rows), terms=(term(None),))
+    assert "was not found again" in never.why_not
+
+
+def test_one_visit_that_gets_markedly_worse_is_enough_to_refuse():
+    rows = campaign()
+    claimed = swinging(rows, 4.0)
+    true = np.where(rows.visit == 6, -claimed, claimed)
+    (one,) = judged(true, claimed)
+    assert one.why_not.startswith("EXX would get worse in 'visit 6', which was held out: ")
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_scatter_alone_makes_no_visit_markedly_worse(seed):
+    """A shift of each set-up may stand against an effect that is right."""
+    rows = campaign()
+    shift = np.random.default_rng(100 + seed).normal(size=rows.visits)[rows.visit]
+    right = swinging(rows, 3.0)
+    assert judged(right + shift, right, seed=seed, floor=np.sqrt(2.0)) == [(True, None)]
+
+
+def test_visits_are_taken_from_the_zero_that_the_machine_has():
+    """From the first observation an error that is the same everywhere in a visit is none."""
+    rows = campaign(Datum.FIRST)
+    rise = np.tile(np.arange(EACH), VISITS) * 3.0
+    claimed = np.where(rows.visit == 3, -rise, rise)
+    (one,) = judged(rise + 50.0 * rows.visit, claimed, rows=rows)
+    assert "'visit 3'" in one.why_not
+    assert judged(rise + 50.0 * rows.visit, rise, rows=rows) == [(True, None)]
+
+
+def test_who_harms_is_left_out_and_the_others_are_adopted():
+    rows = campaign()
+    right = swinging(rows)
+    harm = np.where(rows.visit == 5, 6.0, 0.0)
+    kinds, terms = ("backlash", "periodic"), (term(), term())
+    first, second = judged(right, right, harm, kinds=kinds, terms=terms)
+    assert first == (True, None)
+    assert "'visit 5'" in second.why_not
+
+
+@pytest.mark.parametrize("last", [1, 2])
+def test_a_step_that_one_setup_alone_knows_may_be_the_instruments(last):
+    rows = campaign()
+    step = np.where(rows.visit >= VISITS - last, 5.0, 0.0)
+    (one,) = judged(step, step, kinds=("step",))
+    assert one == ((False, OF_EITHER) if last == 1 else (True, None))
+    other = np.where(rows.visit < last, 5.0, 0.0)
+    assert judged(other, other, kinds=("step",))[0].helps == (last == 2)
+    # A late sensor does not hang on when somebody looked.
+    assert judged(step, step, kinds=("thermal-lag",))[0].helps
+
+
+def test_a_drift_of_one_record_may_be_the_instruments():
+    rows = campaign(visits=1)
+    drift = np.arange(EACH) * 2.0
+    (one,) = judged(drift, drift, kinds=("drift",), rows=rows)
+    assert one == (False, OF_EITHER)
+
+
+def test_the_last_visits_can_refuse_a_trend():
+    right = swinging(campaign())
+    late = term(forward_slope=Slope(-0.5, 0.1, 100.0))
+    (one,) = judged(right, right, kinds=("drift",), terms=(late,))
+    assert one.why_not.startswith("the last visits show -0.50 ± 0.10")

@@ -1,0 +1,50 @@
+"""People's mistakes, planted by the simulator: each is found and named alone, with what to do."""
+
+import json
+
+import pytest
+
+from app.api.schemas.campaigns import campaign_of_bodies
+from app.effects.registry import KINDS, kind_of
+from app.identification.analysis.analyse import analyse
+from app.simulation.undeclared import make_campaign
+from app.storage.analysis_results import RESULTS
+
+AMONG = (
+    *(name for name, kind in KINDS.items() if kind.not_adopted),
+    *("map-temperature", "thermal-lag", "other-sensor", "outdated-map"),
+    *("sensor-fault", "ageing-sensor", "detached-sensor"),
+)
+"""All mistakes, and what they were called before they had names of their own."""
+
+PLANTED = {
+    "exchanged-sensors:both-followed": (3, ["Swap the plugs of x-middle and z-column"]),
+    "map-factor:sign-in-one-map": (2, ["store them anew multiplied by -1"]),
+    "map-temperature:inner": (1, ["Look up what x-middle read when map 'State 2' was measured"]),
+    "clock-offset:an-hour-early": (1, ["min later, by the whole hours"]),
+    "mirrored-axis:axis": (1, ["in which direction X was counted"]),
+    "detached-sensor": (1, ["Fasten z-column to its body"]),
+}
+"""Seed, and words of the advice."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_mistake_is_named_alone_with_what_to_do(name):
+    seed, words = PLANTED[name]
+    made = make_campaign(seed, name, 2.0, visits=20, days=4, observations_per_visit=20)
+    campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
+    found = json.loads(RESULTS.text(analyse(campaign, kinds=AMONG)))
+    (effect,), (true,) = found["effects"], made.truth.effects
+    assert effect["kind"] == true["kind"]
+    assert set(effect["components"]) == set(true["components"])
+    assert set(true["sensors"]) <= set(effect["sensors"])
+    assert not [a for a in effect["alternatives"] if a["tied"]]
+    if "map" in true["parameters"]:
+        assert effect["variant"] == true["parameters"]["map"]
+    assert found["after"]["rms_um"] < 0.8 * found["before"]["rms_um"]
+    assert any(word in step for word in words for step in found["what_next"])
+    adopted = not kind_of(effect["kind"]).not_adopted
+    # Twenty visits do not always prove that one which may be adopted helps.
+    assert adopted or not effect["helps"]
+    assert bool(effect["effect"]["terms"]) is adopted

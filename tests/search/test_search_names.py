@@ -1,0 +1,70 @@
+"""Names that are only about right: flexible versions beside a found term, rivals with an offset."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.search.candidate import OFFSET, Flexible, Part
+from app.search.findings import Status
+from app.search.search import search
+from tests.search.search_campaigns import CHANNELS, make_campaign, single
+
+SIZE, VISITS = "its size changes from visit to visit", 24
+
+
+def library_of(campaign):
+    """A bow and a speed, each with flexible versions, and a twin sensor that needs an offset."""
+    found = []
+    for n in range(CHANNELS):
+        bow = single(campaign, f"bow-{n}", "bow", n, lambda _: campaign.position**2 - 0.4)
+        speed = single(campaign, f"speed-{n}", "speed", n, lambda _: campaign.speed)
+        twin = single(campaign, f"twin-{n}", "twin", n, lambda _: campaign.twin + 4.0)
+        found += [
+            replace(bow, flexible=lambda _, n=n: [by_visit(campaign, n)]),
+            replace(speed, flexible=lambda _, n=n: [constant(campaign, n)]),
+            replace(twin, flexible=lambda _, n=n: [constant(campaign, n)]),
+        ]
+    return found
+
+
+def by_visit(campaign, channel):
+    here = np.flatnonzero(campaign.on(channel))
+    visit = campaign.rows.visit[here]
+    bow = campaign.position[here] ** 2 - 0.4
+    return Flexible(SIZE, [Part(channel, here, bow[:, None] * (visit[:, None] == range(VISITS)))])
+
+
+def constant(campaign, channel):
+    here = np.flatnonzero(campaign.on(channel))
+    return Flexible(OFFSET, [Part(channel, here, np.ones((len(here), 1)))])
+
+
+def found_in(campaign, nuisance=()):
+    library = library_of(campaign)
+    return search(campaign.rows, nuisance, library, holdout_fraction=0.3, seed=1).terms
+
+
+@pytest.mark.slow
+def test_what_comes_and_goes_is_not_what_is_always_there():
+    campaign = make_campaign(3, visits=VISITS)
+    bow = 6.0 * (campaign.position**2 - 0.4) * campaign.on(1)
+    is_open = np.random.default_rng(4).integers(0, 2, VISITS)[campaign.rows.visit]
+    (always,) = found_in(campaign.plus(bow))
+    assert (always.key, always.status, always.doubts) == ("bow-1", Status.CONFIRMED, ())
+    (valve,) = found_in(campaign.plus(2.0 * bow * is_open))
+    assert valve.key == "bow-1"
+    assert valve.doubts == (SIZE,)
+    assert valve.status is Status.SUSPECTED
+
+
+@pytest.mark.slow
+def test_a_rival_that_counts_from_another_zero_is_a_tie():
+    """What follows the twin from another zero resembles a speed that the twin follows."""
+    campaign = make_campaign(5, visits=VISITS)
+    campaign = replace(campaign, speed=campaign.twin + 0.05 * np.sin(campaign.rows.visit))
+    (term,) = found_in(campaign.plus(2.0 * campaign.twin * campaign.on(0)), campaign.nuisance)
+    assert term.key == "speed-0"
+    (rival,) = [r for r in term.rivals if r.key == "twin-0"]
+    assert rival.tied
+    assert rival.with_offset
