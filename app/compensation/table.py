@@ -88,12 +88,34 @@ class ComponentCompensation:
 
 
 @dataclass(frozen=True, slots=True)
+class Sureness:
+    """How sure a learnt effect is of one component at this moment [its unit].
+
+    Parameters
+    ----------
+    expected
+        What was learnt.
+    learnt_error, wander_error
+        Standard deviations of that, and of what no driver explains.
+    factor
+        The share of it that is in the table.
+    """
+
+    component: str
+    expected: float
+    learnt_error: float
+    wander_error: float
+    factor: float
+
+
+@dataclass(frozen=True, slots=True)
 class EffectInTable:
     """An adopted effect of the model: what it is, and where it was learnt.
 
     `missing` says why it is not in a table, if it is not; `held` why it is held at the edge of
     where it was learnt, if it is; `learnt_in` are its ranges, None where they are not known, and
-    `measure_again` says until when one that grows with time may be used.
+    `measure_again` says until when one that grows with time may be used. `sureness` says of one
+    that is corrected only as far as it is sure how sure it is now.
     """
 
     kind: str
@@ -104,6 +126,7 @@ class EffectInTable:
     held: Sequence[str] = ()
     learnt_in: Mapping[str, Any] | None = None
     measure_again: str = ""
+    sureness: Sequence[Sureness] = ()
 
 
 class CompensationTable(NamedTuple):
@@ -148,15 +171,9 @@ def compensation_table(
 
     Parameters
     ----------
-    model, model_version
-        The compiled model and its number.
     sensors
         Each sensor's value and whether it can be believed: failed ones are replaced
         by their stand-ins, stale ones serve where there is no better, and both are said.
-    computed_at
-        The time to write into the table.
-    warnings
-        What else is to be said.
 
     Raises
     ------
@@ -223,15 +240,7 @@ def group_compensation(state: GroupState) -> list[ComponentCompensation]:
 
 
 def shortenings(state: GroupState, without: Collection[str] = ()) -> list[str]:
-    """Say which components of a group end earlier than other maps of theirs.
-
-    Parameters
-    ----------
-    state
-        The group at one temperature.
-    without
-        Codes of components of which something else is said.
-    """
+    """Say which components of a group end earlier than other maps of theirs."""
     return sentences(item for item in state.maps.shortened.items() if item[0] not in without)
 
 

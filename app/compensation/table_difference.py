@@ -31,11 +31,6 @@ class ComponentChange:
 def component_changes(before: CompensationTable, after: CompensationTable) -> list[ComponentChange]:
     """Compare the components that both tables have, over the positions that both cover.
 
-    Parameters
-    ----------
-    before, after
-        Two tables of one machine.
-
     Returns
     -------
     list of ComponentChange

@@ -28,10 +28,6 @@ def table_field(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    tables
-        One for each thermal state.
     directions
         Direction of approach of each axis: which of a bidirectional component's tables
         is meant.

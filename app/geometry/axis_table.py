@@ -104,13 +104,6 @@ class AxisTable:
     def read(self, state: int, located: Located) -> dict[str | None, FloatArray]:
         """Interpolate all errors of one state at located positions.
 
-        Parameters
-        ----------
-        state
-            Which of the states.
-        located
-            What `locate` found for n positions.
-
         Returns
         -------
         dict of what the errors multiply to ndarray, shape (6, n)

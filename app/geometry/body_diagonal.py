@@ -51,19 +51,12 @@ def diagonal_ends(volume: WorkVolume, diagonal: str) -> tuple[FloatArray, FloatA
 
     Parameters
     ----------
-    volume
-        The box.
     diagonal
         `ppp`, `npp`, `pnp` or `ppn`.
 
     Returns
     -------
     start, end : ndarray, shape (3,) [mm]
-
-    Raises
-    ------
-    InvalidContent
-        If there is no such diagonal.
 
     Examples
     --------
@@ -74,7 +67,7 @@ def diagonal_ends(volume: WorkVolume, diagonal: str) -> tuple[FloatArray, FloatA
     """
     if diagonal not in DIAGONALS:
         raise InvalidContent.of_field(
-            "diagonals", f"expected {list_names(DIAGONALS)}, came {diagonal!r}"
+            "diagonals", f"expected {list_names(DIAGONALS)}, got {diagonal!r}"
         )
     ranges = zip(diagonal, volume.ranges_mm, strict=True)
     ends = np.array([(low, high) if way == "p" else (high, low) for way, (low, high) in ranges])
@@ -91,12 +84,6 @@ def diagonal_displacements(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
-    volume
-        The box whose diagonals they are, longer than nothing.
-    steps
-        Number n of equal steps on each diagonal.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T of the reflector.
 
@@ -145,10 +132,6 @@ def extreme_displacements(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
-    volume
-        The box whose diagonals they are, longer than nothing.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T of the reflector.
 
@@ -158,11 +141,6 @@ def extreme_displacements(
         Displacement since the start, the first 0: at the start, the tables' nodes, the
         end, and where the slope between them is 0. Its least and largest are the true
         ones.
-
-    Raises
-    ------
-    InvalidContent
-        As `diagonal_displacements`.
 
     Notes
     -----
@@ -206,7 +184,7 @@ def _check_length(volume: WorkVolume, steps: int) -> None:
     if not volume.diagonal_mm > 0 or steps < 1:
         raise InvalidContent.of_field(
             "steps",
-            f"expected a diagonal longer than 0 mm in at least 1 step, came "
+            f"expected a diagonal longer than 0 mm in at least 1 step, got "
             f"{volume.diagonal_mm:g} mm in {steps}",
         )
 
@@ -272,10 +250,6 @@ def diagonal_accuracy(displacements_um: Mapping[str, ArrayLike]) -> DiagonalAccu
     displacements_um : mapping of diagonal to array-like, shape (n,) [µm]
         Measured, or of a model; each counted from its start.
 
-    Returns
-    -------
-    DiagonalAccuracy
-
     Raises
     ------
     InvalidContent
@@ -301,7 +275,7 @@ def diagonal_accuracy(displacements_um: Mapping[str, ArrayLike]) -> DiagonalAccu
         values = arrays.get(name, np.empty(0))
         if not values.size or not np.isfinite(values).all():
             raise InvalidContent.of_field(
-                f"diagonals.{name}", "expected finite displacements in µm, came none or others"
+                f"diagonals.{name}", "expected finite displacements in µm, got none or others"
             )
     ranges = {name: float(np.ptp(arrays[name])) for name in DIAGONALS}
     everything = np.concatenate([arrays[name].ravel() for name in DIAGONALS])

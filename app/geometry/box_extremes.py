@@ -79,18 +79,10 @@ def box_extremes(
 
     Parameters
     ----------
-    vectors
-        The errors at points.
-    field
-        The model whose tables' nodes are the ends of the polynomials.
     volume
         The box; flat where an axis has no range.
     degrees
         Degree of the errors along x, y and z between those nodes, 1 or 2.
-
-    Returns
-    -------
-    BoxExtremes
 
     Raises
     ------
@@ -117,7 +109,7 @@ def box_extremes(
         raise InvalidContent.of_field(
             "volume",
             f"expected tables with at most {MOST_POINTS} nodes, ends and middles together in the "
-            f"work volume, came {points}: ask for a part of it",
+            f"work volume, got {points}: ask for a part of it",
         )
     search = _Search(vectors, curved)
     step = max(POINTS_AT_ONCE // (coordinates[1].size * coordinates[2].size), 1)
@@ -135,21 +127,8 @@ def error_extremes(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
-    volume
-        The box.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T.
-
-    Returns
-    -------
-    BoxExtremes [µm]
-
-    Raises
-    ------
-    InvalidContent
-        As `box_extremes`.
     """
     degrees = [degree_along(field, axis) for axis in LINEAR_LETTERS]
     return box_extremes(lambda points: field.at(points, tool_offset_mm)[0], field, volume, degrees)
@@ -309,34 +288,13 @@ def _coordinates(
 
 
 def lattice_size(field: ErrorField, volume: WorkVolume) -> int:
-    """Count the nodes, ends and middles that `error_extremes` has to look at.
-
-    Parameters
-    ----------
-    field
-        The model.
-    volume
-        The box.
-
-    Returns
-    -------
-    int
-    """
+    """Count the nodes, ends and middles that `error_extremes` has to look at."""
     degrees = [degree_along(field, axis) for axis in LINEAR_LETTERS]
     return math.prod(c.size for c in _coordinates(field, volume, degrees)[0])
 
 
 def ends_of_pieces(field: ErrorField, axis: str, ends_mm: tuple[float, float]) -> FloatArray:
     """Give the nodes of an axis' tables inside a range, and its ends.
-
-    Parameters
-    ----------
-    field
-        The model.
-    axis
-        `x`, `y` or `z`.
-    ends_mm
-        The range [mm].
 
     Returns
     -------

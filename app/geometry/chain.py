@@ -52,7 +52,7 @@ class Chain:
             raise InvalidContent.of_field(
                 "configuration",
                 "expected the axes X, Y, Z in the order of the machine around one F, such as "
-                f"FXYZ, XFYZ, XYFZ, XYZF or FYXZ (two axes: FZX), came {text!r}",
+                f"FXYZ, XFYZ, XYFZ, XYZF or FYXZ (two axes: FZX), got {text!r}",
             )
         before, _, after = letters.partition("f")
         return cls(tuple(before), tuple(after))

@@ -62,8 +62,6 @@ class CompensationLevel:
 
     Parameters
     ----------
-    level
-        What the controller can compensate.
     tables
         Component code to table of errors [mm, µm or µrad]; the compensation is minus
         the error. Squareness is folded into EXY, EXZ and EYZ.
@@ -94,15 +92,11 @@ def compensation_levels(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
     volume
         The work volume. Mean and rms are of an even lattice of its points, faces, edges
         and corners included; the largest is the true one of the volume (`box_extremes`).
     tool_offset_mm : array-like, shape (3,) [mm]
         The present tool offset T.
-    points_per_axis
-        Size of that lattice.
 
     Returns
     -------
@@ -140,15 +134,6 @@ def compensation_levels(
 
 def level_tables(field: ErrorField, volume: WorkVolume, level: Level) -> dict[str, Table]:
     """Give the tables that a controller of one level needs.
-
-    Parameters
-    ----------
-    field
-        The errors at one thermal state.
-    volume
-        The work volume, over which squareness is folded into straightness.
-    level
-        What the controller can compensate.
 
     Returns
     -------

@@ -47,8 +47,6 @@ class Component:
         ISO 230-1 code, `EXX`; squareness `SXY`; nonrigid slope `EYY^x`.
     chapter
         The chapter's notation, `D_x(x)`; empty for rotary-axis locations.
-    kind
-        Group of the component.
     unit
         Unit of its values.
     axis
@@ -280,5 +278,5 @@ def _unknown_sentence(name: str) -> str:
     hint = f"; near it: {list_names(near)}" if near else ""
     return (
         f"expected an error component such as EXX, EYX, EBX, SXY, EYY^x or, in the chapter's "
-        f"notation, D_x(x), came {name!r}{hint}"
+        f"notation, D_x(x), got {name!r}{hint}"
     )

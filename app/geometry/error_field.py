@@ -47,12 +47,8 @@ class ErrorField:
 
     Parameters
     ----------
-    chain
-        Order of the axes.
     tables
         Component code to positions [mm] and values of shape (s, k).
-    measuring_lines
-        As for `volumetric_error`.
     states
         Number s of states; None where there is one and answers have no axis for it.
     """
@@ -75,18 +71,10 @@ class ErrorField:
 
         Parameters
         ----------
-        chain
-            Order of the axes.
         tables
             Component code to table [mm, the component's unit]. Components left out
             count as zero; rotary-axis locations are not the linear axes' and are
             left aside.
-        measuring_lines
-            As for `volumetric_error`.
-
-        Returns
-        -------
-        ErrorField
 
         Raises
         ------
@@ -108,7 +96,7 @@ class ErrorField:
         counts = {values.shape[0] for _, values in checked.values() if values.ndim == 2}
         if len(counts) > 1:
             raise InvalidContent.of_field(
-                "tables", f"expected one number of thermal states, came {sorted(counts)}"
+                "tables", f"expected one number of thermal states, got {sorted(counts)}"
             )
         states = counts.pop() if counts else None
         shared = {
@@ -133,18 +121,7 @@ class ErrorField:
         return cls(chain, tables, measuring_lines, states, axes, squareness)
 
     def only(self, wanted: Callable[[Component], bool]) -> ErrorField:
-        """Keep some components: what a controller knows, or what a definition counts.
-
-        Parameters
-        ----------
-        wanted
-            Says of each component whether it stays.
-
-        Returns
-        -------
-        ErrorField
-            All others count as zero.
-        """
+        """Keep some components: what a controller knows, or what a definition counts."""
         kept = {code: t for code, t in self.tables.items() if wanted(COMPONENTS[code])}
         return self._packed(self.chain, kept, self.measuring_lines, self.states)
 
@@ -195,25 +172,14 @@ class ErrorField:
         return self._sum(points_mm, NO_TOOL, lambda rotation: rotation)[1]
 
     def expect_one_state(self) -> None:
-        """Refuse several thermal states where a question is about one.
-
-        Raises
-        ------
-        InvalidContent
-            If the tables hold more than one.
-        """
+        """Refuse several thermal states where a question is about one."""
         if self.states is not None:
             raise InvalidContent.of_field(
-                "tables", f"expected one thermal state, came an axis of {self.states}"
+                "tables", f"expected one thermal state, got an axis of {self.states}"
             )
 
     def nodes_mm(self, axis: str) -> FloatArray:
         """Give the positions of one axis between which its errors are straight lines.
-
-        Parameters
-        ----------
-        axis
-            `x`, `y` or `z`.
 
         Returns
         -------

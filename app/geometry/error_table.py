@@ -35,8 +35,6 @@ def checked_table(code: str, table: Table) -> PackedTable:
 
     Parameters
     ----------
-    code
-        The component's code.
     table
         Its positions [mm] and values [the component's unit].
 
@@ -50,35 +48,30 @@ def checked_table(code: str, table: Table) -> PackedTable:
         If something is not finite, not increasing or of unequal length.
     """
     if code not in COMPONENTS:
-        raise InvalidContent.of_field(code, f"expected an error component's code, came {code!r}")
+        raise InvalidContent.of_field(code, f"expected an error component's code, got {code!r}")
     positions, values = frozen(table.positions_mm), frozen(table.values)
     unit = COMPONENTS[code].unit.symbol
     bounded(code, positions)
     if not np.isfinite(values).all():
-        raise InvalidContent.of_field(code, f"expected finite values in {unit}, came {values}")
+        raise InvalidContent.of_field(code, f"expected finite values in {unit}, got {values}")
     if positions.ndim != 1 or (np.diff(positions) < CLOSEST_MM).any():
         raise InvalidContent.of_field(
             code,
             f"expected increasing positions in mm, at least {CLOSEST_MM:g} mm apart, "
-            f"came {positions.tolist()}",
+            f"got {positions.tolist()}",
         )
     expected = max(positions.size, 1)
     if values.ndim > 2 or values.shape[-1] != expected:
         raise InvalidContent.of_field(
             code,
             f"expected {counted(expected, 'value')} in {unit}, one for each position, or "
-            f"so many for each thermal state, came an array of shape {values.shape}",
+            f"so many for each thermal state, got an array of shape {values.shape}",
         )
     return positions, values
 
 
 def union_of_positions(tables: Iterable[PackedTable]) -> FloatArray:
     """Unite the positions of tables that depend on position.
-
-    Parameters
-    ----------
-    tables
-        Any number of tables.
 
     Returns
     -------
@@ -94,8 +87,6 @@ def bounded(field: str, array_mm: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    field
-        Field that states them.
     array_mm : ndarray, of any shape [mm]
         Coordinates or lengths.
 
@@ -114,6 +105,6 @@ def bounded(field: str, array_mm: FloatArray) -> FloatArray:
         raise InvalidContent.of_field(
             field,
             f"expected finite numbers within ±{FARTHEST_MM:g} mm, "
-            f"came {array_mm[tuple(wrong)]:g} mm at index {wrong}",
+            f"got {array_mm[tuple(wrong)]:g} mm at index {wrong}",
         )
     return array_mm

@@ -106,16 +106,10 @@ def sample_grid(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
     x_mm, y_mm, z_mm : array-like, shapes (i,), (j,), (k,) [mm]
         Coordinates of the nodes, strictly increasing, at least two each.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T.
-
-    Returns
-    -------
-    ErrorGrid
 
     Raises
     ------
@@ -159,8 +153,6 @@ def checked_nodes(name: str, nodes_mm: ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    name
-        Field that states them, such as `x_mm`.
     nodes_mm : array-like, shape (k,) [mm]
         The coordinates.
 
@@ -176,10 +168,10 @@ def checked_nodes(name: str, nodes_mm: ArrayLike) -> FloatArray:
     nodes = frozen(nodes_mm)
     if nodes.ndim != 1 or nodes.size < 2:
         raise InvalidContent.of_field(
-            name, f"expected at least 2 coordinates in mm, came {nodes.size}"
+            name, f"expected at least 2 coordinates in mm, got {nodes.size}"
         )
     if not np.isfinite(nodes).all() or (np.diff(nodes) <= 0).any():
         raise InvalidContent.of_field(
-            name, f"expected finite, strictly increasing coordinates in mm, came {nodes.tolist()}"
+            name, f"expected finite, strictly increasing coordinates in mm, got {nodes.tolist()}"
         )
     return nodes

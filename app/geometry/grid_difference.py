@@ -70,8 +70,6 @@ def grid_difference(
     ----------
     field
         The model: the errors at one thermal state.
-    grid
-        Its values at the nodes of a grid, for the same tool offset.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T.
 
@@ -121,10 +119,6 @@ def errors_on(
 
     Parameters
     ----------
-    field
-        The model.
-    coordinates_mm
-        Coordinates along x, y, z [mm].
     tool_offset_mm : ndarray, shape (3,) [mm]
         Tool offset T.
     """
@@ -141,8 +135,6 @@ def interpolate_along(
     ----------
     values : ndarray, with shape (k,) along that dimension
         Values at the nodes.
-    dimension
-        Which dimension of `values`.
     nodes_mm : ndarray, shape (k,) [mm]
         Coordinates of the nodes.
     coordinates_mm : ndarray, shape (n,) [mm]

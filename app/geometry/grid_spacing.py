@@ -49,10 +49,6 @@ class GridSpacing:
 
     Parameters
     ----------
-    intervals
-        Number of cells along x, y, z.
-    spacing_mm
-        Length of a cell along x, y, z [mm].
     bound_um
         Length of vector that the difference between interpolation and model exceeds
         nowhere in the volume [µm].
@@ -85,15 +81,11 @@ def spacing_for_tolerance(
     ----------
     field
         The model: the errors at one thermal state.
-    volume
-        The box that the grid covers, longer than nothing along each axis.
     tolerance_um
         Largest length of the difference between trilinear interpolation and model
         that is accepted anywhere in the box [µm].
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T.
-    most_intervals
-        Largest number of intervals that is tried on an axis.
 
     Returns
     -------
@@ -130,7 +122,7 @@ def spacing_for_tolerance(
         raise InvalidContent.of_field(
             "tolerance_um",
             f"expected a tolerance in µm for which a grid of at most {most_intervals} intervals "
-            f"per axis is found, came {tolerance_um:g} µm: the best one, {intervals}, leaves "
+            f"per axis is found, got {tolerance_um:g} µm: the best one, {intervals}, leaves "
             f"{found.attained_um:.3g} µm somewhere",
         )
     return _coarsened(found, possible, judge, tolerance_um)
@@ -140,16 +132,16 @@ def _check(field: ErrorField, volume: WorkVolume, tolerance_um: float, most_inte
     field.expect_one_state()
     if not (math.isfinite(tolerance_um) and tolerance_um > 0):
         raise InvalidContent.of_field(
-            "tolerance_um", f"expected a tolerance above 0 µm, came {tolerance_um:g} µm"
+            "tolerance_um", f"expected a tolerance above 0 µm, got {tolerance_um:g} µm"
         )
     if not 1 <= most_intervals <= MOST_INTERVALS:
         raise InvalidContent.of_field(
-            "most_intervals", f"expected 1 to {MOST_INTERVALS}, came {most_intervals}"
+            "most_intervals", f"expected 1 to {MOST_INTERVALS}, got {most_intervals}"
         )
     for letter, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True):
         if not low < high:
             raise InvalidContent.of_field(
-                f"{letter}_mm", f"expected a range in mm to divide, came {low:g} to {high:g} mm"
+                f"{letter}_mm", f"expected a range in mm to divide, got {low:g} to {high:g} mm"
             )
 
 
@@ -289,6 +281,6 @@ def _impossible(axis: str, tolerance_um: float, rows: FloatArray) -> InvalidCont
     return InvalidContent.of_field(
         "tolerance_um",
         f"expected a tolerance in µm that a grid of at most {len(rows)} intervals per axis can "
-        f"keep, came {tolerance_um:g} µm: along {axis} alone at least {rows[best, 1]:.3g} µm "
+        f"keep, got {tolerance_um:g} µm: along {axis} alone at least {rows[best, 1]:.3g} µm "
         f"are left ({best + 1} intervals)",
     )

@@ -56,10 +56,6 @@ def line_accuracy(
         [µm]. Table 8.2's contain the squareness errors (8.58–8.60): over its ten
         machines they follow the squareness times the travel.
 
-    Returns
-    -------
-    LineAccuracy
-
     Raises
     ------
     InvalidContent
@@ -99,10 +95,10 @@ def _check(linear_um: Mapping[str, Sequence[float]], straightness_um: Mapping[st
         raise InvalidContent.of_field(
             "straightness_um",
             f"expected the maximal deviations of {list_names(STRAIGHTNESS_CODES)} in µm, "
-            f"came {list_names(straightness_um)}",
+            f"got {list_names(straightness_um)}",
         )
     for field, values in (lines | single).items():
         if not values or not all(math.isfinite(value) and value >= 0 for value in values):
             raise InvalidContent.of_field(
-                field, f"expected at least one maximal deviation of 0 µm or more, came {values}"
+                field, f"expected at least one maximal deviation of 0 µm or more, got {values}"
             )

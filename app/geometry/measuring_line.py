@@ -44,8 +44,6 @@ class MeasuringLine:
 
         Parameters
         ----------
-        axis
-            `x`, `y` or `z`.
         point_mm, tool_offset_mm : array-like, shape (3,) [mm]
             As above.
 
@@ -61,7 +59,7 @@ class MeasuringLine:
         """
         field = f"measuring_lines_mm.{axis}"
         if axis not in LINEAR_LETTERS:
-            raise InvalidContent.of_field(field, f"expected axis x, y or z, came {axis!r}")
+            raise InvalidContent.of_field(field, f"expected axis x, y or z, got {axis!r}")
         return cls(_triple(field, point_mm), _triple(field, tool_offset_mm))
 
 
@@ -73,7 +71,7 @@ def _triple(field: str, stated_mm: ArrayLike) -> Triple:
     numbers = np.asarray(stated_mm, dtype=np.float64)
     if numbers.shape != (3,):
         raise InvalidContent.of_field(
-            field, f"expected x, y and z of a point in mm, came {stated_mm!r}"
+            field, f"expected x, y and z of a point in mm, got {stated_mm!r}"
         )
     x, y, z = bounded(field, numbers).tolist()
     return (x, y, z)

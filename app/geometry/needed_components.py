@@ -25,8 +25,6 @@ def needed_components(
 
     Parameters
     ----------
-    chain
-        Order of the axes.
     tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
         Tool offset T.
     measuring_lines

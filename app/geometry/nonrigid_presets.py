@@ -19,14 +19,8 @@ class NonrigidPreset:
 
     Parameters
     ----------
-    name
-        How it is asked for.
-    configuration
-        The chain of axes that the chapter gives it.
     equations
         Where it is printed.
-    reason
-        What bends it.
     slopes
         Component codes of the slopes that are not negligible.
     """
@@ -71,15 +65,6 @@ NONRIGID_PRESETS: Final = {
 def find_preset(name: str) -> NonrigidPreset:
     """Find one of the chapter's nonrigid machines.
 
-    Parameters
-    ----------
-    name
-        `horizontal-counterweight` or `large-gantry`.
-
-    Returns
-    -------
-    NonrigidPreset
-
     Raises
     ------
     UnknownThing
@@ -92,6 +77,6 @@ def find_preset(name: str) -> NonrigidPreset:
     """
     if name not in NONRIGID_PRESETS:
         raise UnknownThing(
-            f"expected a nonrigid preset ({list_names(NONRIGID_PRESETS)}), came {name!r}"
+            f"expected a nonrigid preset ({list_names(NONRIGID_PRESETS)}), got {name!r}"
         )
     return NONRIGID_PRESETS[name]

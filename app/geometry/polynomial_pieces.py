@@ -28,13 +28,6 @@ PARTS_OF_A_CELL: Final = 4
 def degree_along(field: ErrorField, axis: str) -> int:
     """Tell the degree of the model along one coordinate between its tables' nodes.
 
-    Parameters
-    ----------
-    field
-        The model.
-    axis
-        The coordinate, `x`, `y` or `z`.
-
     Returns
     -------
     int
@@ -60,8 +53,6 @@ def cut(nodes_mm: FloatArray, tables_mm: FloatArray, degree: int) -> FloatArray:
         The grid's nodes along one coordinate.
     tables_mm : ndarray, shape (m,) [mm]
         The nodes of that axis' tables.
-    degree
-        Degree of the model along the coordinate.
 
     Returns
     -------
@@ -89,8 +80,6 @@ def bernstein_coefficients(values: FloatArray, degrees: Sequence[int]) -> FloatA
     ----------
     values : ndarray, shape (i, j, k, 3)
         Along dimensions of degree 2 every second value is a piece's middle.
-    degrees
-        Degree of the polynomial along each of the three dimensions.
 
     Returns
     -------

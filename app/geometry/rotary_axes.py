@@ -87,11 +87,6 @@ def about(letter: str) -> int:
 def cyclic_codes(letter: str) -> tuple[str, str, str, str]:
     """Name a rotary axis' errors in cyclic order: the two coordinates after its own.
 
-    Parameters
-    ----------
-    letter
-        `a`, `b` or `c`.
-
     Returns
     -------
     first, second, tilt, other
@@ -117,22 +112,11 @@ def actual_axis(
 
     Parameters
     ----------
-    letter
-        `a`, `b` or `c`.
     errors
         Component code to value [µm for XOC, YOC, YOA, ZOA, XOB, ZOB; µrad for AOC, BOC,
         BOA, COA, AOB, COB], or to an array of shape (n,); those left out count as zero.
     pivot_mm : array-like, shape (3,) [mm]
         A point of the nominal axis.
-
-    Returns
-    -------
-    RotaryAxis
-
-    Raises
-    ------
-    InvalidContent
-        If there is no such axis.
 
     Notes
     -----
@@ -147,7 +131,7 @@ def actual_axis(
     """
     if letter not in AXIS_LETTERS:
         raise InvalidContent.of_field(
-            "order", f"expected rotary axes among A, B and C, came {letter!r}"
+            "order", f"expected rotary axes among A, B and C, got {letter!r}"
         )
     first, second, tilt, other = (
         np.asarray(errors.get(code, 0.0), dtype=np.float64) for code in cyclic_codes(letter)
@@ -272,7 +256,7 @@ def _checked_order(order: str) -> str:
     if unknown or not carriers or len(set(carriers)) != len(carriers):
         raise InvalidContent.of_field(
             "order",
-            f"expected the rotary axes A, B, C from the base outward, such as AC, BC or B, came "
+            f"expected the rotary axes A, B, C from the base outward, such as AC, BC or B, got "
             f"{order!r}",
         )
     return carriers
@@ -284,14 +268,12 @@ def _check_angles(angles_deg: Mapping[str, FloatArray], points: int) -> None:
     for letter, angle in angles_deg.items():
         field = f"angles_deg.{letter.upper()}"
         if not np.isfinite(angle).all():
-            raise InvalidContent.of_field(
-                field, "expected finite angles in °, came NaN or infinity"
-            )
+            raise InvalidContent.of_field(field, "expected finite angles in °, got NaN or infinity")
         if angle.ndim > 1 or angle.size not in (1, n) or points not in (1, n):
             raise InvalidContent.of_field(
                 field,
                 f"expected one angle in ° or one for each of {points if points > 1 else n} points "
-                f"or angles, came {angle.size}",
+                f"or angles, got {angle.size}",
             )
 
 
@@ -302,13 +284,13 @@ def _check_belonging(
     absent = [letter for letter in angles_deg if letter.lower() not in carriers]
     if absent:
         raise InvalidContent.of_field(
-            "angles_deg", f"expected angles in ° of {order}, came {list_names(absent)}"
+            "angles_deg", f"expected angles in ° of {order}, got {list_names(absent)}"
         )
     for code in errors:
         if code not in COMPONENTS or COMPONENTS[code].kind is not Kind.ROTARY_LOCATION:
             raise InvalidContent.of_field(
                 "errors",
-                f"expected location errors ({list_names(ROTARY_LOCATION_CODES)}), came {code!r}",
+                f"expected location errors ({list_names(ROTARY_LOCATION_CODES)}), got {code!r}",
             )
 
 

@@ -107,16 +107,8 @@ def volumetric_accuracy(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
-    volume
-        The work volume.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T.
-
-    Returns
-    -------
-    VolumetricAccuracy
 
     Raises
     ------
@@ -152,10 +144,6 @@ def model_line_accuracy(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
-    volume
-        The work volume.
     tool_offset_mm : array-like, shape (3,) [mm]
         Tool offset T of the reflector.
 

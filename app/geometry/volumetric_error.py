@@ -52,8 +52,6 @@ def volumetric_error(
 
     Parameters
     ----------
-    chain
-        Order of the axes.
     errors : mapping of component code to ndarray, shape (n,) or ()
         Each component's error at each point's coordinate of its axis
         [the component's unit]; components left out count as zero.
@@ -111,12 +109,6 @@ def sum_over_axes(
 
     Parameters
     ----------
-    chain, measuring_lines
-        As for `volumetric_error`.
-    motions
-        Axis to its errors at the points, as `Motion`.
-    squareness
-        What each coordinate adds to each direction, as `Squareness`.
     points_mm : ndarray, shape (3, n) [mm]
         One row for each coordinate.
     tool_offset_mm : ndarray, shape (3,) or (3, n) [mm]
@@ -187,7 +179,7 @@ def as_points(points_mm: ArrayLike) -> FloatArray:
     points = np.atleast_2d(np.asarray(points_mm, dtype=np.float64))
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidContent.of_field(
-            "points_mm", f"expected points of 3 coordinates in mm, came {points.shape[-1]}"
+            "points_mm", f"expected points of 3 coordinates in mm, got {points.shape[-1]}"
         )
     return points
 
@@ -199,24 +191,17 @@ def as_tool_offset(tool_offset_mm: ArrayLike, points: int) -> FloatArray:
     ----------
     tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
         Tool offset T.
-    points
-        Number n of points.
 
     Returns
     -------
     ndarray, same shape [mm]
-
-    Raises
-    ------
-    InvalidContent
-        If it is neither.
     """
     tool = np.asarray(tool_offset_mm, dtype=np.float64)
     if tool.shape not in {(3,), (points, 3)}:
         raise InvalidContent.of_field(
             "tool_offset_mm",
             "expected one tool offset x, y, z in mm or one for each of "
-            f"{counted(points, 'point')}, came an array of shape {tool.shape}",
+            f"{counted(points, 'point')}, got an array of shape {tool.shape}",
         )
     return tool
 
@@ -236,11 +221,6 @@ def _motions(chain: Chain, errors: Mapping[str, Values], n: int) -> dict[str, Mo
 
 def squareness_of(errors: Mapping[str, Values]) -> Squareness:
     """Pick the squareness errors, which need a coordinate but no axis' table.
-
-    Parameters
-    ----------
-    errors
-        Component code to value.
 
     Returns
     -------

@@ -44,7 +44,7 @@ class WorkVolume:
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise InvalidContent.of_field(
                     f"{letter}_mm",
-                    f"expected a lowest and a highest {letter} in mm, came {low:g} to {high:g} mm",
+                    f"expected a lowest and a highest {letter} in mm, got {low:g} to {high:g} mm",
                 )
 
     @property
@@ -77,7 +77,7 @@ class WorkVolume:
         """
         if points_per_axis < 2:
             raise InvalidContent.of_field(
-                "points_per_axis", f"expected at least 2, came {points_per_axis}"
+                "points_per_axis", f"expected at least 2, got {points_per_axis}"
             )
         return points_of(
             *(

@@ -30,8 +30,6 @@ class CarriedPast:
     ----------
     machine
         Whose past; its sensors' settings say what can be believed.
-    needed
-        What is to be carried along.
     """
 
     def __init__(self, machine: Machine, needed: Needed) -> None:
@@ -60,8 +58,6 @@ class CarriedPast:
         ----------
         before
             The latest readings without them, in order of time: to judge sensors by.
-        readings
-            Those that arrived.
         """
         if not self._needed:
             return
@@ -111,7 +107,7 @@ class CarriedPast:
                 continue
             time_s = reading.time.timestamp()
             known = {s: v for s, t in history.temperatures_c.items() if (v := float(t[i])) == v}
-            if past.is_behind(time_s, known, reading.state):
+            if past.is_out_of_order(time_s, known, reading.state):
                 self.is_behind = True
             else:
                 past = past.update(time_s, known, reading.state)

@@ -12,7 +12,7 @@ SILENCE_S: Final = 3.0
 """A small question that has had no answer for so long is said not to be answered [s]."""
 
 
-class Matter(Enum):
+class TroubleKind(Enum):
     """What can be the matter with a database; the values follow on “the database”."""
 
     AWAY = "has been away"
@@ -24,7 +24,7 @@ class Matter(Enum):
 class Trouble:
     """What is the matter with the database, and since when."""
 
-    matter: Matter
+    matter: TroubleKind
     since: datetime
 
 
@@ -44,22 +44,22 @@ class DatabaseWatch:
         """What is the matter now, None as long as all is well."""
         asked = self._asked
         if self._known is None and asked is not None and monotonic() - asked[0] > SILENCE_S:
-            return Trouble(Matter.SILENT, asked[1])
+            return Trouble(TroubleKind.SILENT, asked[1])
         return self._known
 
-    def asks(self, now: datetime) -> None:
+    def note_question(self, now: datetime) -> None:
         """Note that the database is being asked."""
         self._asked = (monotonic(), now)
 
-    def answered(self) -> None:
+    def note_answer(self) -> None:
         """Note that the answer has come."""
         self._asked = None
 
-    def is_well(self) -> None:
+    def note_recovery(self) -> None:
         """Note that nothing is the matter."""
         self._asked = self._known = None
 
-    def is_in_trouble(self, matter: Matter, since: datetime) -> bool:
+    def note_trouble(self, matter: TroubleKind, since: datetime) -> bool:
         """Note that something is the matter; True if that is news.
 
         What has begun as another trouble goes on since then.

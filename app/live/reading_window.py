@@ -24,7 +24,7 @@ MOST_AHEAD = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldReadings:
     """What a window holds at one moment, in order of time.
 
     `used` can have been measured; `ahead` lies in the future, and is not used until its
@@ -65,7 +65,7 @@ class ReadingWindow:
     """
 
     def __init__(self) -> None:
-        self.held = Held()
+        self.held = HeldReadings()
         self._lock = Lock()
         self._judged: tuple[tuple[Reading, ...], Machine, list[SensorState]] | None = None
 
@@ -98,7 +98,7 @@ class ReadingWindow:
     def replace(self, machine: Machine, readings: Iterable[Reading], until: datetime) -> None:
         """Hold these readings and no others."""
         with self._lock:
-            self.held = _split(readings, machine, until, Held())
+            self.held = _split(readings, machine, until, HeldReadings())
 
     def drop(self, since: datetime, until: datetime) -> None:
         """Let go of the readings between two times, both included."""
@@ -108,7 +108,7 @@ class ReadingWindow:
                 tuple(r for r in part if not since <= r.time <= until)
                 for part in (held.used, held.ahead)
             )
-            self.held = Held(used, ahead, held.more_ahead)
+            self.held = HeldReadings(used, ahead, held.more_ahead)
 
     def judge(self, machine: Machine) -> list[SensorState]:
         """Judge every sensor at the time of the latest reading."""
@@ -123,7 +123,9 @@ class ReadingWindow:
         return judged[2]
 
 
-def _split(readings: Iterable[Reading], machine: Machine, until: datetime, before: Held) -> Held:
+def _split(
+    readings: Iterable[Reading], machine: Machine, until: datetime, before: HeldReadings
+) -> HeldReadings:
     """Set readings in order, and what can be used apart from what lies ahead."""
     by_time = {reading.time: reading for reading in readings}
     ordered = [by_time[time] for time in sorted(by_time)]
@@ -133,7 +135,7 @@ def _split(readings: Iterable[Reading], machine: Machine, until: datetime, befor
         # Beyond its last one there are others in the database: no later one may come first.
         ahead = [reading for reading in ahead if reading.time <= before.ahead[-1].time]
     more = before.more_ahead or len(ahead) > MOST_AHEAD
-    return Held(_thinned(ordered[:count], machine), tuple(ahead[:MOST_AHEAD]), more)
+    return HeldReadings(_thinned(ordered[:count], machine), tuple(ahead[:MOST_AHEAD]), more)
 
 
 def _early_in_use(used: Sequence[Reading]) -> tuple[Reading, ...]:

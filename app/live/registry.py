@@ -97,7 +97,7 @@ class LiveMachine:
                 # Some of them may have been withdrawn since, or some of those here.
                 self.is_behind = True
 
-    def keep_up(self, until: datetime) -> None:
+    def advance_to(self, until: datetime) -> None:
         """Use what lay ahead and has come; if the clock was set back, leave what now lies ahead.
 
         A comparison, except when there is something to do; it asks no database.

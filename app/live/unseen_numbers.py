@@ -29,12 +29,12 @@ class UnseenNumbers:
         """First and last number of each gap below the highest."""
         return [(first, last) for first, last, _ in self._gaps]
 
-    def saw(self, numbers: Iterable[int], now: datetime) -> None:
+    def mark_seen(self, numbers: Iterable[int], now: datetime) -> None:
         """Take note of all the unseen numbers that there are now.
 
         >>> from datetime import UTC
         >>> unseen = UnseenNumbers(highest=3)
-        >>> unseen.saw([4, 6, 9], datetime(2026, 3, 1, tzinfo=UTC))
+        >>> unseen.mark_seen([4, 6, 9], datetime(2026, 3, 1, tzinfo=UTC))
         >>> unseen.highest, unseen.gaps
         (9, [(5, 5), (7, 8)])
         """

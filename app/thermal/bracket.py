@@ -83,10 +83,6 @@ def find_bracket(
     policy, margin_c
         What happens outside the maps; how far `extrapolate` may go [°C].
 
-    Returns
-    -------
-    Bracket
-
     Raises
     ------
     OutsideMaps
@@ -113,7 +109,7 @@ def find_bracket(
         weight = (temperature_c - t_n) / (t_m - t_n)
         return Bracket(upper - 1, weight, Status.INTERPOLATED)
     if not math.isfinite(temperature_c):
-        raise InvalidContent(f"expected a finite temperature in °C, came {temperature_c:g}")
+        raise InvalidContent(f"expected a finite temperature in °C, got {temperature_c:g}")
     last = len(map_temperatures_c) - 1
     lower = min(max(upper - 1, 0), last - 1)
     t_n, t_m = map_temperatures_c[lower], map_temperatures_c[lower + 1]
@@ -127,20 +123,12 @@ def find_bracket(
     allowed = f"up to {margin_c:g} °C beyond" if policy is OutOfRange.EXTRAPOLATE else "within"
     raise OutsideMaps(
         f"expected a temperature {allowed} the maps' {map_temperatures_c[0]:g} to "
-        f"{map_temperatures_c[last]:g} °C, came {temperature_c:g} °C"
+        f"{map_temperatures_c[last]:g} °C, got {temperature_c:g} °C"
     )
 
 
 def limited(found: Bracket, limits: tuple[float, float]) -> Bracket:
-    """Stop an extrapolation where it grows too uncertain: further out the value there is held.
-
-    Parameters
-    ----------
-    found
-        An extrapolation.
-    limits
-        Between which weights its two maps may be extrapolated.
-    """
+    """Stop an extrapolation where it grows too uncertain: further out the value there is held."""
     low, high = limits
     if low <= found.weight <= high:
         return found
@@ -159,8 +147,6 @@ def find_brackets(
 
     Parameters
     ----------
-    map_temperatures_c, policy, margin_c
-        As for `find_bracket`.
     limits
         Where an extrapolation within the margin is stopped.
     temperatures_c : ndarray, shape (n,) [°C]

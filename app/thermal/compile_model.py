@@ -38,16 +38,10 @@ def compile_model(
 
     Parameters
     ----------
-    machine
-        The machine; its sensors, policies and defaults.
     maps
         The error maps, in any order: the result does not depend on it.
     assignment
         Component code to sensor, where the user has said so.
-
-    Returns
-    -------
-    CompiledModel
 
     Raises
     ------
@@ -141,7 +135,7 @@ def _thermal_states(
             raise InvalidContent.of_field(
                 "temperatures_c",
                 f"expected a temperature of {sensor.name} in °C in map {error_map.label!r}, "
-                f"because {code} follows it, came {list_names(error_map.temperatures_c)}",
+                f"because {code} follows it, got {list_names(error_map.temperatures_c)}",
             )
     ordered = sorted(maps, key=lambda m: (m.temperatures_c[sensor.name], m.label))
     clusters: list[list[ErrorMap]] = [[ordered[0]]]
@@ -302,7 +296,7 @@ def _check_common_ranges(
                 )
                 raise Conflict(
                     f"expected maps that follow each other in the temperature of {scale.sensor} "
-                    f"to share a range of positions of {code}, came {one} and {other}: between "
+                    f"to share a range of positions of {code}, got {one} and {other}: between "
                     "their temperatures there would be no table"
                 )
 

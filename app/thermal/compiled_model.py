@@ -32,10 +32,6 @@ class CompiledModel:
 
     Parameters
     ----------
-    machine
-        Whose model it is; its policies apply.
-    groups
-        The components that can be interpolated.
     omitted
         Code to the reason why a component that some map has cannot be.
     notes
@@ -155,8 +151,6 @@ class CompiledModel:
 
         Parameters
         ----------
-        group, scale
-            The group and a sensor's scale.
         temperatures_c : ndarray, shape (n,) [°C]
             NaN where not known.
 
@@ -211,5 +205,5 @@ class CompiledModel:
         )
         return (
             f"expected a temperature of {group.sensor} in °C, needed by "
-            f"{list_names(group.codes)}, came none that is usable{spare}"
+            f"{list_names(group.codes)}, got none that is usable{spare}"
         )

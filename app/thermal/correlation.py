@@ -60,13 +60,6 @@ def _standardized(values: FloatArray) -> FloatArray:
 def fisher_interval(r: float, n: int) -> tuple[float, float] | None:
     """Compute the 95 % confidence interval of a correlation by Fisher's z.
 
-    Parameters
-    ----------
-    r
-        Pearson's correlation of n pairs.
-    n
-        Number of pairs.
-
     Returns
     -------
     tuple of two floats, or None where n < 4
@@ -93,8 +86,6 @@ def williams_t(r_ya: float, r_yb: float, r_ab: float, n: int) -> float:
     ----------
     r_ya, r_yb
         The correlations to compare: of y with a, and of y with b.
-    r_ab
-        Correlation of a with b.
     n
         Number of observations of the three, at least 4.
 

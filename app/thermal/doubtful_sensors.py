@@ -45,8 +45,6 @@ class DoubtfulSensor:
 
     Parameters
     ----------
-    sensor
-        Which.
     since_s
         End of the last hour in which it was where it used to be [s since 1970].
     off_by_k
@@ -67,11 +65,6 @@ def doubtful_sensors(history: TemperatureHistory) -> list[DoubtfulSensor]:
     Each sensor is compared hour by hour with each other one. The middle one of these
     distances, each counted from its own median, is the sensor's own movement as long as
     most of the others are sound.
-
-    Parameters
-    ----------
-    history
-        Readings as they came, of at least four sensors.
 
     Returns
     -------
@@ -107,13 +100,6 @@ def without_doubtful(
     history: TemperatureHistory, doubtful: Sequence[DoubtfulSensor]
 ) -> TemperatureHistory:
     """Leave out what doubtful sensors read since they left their neighbours.
-
-    Parameters
-    ----------
-    history
-        Readings.
-    doubtful
-        What `doubtful_sensors` found.
 
     Returns
     -------

@@ -92,7 +92,7 @@ class ComponentTable:
         if self.backward_covariance is not None and self.backward_errors is None:
             raise InvalidContent.of_field(
                 "backward_covariance",
-                f"expected {self.backward_field} of {self.component.code} beside it, came none",
+                f"expected {self.backward_field} of {self.component.code} beside it, got none",
             )
         for name in ("covariance", "backward_covariance"):
             stated = getattr(self, name)
@@ -131,12 +131,12 @@ class ComponentTable:
         if positions.ndim != 1 or positions.size == 0:
             raise InvalidContent.of_field(
                 "positions_mm",
-                f"expected at least one position of {self.component.code} in mm, came none",
+                f"expected at least one position of {self.component.code} in mm, got none",
             )
         if not np.isfinite(positions).all():
             raise InvalidContent.of_field(
                 "positions_mm",
-                f"expected finite positions of {self.component.code} in mm, came "
+                f"expected finite positions of {self.component.code} in mm, got "
                 f"{_first_not_finite(positions)}",
             )
         wrong = np.flatnonzero(np.diff(positions) <= 0)
@@ -145,7 +145,7 @@ class ComponentTable:
             what = "twice" if positions[i] == positions[i + 1] else "out of order"
             raise InvalidContent.of_field(
                 "positions_mm",
-                f"expected strictly increasing positions of {self.component.code} in mm, came "
+                f"expected strictly increasing positions of {self.component.code} in mm, got "
                 f"{positions[i]:g} then {positions[i + 1]:g} ({what}, at index {i + 1})",
             )
 
@@ -158,18 +158,18 @@ class ComponentTable:
         if values.ndim != 1 or values.size != expected:
             raise InvalidContent.of_field(
                 name,
-                f"expected {count} of {self.component.code} in {unit}{each}, came {values.size}",
+                f"expected {count} of {self.component.code} in {unit}{each}, got {values.size}",
             )
         if not np.isfinite(values).all():
             raise InvalidContent.of_field(
                 name,
-                f"expected finite values of {self.component.code} in {unit}, came "
+                f"expected finite values of {self.component.code} in {unit}, got "
                 f"{_first_not_finite(values)}",
             )
         if np.abs(values).max() > VALUE_LIMIT:
             raise InvalidContent.of_field(
                 name,
-                f"expected errors within ±{VALUE_LIMIT:g} {unit}, came "
+                f"expected errors within ±{VALUE_LIMIT:g} {unit}, got "
                 f"{values[np.abs(values).argmax()]:g}",
             )
 
@@ -186,21 +186,13 @@ class ErrorMap:
 
     Parameters
     ----------
-    label
-        The map's name, unique on its machine.
-    measured_at
-        When it was measured, UTC.
     temperatures_c
         Sensor name to temperature at that time [°C].
-    tables
-        Component code to table.
     measuring_lines
         Axis to the line along which its translations were measured; absent where they
         are free of the rotations' effect.
     repeatability_um
         Stated repeatability of the measurement, one standard deviation [µm].
-    instrument
-        What measured.
     """
 
     label: str

@@ -16,14 +16,8 @@ def weight_limits(machine: Machine, group: Group, scale: Scale, lower: int) -> t
 
     Parameters
     ----------
-    machine
-        Its ratio, and the resolution of the scale's sensor.
     group
         The components that share the limit.
-    scale
-        Any sensor's temperatures of the group's maps.
-    lower
-        Place of the lower map on that scale.
 
     Returns
     -------
@@ -66,10 +60,6 @@ def variances_at(
 
     Parameters
     ----------
-    maps
-        The maps in use.
-    weight
-        The upper one's.
     span_c
         How far apart they are [K].
     resolution_c
@@ -102,11 +92,6 @@ def slope_variances(maps: MapsInUse, span_c: float, resolution_c: float) -> Floa
 
     A reading of resolution r has the standard uncertainty r/√12 (GUM, F.2.2.1); it acts
     with the slope of the error over temperature, s: q = s² r²/12.
-
-    Parameters
-    ----------
-    maps, span_c, resolution_c
-        As for `variances_at`.
 
     Returns
     -------

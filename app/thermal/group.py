@@ -139,20 +139,7 @@ class Group:
         return None
 
     def on_scale(self, scale: Scale, member: Member) -> Group:
-        """Put one component by itself on the scale of a sensor that it then follows.
-
-        Parameters
-        ----------
-        scale
-            Any sensor's temperatures of the group's maps.
-        member
-            One of the group's.
-
-        Returns
-        -------
-        Group
-            The same for the same question.
-        """
+        """Put one component by itself on the scale of a sensor that it then follows."""
         key = (scale, member.component.code)
         found = self._alone.get(key)
         if found is None:
@@ -221,11 +208,6 @@ class Group:
 def sentences(shortened: Iterable[tuple[str, str]]) -> list[str]:
     """Say once what is the same of several components.
 
-    Parameters
-    ----------
-    shortened
-        Code and words of each, as `MapsInUse.shortened` has them.
-
     Examples
     --------
     >>> sentences([("EXX", "given to 100 mm only"), ("EYX", "given to 100 mm only")])
@@ -244,8 +226,6 @@ def common_range_of_rows(ranges_mm: FloatArray, rows: Sequence[int]) -> tuple[fl
     ----------
     ranges_mm : ndarray, shape (M, 2) [mm]
         As `Member.ranges_mm`.
-    rows
-        Rows of the maps, one at least.
 
     Returns
     -------

@@ -83,11 +83,6 @@ class GroupState(NamedTuple):
     def standard_errors(self, columns: slice) -> FloatArray | None:
         """Give the standard errors of one member's values, None where they are not known.
 
-        Parameters
-        ----------
-        columns
-            The member's `forward` or `backward`.
-
         Returns
         -------
         ndarray, shape (n,) [the member's unit], or None

@@ -51,8 +51,6 @@ class Sensor:
 
     Parameters
     ----------
-    name
-        As the shop calls it.
     stand_in
         Sensor whose own temperatures serve when this one fails.
     min_c, max_c
@@ -107,7 +105,7 @@ class Sensor:
         )
         return (
             f"expected a temperature of {self.name} from {self.min_c:g} to {self.max_c:g} °C, "
-            f"came {value:g}{kelvin}"
+            f"got {value:g}{kelvin}"
         )
 
 
@@ -137,13 +135,12 @@ class Machine:
                 raise InvalidContent.of_field(
                     "axes",
                     f"expected the axes of {self.chain.text} "
-                    f"({list_names(sorted(self.chain.axes))}), came {axis!r}",
+                    f"({list_names(sorted(self.chain.axes))}), got {axis!r}",
                 )
             if not travel.min_mm < travel.max_mm:
                 raise InvalidContent.of_field(
                     f"axes.{axis}",
-                    f"expected min_mm below max_mm, came {travel.min_mm:g} and "
-                    f"{travel.max_mm:g} mm",
+                    f"expected min_mm below max_mm, got {travel.min_mm:g} and {travel.max_mm:g} mm",
                 )
         for sensor in self.sensors.values():
             self._check_sensor(sensor)
@@ -154,12 +151,12 @@ class Machine:
             raise InvalidContent.of_field(
                 "sensors",
                 "expected names of 1 to 64 letters, digits, spaces, dots, hyphens or "
-                f"underscores that begin with a letter or digit, came {sensor.name!r}",
+                f"underscores that begin with a letter or digit, got {sensor.name!r}",
             )
         if not sensor.min_c < sensor.max_c:
             raise InvalidContent.of_field(
                 where,
-                f"expected min_c below max_c, came {sensor.min_c:g} and {sensor.max_c:g} °C",
+                f"expected min_c below max_c, got {sensor.min_c:g} and {sensor.max_c:g} °C",
             )
         if sensor.stand_in is not None and (
             sensor.stand_in not in self.sensors or sensor.stand_in == sensor.name
@@ -168,7 +165,7 @@ class Machine:
             raise InvalidContent.of_field(
                 f"{where}.stand_in",
                 f"expected another sensor of this machine ({list_names(others)}), "
-                f"came {sensor.stand_in!r}",
+                f"got {sensor.stand_in!r}",
             )
 
     def sensor(self, name: str) -> Sensor:
@@ -206,6 +203,6 @@ def sensors_by_name(sensors: list[Sensor]) -> dict[str, Sensor]:
     twice = [name for name, n in Counter(s.name for s in sensors).items() if n > 1]
     if twice:
         raise InvalidContent.of_field(
-            "sensors", f"expected each name once, came {list_names(twice)} more than once"
+            "sensors", f"expected each name once, got {list_names(twice)} more than once"
         )
     return {sensor.name: sensor for sensor in sensors}

@@ -48,17 +48,9 @@ def maps_at(
 
     Parameters
     ----------
-    model, group
-        The compiled model and one of its groups.
     temperatures_c : mapping of sensor to ndarray, shape (n,) [°C]
         NaN where a sensor has no usable temperature, left out where it has none at
         all; its stand-in then serves.
-    n
-        How many moments.
-
-    Returns
-    -------
-    MapWeights
     """
     weights = np.full((n, len(group.labels)), np.nan)
     status = np.full(n, NO_READING, dtype=object)
@@ -81,8 +73,6 @@ def weights_of(scale: Scale, brackets: Brackets) -> FloatArray:
 
     Parameters
     ----------
-    scale
-        The scale.
     brackets
         Where n temperatures lie on it.
 
@@ -121,8 +111,6 @@ def common_ranges(member: Member, weights: FloatArray) -> tuple[FloatArray, Floa
 
     Parameters
     ----------
-    member
-        The component.
     weights : ndarray, shape (n, M)
         A map of weight 0 does not enter.
 
@@ -153,8 +141,6 @@ def read_maps(
 
     Parameters
     ----------
-    group, member
-        The component and its group.
     weights : ndarray, shape (n, M), or (1, M) for all positions
         How much of each map.
     positions_mm : ndarray, shape (n,) [mm]

@@ -40,8 +40,6 @@ def on_one_line(
 
     Parameters
     ----------
-    chain
-        Order of the machine's axes.
     maps
         The error maps, in any order: the result does not depend on it.
 

@@ -67,10 +67,6 @@ def predict_component(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    code
-        Component code.
     temperatures_c : mapping of sensor to ndarray, shape (n,) [°C]
         NaN where a sensor has no usable temperature, left out where it has none at
         all; its stand-in then serves.
@@ -95,7 +91,7 @@ def predict_component(
         have = sorted((c for group in model.groups for c in group.codes), key=ORDER.__getitem__)
         raise InvalidContent(
             f"expected a component of the model ({list_names(have)}), "
-            f"came {code}: {model.omitted.get(code, 'no map has it')}"
+            f"got {code}: {model.omitted.get(code, 'no map has it')}"
         )
     group, member = found
     weights, status = _maps_at(model, group, temperatures_c, len(positions_mm))
@@ -117,8 +113,6 @@ def predict_points(
 
     Parameters
     ----------
-    model, temperatures_c
-        As for `predict_component`.
     points_mm, tool_offsets_mm : ndarray, shape (n, 3) [mm]
         Nominal positions and tool offsets.
     directions : ndarray, shape (n, 3)
@@ -166,8 +160,6 @@ def beyond_tables(
 
     Parameters
     ----------
-    member
-        The component.
     weights : ndarray, shape (n, M)
         How much of each map enters; NaN where that is not known.
     positions_mm : ndarray, shape (n,) [mm]

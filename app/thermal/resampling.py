@@ -66,11 +66,6 @@ def common_range(tables: Sequence[ComponentTable]) -> tuple[float, float]:
     -------
     low, high : float [mm]
         −∞ and ∞ where none depends on position.
-
-    Raises
-    ------
-    Conflict
-        As `common_positions`.
     """
     ranges = [table.positions_mm for table in tables if table.depends_on_position]
     low = max((float(positions[0]) for positions in ranges), default=-math.inf)
@@ -78,7 +73,7 @@ def common_range(tables: Sequence[ComponentTable]) -> tuple[float, float]:
     if low >= high:
         raise Conflict(
             f"expected the maps' tables of {tables[0].component.code} to share a range of "
-            f"positions, came a highest start of {low:g} mm and a lowest end of {high:g} mm"
+            f"positions, got a highest start of {low:g} mm and a lowest end of {high:g} mm"
         )
     return low, high
 
@@ -124,11 +119,6 @@ def sample_variances(
 ) -> FloatArray | None:
     """Carry a table's uncertainty through its linear interpolation: the diagonal of A C Aᵀ.
 
-    Parameters
-    ----------
-    table, positions_mm, backward
-        As for `sample_table`.
-
     Returns
     -------
     ndarray, shape (n,), or (1,) without argument [the component's unit squared]
@@ -165,11 +155,6 @@ def sample_variances(
 def covariance_of(table: ComponentTable, *, backward: bool = False) -> FloatArray | None:
     """Choose the covariance that belongs to the errors that `sample_table` samples.
 
-    Parameters
-    ----------
-    table, backward
-        As for `sample_table`.
-
     Returns
     -------
     ndarray, shape (k, k) or (k,) [the component's unit squared], or None
@@ -184,8 +169,6 @@ def interpolation_matrix(table: ComponentTable, positions_mm: FloatArray) -> Flo
 
     Parameters
     ----------
-    table
-        One component's table.
     positions_mm : ndarray, shape (n,) [mm]
         Where; outside the table its end values hold.
 

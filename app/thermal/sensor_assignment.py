@@ -35,8 +35,6 @@ class SensorCorrelation:
 
     Parameters
     ----------
-    sensor
-        The sensor.
     r
         Pearson's correlation, positive where the error at the position that changes
         most grows with the temperature; None where there is none: see `reason`.
@@ -65,20 +63,14 @@ class Proposal:
 
     Parameters
     ----------
-    code
-        Component code.
     current_sensor
         The sensor that it follows: assigned, or the chapter's default; None where
         there is neither.
     proposed_sensor
         The current one wherever nothing is significantly better; None where there is
         nothing to propose.
-    maps
-        Number of maps that have the component.
     correlations
         One for each sensor, in the machine's order.
-    reason
-        A sentence for a person.
     """
 
     code: str
@@ -96,8 +88,6 @@ def propose_assignment(
 
     Parameters
     ----------
-    machine
-        Its sensors, and the chapter's defaults.
     maps
         The error maps of a model, in any order: the result does not depend on it.
     assignment

@@ -52,8 +52,6 @@ def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) ->
 
     Parameters
     ----------
-    machine
-        Whose sensors they are.
     temperatures_c
         Sensor to temperature [°C].
 
@@ -90,8 +88,6 @@ def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[Sensor
 
     Parameters
     ----------
-    machine
-        Whose sensors they are.
     history
         Readings back to `record_needed_s` before the latest one.
 
@@ -110,8 +106,6 @@ def believed(
 
     Parameters
     ----------
-    machine
-        Whose sensors they are.
     history
         The record; judgement is sure from `record_needed_s` after its beginning.
     sensors
@@ -141,13 +135,6 @@ def without_stuck(machine: Machine, history: TemperatureHistory) -> TemperatureH
 
     At its time a value is called stuck only some while after the neighbours moved; who looks
     back knows that it had stopped before.
-
-    Parameters
-    ----------
-    machine
-        Whose sensors they are.
-    history
-        The record.
 
     Returns
     -------
@@ -189,15 +176,6 @@ def grow_older(
 
 def judge_record(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> list[Health]:
     """Judge each known value of a sensor by what was known at its time.
-
-    Parameters
-    ----------
-    machine
-        The machine with the sensor's neighbours.
-    sensor
-        Which sensor.
-    history
-        The record of all sensors.
 
     Returns
     -------

@@ -50,8 +50,6 @@ class TemperatureHistory:
 
         Parameters
         ----------
-        sensor
-            Which sensor.
         times_s : array-like, shape (m,) [s]
             When.
         max_gap_s

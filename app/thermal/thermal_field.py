@@ -29,10 +29,6 @@ def thermal_tables(
 
     Parameters
     ----------
-    model
-        The compiled model.
-    states
-        For each thermal state what `CompiledModel.errors_at` found there.
     directions
         Direction of approach of each axis: which of a bidirectional component's tables
         is meant.
@@ -89,12 +85,8 @@ def by_direction(
 
     Parameters
     ----------
-    component
-        The component.
     forward, backward : ndarray, shape (k,)
         Its errors approached in either direction, None where they are the same.
-    directions
-        Direction of approach of each axis.
 
     Returns
     -------

@@ -43,10 +43,6 @@ def stated_covariance(
 
     Parameters
     ----------
-    component
-        Whose errors they are.
-    positions
-        Number n of the errors.
     standard_errors
         n standard deviations [component.unit].
     covariance
@@ -82,13 +78,13 @@ def stated_covariance(
         raise InvalidContent.of_field(
             field,
             f"expected a covariance of {component.code} for at most {MOST_CORRELATED} positions, "
-            f"came {len(covariance)} (standard errors may be more)",
+            f"got {len(covariance)} (standard errors may be more)",
         )
     lengths = {len(row) for row in covariance}
     if len(covariance) != positions or lengths != {positions}:
         raise InvalidContent.of_field(
             field,
-            f"expected {positions} rows of {positions} numbers in {_squared(component)}, came "
+            f"expected {positions} rows of {positions} numbers in {_squared(component)}, got "
             f"{len(covariance)} rows of {' or '.join(map(str, sorted(lengths)))}",
         )
     matrix = frozen(covariance)
@@ -106,14 +102,8 @@ def check_covariance(
 
     Parameters
     ----------
-    component
-        Whose errors they are.
-    field
-        Field that states it.
     covariance : ndarray, shape (n, n) or (n,) [component.unit squared]
         The covariance.
-    positions
-        Number n of the errors.
 
     Raises
     ------
@@ -125,21 +115,21 @@ def check_covariance(
     if covariance.shape not in {(positions, positions), (positions,)}:
         raise InvalidContent.of_field(
             field,
-            f"expected a {what} of {positions} by {positions}, came an array of shape "
+            f"expected a {what} of {positions} by {positions}, got an array of shape "
             f"{covariance.shape}",
         )
     if not np.isfinite(covariance).all():
         at = np.argwhere(~np.isfinite(covariance))[0].tolist()
         place = ", ".join(map(str, at))
         raise InvalidContent.of_field(
-            field, f"expected a finite {what}, came {covariance[tuple(at)]:g} (at index {place})"
+            field, f"expected a finite {what}, got {covariance[tuple(at)]:g} (at index {place})"
         )
     variances = variances_of(covariance)
     if variances.min() < 0 or variances.max() > LARGEST**2:
         wrong = int(np.argmax((variances < 0) | (variances > LARGEST**2)))
         raise InvalidContent.of_field(
             field,
-            f"expected variances of {component.code} from 0 to {LARGEST**2:g} {unit}, came "
+            f"expected variances of {component.code} from 0 to {LARGEST**2:g} {unit}, got "
             f"{variances[wrong]:g} (at index {wrong})",
         )
     if covariance.ndim == 2:
@@ -244,7 +234,7 @@ def _variances(
         raise InvalidContent.of_field(
             field,
             f"expected {positions} standard errors of {component.code} in {unit}, one for each "
-            f"position, came {len(standard_errors)}",
+            f"position, got {len(standard_errors)}",
         )
     stated = np.asarray(standard_errors, dtype=np.float64)
     wrong = np.flatnonzero(~((stated >= 0) & (stated <= LARGEST)))
@@ -252,7 +242,7 @@ def _variances(
         i = int(wrong[0])
         raise InvalidContent.of_field(
             field,
-            f"expected standard errors of {component.code} from 0 to {LARGEST:g} {unit}, came "
+            f"expected standard errors of {component.code} from 0 to {LARGEST:g} {unit}, got "
             f"{stated[i]:g} (at index {i})",
         )
     return frozen(stated**2)
@@ -267,7 +257,7 @@ def _check_agreement(
         i, unit = int(wrong[0]), component.unit.symbol
         raise InvalidContent.of_field(
             field,
-            f"expected the standard errors' squares on its diagonal (or one of both), came "
+            f"expected the standard errors' squares on its diagonal (or one of both), got "
             f"{stated[i]:g} {unit} there and {told[i]:g} {unit} here (at index {i})",
         )
 
@@ -278,7 +268,7 @@ def _check_symmetric(field: str, what: str, covariance: FloatArray) -> None:
         i, j = divmod(int(asymmetry.argmax()), len(covariance))
         raise InvalidContent.of_field(
             field,
-            f"expected a symmetric {what}, came {covariance[i, j]:g} (at index {i}, {j}) and "
+            f"expected a symmetric {what}, got {covariance[i, j]:g} (at index {i}, {j}) and "
             f"{covariance[j, i]:g} (at index {j}, {i})",
         )
 
@@ -295,7 +285,7 @@ def _check_semidefinite(component: Component, field: str, covariance: FloatArray
         raise InvalidContent.of_field(
             field,
             f"expected a positive semidefinite covariance of {component.code} in "
-            f"{_squared(component)}, in which no sum of errors has a negative variance, came one "
+            f"{_squared(component)}, in which no sum of errors has a negative variance, got one "
             f"with the eigenvalue {least:g}",
         ) from None
 

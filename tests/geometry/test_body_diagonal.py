@@ -206,10 +206,10 @@ def test_all_four_diagonals_are_needed(missing, values):
 
 
 def test_what_is_no_diagonal_is_refused():
-    with pytest.raises(InvalidContent, match="expected ppp, npp, pnp, ppn, came 'nnn'"):
+    with pytest.raises(InvalidContent, match="expected ppp, npp, pnp, ppn, got 'nnn'"):
         diagonal_ends(BOX, "nnn")
     field = random_field()
-    with pytest.raises(InvalidContent, match="longer than 0 mm in at least 1 step, came 0 mm"):
+    with pytest.raises(InvalidContent, match="longer than 0 mm in at least 1 step, got 0 mm"):
         diagonal_displacements(field, WorkVolume((1.0, 1.0), (2.0, 2.0), (3.0, 3.0)))
-    with pytest.raises(InvalidContent, match=r"came 62\d(\.\d+)? mm in 0"):
+    with pytest.raises(InvalidContent, match=r"got 62\d(\.\d+)? mm in 0"):
         diagonal_displacements(field, BOX, 0)

@@ -55,5 +55,5 @@ def test_a_lathe_has_two_axes():
 def test_what_is_no_chain_is_refused_with_what_would_be_one(text):
     with pytest.raises(InvalidContent, match=r"expected the axes X, Y, Z .* one F") as refusal:
         Chain.parse(text)
-    assert f"came {text!r}" in refusal.value.detail
+    assert f"got {text!r}" in refusal.value.detail
     assert refusal.value.errors[0].field == "configuration"

@@ -219,7 +219,7 @@ def test_levels_are_of_one_thermal_state_and_a_real_lattice():
     for ask in (compensation_levels, lambda f, v: level_tables(f, v, Level.NOTHING)):
         with pytest.raises(InvalidContent, match="expected one thermal state"):
             ask(field, BOX)
-    with pytest.raises(InvalidContent, match="points_per_axis: expected at least 2, came 1"):
+    with pytest.raises(InvalidContent, match="points_per_axis: expected at least 2, got 1"):
         compensation_levels(random_field(), BOX, points_per_axis=1)
 
 

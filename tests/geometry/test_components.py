@@ -182,7 +182,7 @@ def test_rotary_axis_locations_are_read_with_isos_zero_too(code):
 def test_what_nobody_calls_a_component_is_refused(name):
     with pytest.raises(UnknownComponent, match="expected an error component") as refusal:
         parse_component(name)
-    assert f"came {name!r}" in refusal.value.detail
+    assert f"got {name!r}" in refusal.value.detail
 
 
 def test_a_slip_of_the_pen_is_told_what_is_near():

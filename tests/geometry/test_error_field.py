@@ -215,14 +215,14 @@ def test_a_large_answer_needs_little_more_memory_than_itself():
         ({"EXX": Table([0.0, 1.0], [[[1.0, 2.0]]])}, r"shape \(1, 1, 2\)"),
         ({"EXX": Table((), [1.0, 2.0])}, "expected 1 value in µm"),
         ({"EBX": Table([0.0, 1.0], [1.0, np.nan])}, "expected finite values in µrad"),
-        ({"EXX": Table([0.0, np.inf], [1.0, 2.0])}, "EXX: expected finite numbers .* mm, came inf"),
+        ({"EXX": Table([0.0, np.inf], [1.0, 2.0])}, "EXX: expected finite numbers .* mm, got inf"),
         ({"EXX": Table([1.0, 0.0], [1.0, 2.0])}, r"increasing positions in mm.* \[1.0, 0.0\]"),
         ({"EXX": Table([0.0, 0.0], [1.0, 2.0])}, "at least 1e-06 mm apart"),
         ({"EXX": Table([[0.0, 1.0]], [[1.0, 2.0]])}, "increasing positions"),
-        ({"EQQ": Table((), 1.0)}, "expected an error component's code, came 'EQQ'"),
+        ({"EQQ": Table((), 1.0)}, "expected an error component's code, got 'EQQ'"),
         (
             {"EXX": Table((), [[1.0], [2.0]]), "EYY": Table((), [[1.0], [2.0], [3.0]])},
-            r"expected one number of thermal states, came \[2, 3\]",
+            r"expected one number of thermal states, got \[2, 3\]",
         ),
     ],
 )
@@ -234,16 +234,16 @@ def test_what_is_no_table_is_refused(tables, message):
 @pytest.mark.parametrize(
     ("points", "tool", "message"),
     [
-        ([[1.0, 2.0]], TOOL, r"points_mm: expected points of 3 coordinates in mm, came 2"),
+        ([[1.0, 2.0]], TOOL, r"points_mm: expected points of 3 coordinates in mm, got 2"),
         (
             [[1.0, np.nan, 2.0]],
             TOOL,
-            r"points_mm: expected finite .* came nan mm at index \[0, 1\]",
+            r"points_mm: expected finite .* got nan mm at index \[0, 1\]",
         ),
-        ([[0.0, 0, 0], [1.0, 2.0, -np.inf]], TOOL, r"came -inf mm at index \[1, 2\]"),
-        ([[1e10, 0, 0]], TOOL, r"within ±1e\+09 mm, came 1e\+10 mm"),
-        ([[0.0, 0, 0]], [0.0, np.nan, 0.0], r"tool_offset_mm: .* came nan mm at index \[1\]"),
-        ([[0.0, 0, 0]], [0.0, 1.0], r"one for each of 1 point, came an array of shape \(2,\)"),
+        ([[0.0, 0, 0], [1.0, 2.0, -np.inf]], TOOL, r"got -inf mm at index \[1, 2\]"),
+        ([[1e10, 0, 0]], TOOL, r"within ±1e\+09 mm, got 1e\+10 mm"),
+        ([[0.0, 0, 0]], [0.0, np.nan, 0.0], r"tool_offset_mm: .* got nan mm at index \[1\]"),
+        ([[0.0, 0, 0]], [0.0, 1.0], r"one for each of 1 point, got an array of shape \(2,\)"),
         ([[0.0, 0, 0]] * 2, [TOOL] * 3, r"one for each of 2 points, .* \(3, 3\)"),
     ],
 )
@@ -259,5 +259,5 @@ def test_no_points_are_no_errors():
 
 def test_one_state_is_asked_for_where_one_is_meant():
     field = ErrorField.make(Chain.parse("XYFZ"), {"EXX": Table((), [[1.0], [2.0]])})
-    with pytest.raises(InvalidContent, match="expected one thermal state, came an axis of 2"):
+    with pytest.raises(InvalidContent, match="expected one thermal state, got an axis of 2"):
         field.expect_one_state()

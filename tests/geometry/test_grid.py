@@ -113,9 +113,9 @@ def test_a_sampled_grid_is_the_model_at_its_nodes():
 @pytest.mark.parametrize(
     ("x", "message"),
     [
-        ([5.0], "x_mm: expected at least 2 coordinates in mm, came 1"),
-        ([], "came 0"),
-        ([0.0, 0.0], r"strictly increasing coordinates in mm, came \[0.0, 0.0\]"),
+        ([5.0], "x_mm: expected at least 2 coordinates in mm, got 1"),
+        ([], "got 0"),
+        ([0.0, 0.0], r"strictly increasing coordinates in mm, got \[0.0, 0.0\]"),
         ([1.0, 0.0], "strictly increasing"),
         ([0.0, np.nan], "expected finite"),
         ([[0.0, 1.0]], "expected at least 2"),

@@ -143,7 +143,7 @@ def test_when_one_axis_alone_leaves_too_much_it_says_how_much():
     field = field_of("FXYZ", {"EXX": ([0.0, 499.0, 500.0], [0.0, 4.0, 0.0])})
     with pytest.raises(
         InvalidContent,
-        match=r"at most 20 intervals .* came 1 µm: along x alone at least 3\.\d+ µm are left",
+        match=r"at most 20 intervals .* got 1 µm: along x alone at least 3\.\d+ µm are left",
     ):
         spacing_for_tolerance(field, BOX, 1.0, most_intervals=20)
 
@@ -159,10 +159,10 @@ def test_when_each_axis_would_do_but_not_all_together_it_says_so_too():
 @pytest.mark.parametrize(
     ("tolerance", "most", "volume", "message"),
     [
-        (0.0, 10, BOX, "expected a tolerance above 0 µm, came 0 µm"),
-        (np.nan, 10, BOX, "came nan µm"),
-        (1.0, 0, BOX, "most_intervals: expected 1 to 1000, came 0"),
-        (1.0, 1001, BOX, "came 1001"),
+        (0.0, 10, BOX, "expected a tolerance above 0 µm, got 0 µm"),
+        (np.nan, 10, BOX, "got nan µm"),
+        (1.0, 0, BOX, "most_intervals: expected 1 to 1000, got 0"),
+        (1.0, 1001, BOX, "got 1001"),
         (1.0, 10, WorkVolume((0, 1), (0, 0), (0, 1)), "y_mm: expected a range in mm to divide"),
     ],
 )

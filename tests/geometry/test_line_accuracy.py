@@ -184,18 +184,18 @@ def test_straightness_only_adds_and_the_order_of_lines_does_not_matter(lines, st
             STRAIGHT,
             r"linear_um.z: expected at least one maximal dev.*\[\]",
         ),
-        ({"x": [-1.0], "y": [1.0], "z": [1.0]}, STRAIGHT, r"of 0 µm or more, came \[-1.0\]"),
-        ({"x": [math.nan], "y": [1.0], "z": [1.0]}, STRAIGHT, r"came \[nan\]"),
-        ({"x": [1.0], "y": [1.0], "z": [1.0]}, {}, "expected the maximal .* EYX, EZX.* came none"),
+        ({"x": [-1.0], "y": [1.0], "z": [1.0]}, STRAIGHT, r"of 0 µm or more, got \[-1.0\]"),
+        ({"x": [math.nan], "y": [1.0], "z": [1.0]}, STRAIGHT, r"got \[nan\]"),
+        ({"x": [1.0], "y": [1.0], "z": [1.0]}, {}, "expected the maximal .* EYX, EZX.* got none"),
         (
             {"x": [1.0], "y": [1.0], "z": [1.0]},
             STRAIGHT | {"EXX": 1.0},
-            "straightness_um: expected .*, came .*EXX",
+            "straightness_um: expected .*, got .*EXX",
         ),
         (
             {"x": [1.0], "y": [1.0], "z": [1.0]},
             STRAIGHT | {"EXY": -2.0},
-            r"straightness_um.EXY: .* came \[-2.0\]",
+            r"straightness_um.EXY: .* got \[-2.0\]",
         ),
     ],
 )

@@ -15,10 +15,10 @@ def test_a_line_without_a_tool_offset_was_measured_at_the_tools_reference_point(
     ("axis", "point", "tool", "message"),
     [
         ("x", (0.0, 1.0), (0.0, 0.0, 0.0), "expected x, y and z of a point in mm"),
-        ("a", (0.0, 1.0, 2.0), (0.0, 0.0, 0.0), "expected axis x, y or z, came 'a'"),
+        ("a", (0.0, 1.0, 2.0), (0.0, 0.0, 0.0), "expected axis x, y or z, got 'a'"),
         ("x", (0.0, np.nan, 2.0), (0.0, 0.0, 0.0), r"expected finite .* at index \[1\]"),
         ("x", (0.0, 1.0, 2.0), (0.0, 0.0, np.inf), r"expected finite .* at index \[2\]"),
-        ("x", (0.0, 1.0, 2.0), 160.0, "expected x, y and z of a point in mm, came 160"),
+        ("x", (0.0, 1.0, 2.0), 160.0, "expected x, y and z of a point in mm, got 160"),
     ],
 )
 def test_what_is_no_measuring_line_is_refused(axis, point, tool, message):

@@ -111,5 +111,5 @@ def test_a_preset_and_what_the_text_neglects_are_all_slopes_of_their_direction(
 
 def test_presets_are_found_by_name_and_an_unknown_one_is_refused_with_the_list():
     assert [find_preset(name).name for name in NONRIGID_PRESETS] == list(PRINTED)
-    with pytest.raises(UnknownThing, match=r"\(horizontal-counterweight, large-gantry\), came 'x'"):
+    with pytest.raises(UnknownThing, match=r"\(horizontal-counterweight, large-gantry\), got 'x'"):
         find_preset("x")

@@ -248,12 +248,12 @@ def test_the_order_of_the_axes_matters_and_one_that_stands_still_does_not():
             {},
             {"b": 1.0},
             "BX",
-            r"order: expected the rotary axes A, B, C .* came 'BX'",
+            r"order: expected the rotary axes A, B, C .* got 'BX'",
         ),
-        ({}, {}, "", "came ''"),
-        ({}, {}, "CC", "came 'CC'"),
-        ({}, {"a": 1.0}, "C", "angles_deg: expected angles in ° of C, came a"),
-        ({"EXX": 1.0}, {}, "C", r"expected location errors \(XOC, YOC, .*COB\), came 'EXX'"),
+        ({}, {}, "", "got ''"),
+        ({}, {}, "CC", "got 'CC'"),
+        ({}, {"a": 1.0}, "C", "angles_deg: expected angles in ° of C, got a"),
+        ({"EXX": 1.0}, {}, "C", r"expected location errors \(XOC, YOC, .*COB\), got 'EXX'"),
     ],
 )
 def test_what_is_no_rotary_axis_is_refused(errors, asked, order, message):

@@ -437,5 +437,5 @@ def test_a_lathe_sums_its_two_axes():
 
 @pytest.mark.parametrize("points", [[[1.0, 2.0]], [[1.0, 2.0, 3.0, 4.0]], [5.0]])
 def test_points_without_three_coordinates_are_refused(points):
-    with pytest.raises(InvalidContent, match=r"expected points of 3 coordinates in mm, came \d"):
+    with pytest.raises(InvalidContent, match=r"expected points of 3 coordinates in mm, got \d"):
         volumetric_error(Chain.parse("XYFZ"), {}, points)

@@ -35,9 +35,9 @@ def test_points_are_found_again_by_their_place():
 @pytest.mark.parametrize(
     ("ends", "message"),
     [
-        ((1.0, 0.0), "y_mm: expected a lowest and a highest y in mm, came 1 to 0 mm"),
-        ((0.0, math.inf), "came 0 to inf mm"),
-        ((math.nan, 1.0), "came nan to 1 mm"),
+        ((1.0, 0.0), "y_mm: expected a lowest and a highest y in mm, got 1 to 0 mm"),
+        ((0.0, math.inf), "got 0 to inf mm"),
+        ((math.nan, 1.0), "got nan to 1 mm"),
     ],
 )
 def test_what_is_no_box_is_refused(ends, message):
@@ -46,5 +46,5 @@ def test_what_is_no_box_is_refused(ends, message):
 
 
 def test_one_point_per_axis_is_no_lattice():
-    with pytest.raises(InvalidContent, match="points_per_axis: expected at least 2, came 1"):
+    with pytest.raises(InvalidContent, match="points_per_axis: expected at least 2, got 1"):
         BOX.lattice(1)

@@ -11,43 +11,43 @@ from tests.service_examples import START
 
 def test_numbers_without_gaps_move_the_highest():
     unseen = UnseenNumbers(10)
-    unseen.saw([11, 12, 13], START)
+    unseen.mark_seen([11, 12, 13], START)
     assert (unseen.highest, unseen.gaps) == (13, [])
-    unseen.saw([], START)
+    unseen.mark_seen([], START)
     assert (unseen.highest, unseen.gaps) == (13, [])
 
 
 def test_a_number_that_comes_late_closes_its_gap():
     unseen = UnseenNumbers(0)
-    unseen.saw([5], START)
+    unseen.mark_seen([5], START)
     assert unseen.gaps == [(1, 4)]
-    unseen.saw([2, 7], START)
+    unseen.mark_seen([2, 7], START)
     assert (unseen.highest, unseen.gaps) == (7, [(1, 1), (3, 4), (6, 6)])
-    unseen.saw([1, 3, 4, 6], START)
+    unseen.mark_seen([1, 3, 4, 6], START)
     assert (unseen.highest, unseen.gaps) == (7, [])
 
 
 def test_a_gap_that_nobody_fills_is_forgotten():
     unseen = UnseenNumbers(0)
-    unseen.saw([5], START)
+    unseen.mark_seen([5], START)
     almost = START + PATIENCE - timedelta(seconds=1)
-    unseen.saw([7], almost)
+    unseen.mark_seen([7], almost)
     assert unseen.gaps == [(1, 4), (6, 6)]
-    unseen.saw([], START + PATIENCE)
+    unseen.mark_seen([], START + PATIENCE)
     assert unseen.gaps == [(6, 6)]
 
 
 def test_a_gap_does_not_grow_younger_by_being_filled_in_part():
     unseen = UnseenNumbers(0)
-    unseen.saw([9], START)
-    unseen.saw([4], START + PATIENCE / 2)
-    unseen.saw([], START + PATIENCE)
+    unseen.mark_seen([9], START)
+    unseen.mark_seen([4], START + PATIENCE / 2)
+    unseen.mark_seen([], START + PATIENCE)
     assert unseen.gaps == []
 
 
 def test_not_more_gaps_are_kept_than_can_be_asked_for():
     unseen = UnseenNumbers(0)
-    unseen.saw(range(0, 10_000, 2), START)
+    unseen.mark_seen(range(0, 10_000, 2), START)
     assert len(unseen.gaps) == MOST_GAPS
     assert unseen.gaps[-1] == (9997, 9997)
 
@@ -61,7 +61,7 @@ def test_every_number_is_either_seen_or_still_asked_for(looks):
             n for first, last in unseen.gaps for n in appeared if first <= n <= last
         }
         seen |= asked
-        unseen.saw(asked, START)
+        unseen.mark_seen(asked, START)
     waiting = {n for first, last in unseen.gaps for n in range(first, last + 1)}
     assert seen | waiting == set(range(1, unseen.highest + 1))
     assert not seen & waiting

@@ -55,7 +55,7 @@ def test_reject_refuses_and_says_what_it_expected(temperature_c):
     with pytest.raises(OutsideMaps) as refusal:
         find_bracket(MAPS_C, temperature_c, REJECT)
     assert refusal.value.detail == (
-        f"expected a temperature within the maps' 20 to 30 °C, came {temperature_c} °C"
+        f"expected a temperature within the maps' 20 to 30 °C, got {temperature_c} °C"
     )
 
 
@@ -69,7 +69,7 @@ def test_the_maps_own_temperatures_are_inside_under_every_policy(policy, tempera
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_what_is_no_temperature_lies_nowhere(policy, value):
     """Not at the last map, to which comparisons with NaN would send it."""
-    with pytest.raises(InvalidContent, match="expected a finite temperature in °C, came"):
+    with pytest.raises(InvalidContent, match="expected a finite temperature in °C, got"):
         find_bracket(MAPS_C, value, policy, 5.0)
 
 

@@ -346,7 +346,7 @@ def test_maps_without_a_common_range_are_refused(second):
         error_map("Run #1", 20.0, table("EXX", [0.0, 1.0], [0, 100])),
         error_map("Run #2", 30.0, table("EXX", [0.0, 1.0], second)),
     ]
-    with pytest.raises(Conflict, match=r"share a range of positions of EXX, came .* mm"):
+    with pytest.raises(Conflict, match=r"share a range of positions of EXX, got .* mm"):
         compiled(maps)
 
 
@@ -476,7 +476,7 @@ def test_what_the_policy_does_not_allow_names_sensor_and_components(policy, temp
     with pytest.raises(OutsideMaps) as refusal:
         compiled(maps, out_of_range=policy).errors_at({"x-middle": temperature_c})
     assert refusal.value.detail.startswith("x-middle (EXX, EYX): expected a temperature ")
-    assert f"the maps' 20 to 30 °C, came {temperature_c} °C" in refusal.value.detail
+    assert f"the maps' 20 to 30 °C, got {temperature_c} °C" in refusal.value.detail
     assert [e.field for e in refusal.value.errors] == ["temperatures_c.x-middle"]
 
 
@@ -574,7 +574,7 @@ def test_without_sensor_and_stand_in_the_sentence_names_both_and_the_components(
     with pytest.raises(SensorUnavailable) as refusal:
         model.errors_at({"c": 20.0})
     assert refusal.value.detail == (
-        "expected a temperature of a in °C, needed by EXX, came none that is usable "
+        "expected a temperature of a in °C, needed by EXX, got none that is usable "
         "nor of its stand-in b"
     )
 
@@ -758,7 +758,7 @@ def test_a_map_without_the_assigned_sensor_is_refused_by_name():
         compiled(maps)
     assert refusal.value.detail == (
         "temperatures_c: expected a temperature of x-middle in °C in map 'Run #2', because EXX "
-        "follows it, came z-column"
+        "follows it, got z-column"
     )
     assert refusal.value.errors[0].field == "temperatures_c"
 

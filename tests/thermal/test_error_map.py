@@ -36,37 +36,37 @@ def test_a_component_without_argument_is_one_value():
         (
             ("EXX", [1.0, 2.0], [0.0, 0.0]),
             "positions_mm",
-            "expected strictly increasing positions of EXX in mm, came 0 then 0 (twice, at index 1",
+            "expected strictly increasing positions of EXX in mm, got 0 then 0 (twice, at index 1",
         ),
         (
             ("EXX", [1.0, 2.0, 3.0], [0.0, 50.0, 40.0]),
             "positions_mm",
-            "positions of EXX in mm, came 50 then 40 (out of order, at index 2)",
+            "positions of EXX in mm, got 50 then 40 (out of order, at index 2)",
         ),
         (
             ("EXX", [], []),
             "positions_mm",
-            "expected at least one position of EXX in mm, came none",
+            "expected at least one position of EXX in mm, got none",
         ),
         (
             ("EXX", [1.0, 2.0], [0.0, np.inf]),
             "positions_mm",
-            "expected finite positions of EXX in mm, came inf (at index 1)",
+            "expected finite positions of EXX in mm, got inf (at index 1)",
         ),
         (
             ("EXX", [1.0], [0.0, 50.0]),
             "errors_um",
-            "expected 2 values of EXX in µm, one for each position, came 1",
+            "expected 2 values of EXX in µm, one for each position, got 1",
         ),
         (
             ("EBX", [1.0, np.nan], [0.0, 50.0]),
             "errors_urad",
-            "expected finite values of EBX in µrad, came nan (at index 1)",
+            "expected finite values of EBX in µrad, got nan (at index 1)",
         ),
         (
             ("EYY^x", [1.0, 2e6], [0.0, 50.0]),
             "slopes_um_per_m",
-            "expected errors within ±1e+06 µm/m, came 2e+06",
+            "expected errors within ±1e+06 µm/m, got 2e+06",
         ),
         (
             ("SXY", [1.0], [0.0]),
@@ -76,17 +76,17 @@ def test_a_component_without_argument_is_one_value():
         (
             ("SXY", [1.0, 2.0]),
             "value_um_per_m",
-            "expected one value of SXY in µm/m, came 2",
+            "expected one value of SXY in µm/m, got 2",
         ),
         (
             ("EXX", [1.0, 2.0], [0.0, 50.0], [1.0]),
             "backward_errors_um",
-            "expected 2 values of EXX in µm, one for each position, came 1",
+            "expected 2 values of EXX in µm, one for each position, got 1",
         ),
         (
             ("EXX", [1.0, 2.0], [0.0, 50.0], [1.0, -np.inf]),
             "backward_errors_um",
-            "expected finite values of EXX in µm, came -inf (at index 1)",
+            "expected finite values of EXX in µm, got -inf (at index 1)",
         ),
         (
             ("SXY", [1.0], (), [1.0]),

@@ -74,7 +74,7 @@ def test_what_is_believable_in_celsius_is_not_taken_for_kelvin():
 
 def test_the_sentence_on_kelvin_says_what_was_meant():
     assert Sensor("spindle").expectation(295.25) == (
-        "expected a temperature of spindle from -50 to 150 °C, came 295.25, which would be "
+        "expected a temperature of spindle from -50 to 150 °C, got 295.25, which would be "
         "22.10 °C if it was meant in kelvin"
     )
     assert "kelvin" not in Sensor("spindle").expectation(999.0)
@@ -89,11 +89,11 @@ def test_an_unknown_sensor_lists_those_that_exist():
     ("sensor", "field", "sentence"),
     [
         (Sensor("a", stand_in="b"), "sensors.a.stand_in", "another sensor of this machine (none)"),
-        (Sensor("a", stand_in="a"), "sensors.a.stand_in", "came 'a'"),
-        (Sensor("a", min_c=20.0, max_c=20.0), "sensors.a", "came 20 and 20 °C"),
-        (Sensor("a", min_c=float("nan")), "sensors.a", "expected min_c below max_c, came nan"),
-        (Sensor(""), "sensors", "came ''"),
-        (Sensor("ä/b"), "sensors", "came 'ä/b'"),
+        (Sensor("a", stand_in="a"), "sensors.a.stand_in", "got 'a'"),
+        (Sensor("a", min_c=20.0, max_c=20.0), "sensors.a", "got 20 and 20 °C"),
+        (Sensor("a", min_c=float("nan")), "sensors.a", "expected min_c below max_c, got nan"),
+        (Sensor(""), "sensors", "got ''"),
+        (Sensor("ä/b"), "sensors", "got 'ä/b'"),
         (Sensor("x" * 65), "sensors", "1 to 64 letters"),
     ],
 )
@@ -107,9 +107,9 @@ def test_what_cannot_be_a_sensor_is_refused(sensor, field, sentence):
 @pytest.mark.parametrize(
     ("axes", "sentence"),
     [
-        ({"b": Travel(0.0, 1.0)}, "expected the axes of XYFZ (x, y, z), came 'b'"),
-        ({"x": Travel(500.0, 0.0)}, "expected min_mm below max_mm, came 500 and 0 mm"),
-        ({"x": Travel(0.0, 0.0)}, "expected min_mm below max_mm, came 0 and 0 mm"),
+        ({"b": Travel(0.0, 1.0)}, "expected the axes of XYFZ (x, y, z), got 'b'"),
+        ({"x": Travel(500.0, 0.0)}, "expected min_mm below max_mm, got 500 and 0 mm"),
+        ({"x": Travel(0.0, 0.0)}, "expected min_mm below max_mm, got 0 and 0 mm"),
     ],
 )
 def test_what_cannot_be_an_axis_is_refused(axes, sentence):
@@ -119,5 +119,5 @@ def test_what_cannot_be_an_axis_is_refused(axes, sentence):
 
 
 def test_two_sensors_of_one_name_are_refused():
-    with pytest.raises(InvalidContent, match="expected each name once, came a more than once"):
+    with pytest.raises(InvalidContent, match="expected each name once, got a more than once"):
         sensors_by_name([Sensor("a"), Sensor("b"), Sensor("a")])

@@ -99,7 +99,7 @@ def test_neighbouring_maps_without_a_common_range_are_refused_and_others_need_no
         compiled([left, right])
     assert refusal.value.detail == (
         "expected maps that follow each other in the temperature of x-middle to share a range of "
-        "positions of EXX, came 'left' (0 to 100 mm) and 'right' (200 to 500 mm): between their "
+        "positions of EXX, got 'left' (0 to 100 mm) and 'right' (200 to 500 mm): between their "
         "temperatures there would be no table"
     )
 

@@ -145,10 +145,10 @@ def test_a_component_that_the_model_lacks_is_refused_with_the_reason():
     with pytest.raises(InvalidContent) as refusal:
         predicted(compiled(maps), "EXX", at_x_middle(25.0), [0.0])
     assert refusal.value.detail == (
-        "expected a component of the model (EYX), came EXX: only Run #1 has it, at least two "
+        "expected a component of the model (EYX), got EXX: only Run #1 has it, at least two "
         "maps are needed"
     )
-    with pytest.raises(InvalidContent, match="came EZZ: no map has it"):
+    with pytest.raises(InvalidContent, match="got EZZ: no map has it"):
         predicted(compiled(maps), "EZZ", at_x_middle(25.0), [0.0])
 
 

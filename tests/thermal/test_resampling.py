@@ -45,7 +45,7 @@ def test_tables_that_only_touch_or_miss_each_other_are_refused(second):
     with pytest.raises(Conflict) as refusal:
         common_positions([zeros(0.0, 100.0), zeros(*second)])
     assert refusal.value.detail == (
-        "expected the maps' tables of EXX to share a range of positions, came a highest start "
+        "expected the maps' tables of EXX to share a range of positions, got a highest start "
         f"of {second[0]:g} mm and a lowest end of 100 mm"
     )
 

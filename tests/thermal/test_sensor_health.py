@@ -112,7 +112,7 @@ def test_a_value_outside_the_range_is_the_sensors_failure(value):
     states = assessed([(0.0, {"a": 20.0, "b": 20.0}), (60.0, {"a": value, "b": 20.0})])
     assert states["a"].health is Health.OUT_OF_RANGE
     assert states["a"].temperature_c == value
-    assert "expected a temperature of a from -50 to 150 °C, came" in states["a"].detail
+    assert "expected a temperature of a from -50 to 150 °C, got" in states["a"].detail
 
 
 def test_back_in_range_it_is_well_again():
@@ -134,7 +134,7 @@ def test_kelvin_and_unknown_sensors_are_mistakes_of_the_sender_each_named():
     with pytest.raises(InvalidContent) as refusal:
         check_temperatures(THREE, {"a": 293.15, "b": 20.0, "d": 20.0})
     assert [e.field for e in refusal.value.errors] == ["temperatures_c.a", "temperatures_c.d"]
-    assert "came 293.15, which would be 20.00 °C if it was meant in kelvin" in refusal.value.detail
+    assert "got 293.15, which would be 20.00 °C if it was meant in kelvin" in refusal.value.detail
     assert "has no sensor 'd'; it has a, b, c" in refusal.value.detail
 
 

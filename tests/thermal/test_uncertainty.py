@@ -68,62 +68,62 @@ def test_both_may_be_stated_where_they_agree():
     [
         (
             EXX, 3, [1.0, 2.0], None, "standard_errors_um",
-            "expected 3 standard errors of EXX in µm, one for each position, came 2",
+            "expected 3 standard errors of EXX in µm, one for each position, got 2",
         ),
         (
             EBX, 2, [1.0, -0.5], None, "standard_errors_urad",
-            "expected standard errors of EBX from 0 to 1e+06 µrad, came -0.5 (at index 1)",
+            "expected standard errors of EBX from 0 to 1e+06 µrad, got -0.5 (at index 1)",
         ),
         (
             EXX, 2, [math.nan, 1.0], None, "standard_errors_um",
-            "came nan (at index 0)",
+            "got nan (at index 0)",
         ),
         (
             SXY, 1, [2e6], None, "standard_error_um_per_m",
-            "expected standard errors of SXY from 0 to 1e+06 µm/m, came 2e+06",
+            "expected standard errors of SXY from 0 to 1e+06 µm/m, got 2e+06",
         ),
         (
             EXX, 3, None, [[1.0, 0.0], [0.0, 1.0]], "covariance",
-            "expected 3 rows of 3 numbers in (µm)², came 2 rows of 2",
+            "expected 3 rows of 3 numbers in (µm)², got 2 rows of 2",
         ),
         (
             EXX, 2, None, [[1.0, 0.0], [0.0]], "covariance",
-            "expected 2 rows of 2 numbers in (µm)², came 2 rows of 1 or 2",
+            "expected 2 rows of 2 numbers in (µm)², got 2 rows of 1 or 2",
         ),
         (
             EXX, 2, None, [[1.0, math.inf], [0.0, 1.0]], "covariance",
-            "expected a finite covariance of EXX in (µm)², came inf (at index 0, 1)",
+            "expected a finite covariance of EXX in (µm)², got inf (at index 0, 1)",
         ),
         (
             EXX, 2, None, [[1.0, 0.0], [0.0, -4.0]], "covariance",
-            "expected variances of EXX from 0 to 1e+12 (µm)², came -4 (at index 1)",
+            "expected variances of EXX from 0 to 1e+12 (µm)², got -4 (at index 1)",
         ),
         (
             EBX, 2, None, [[1.0, 0.5], [0.4, 1.0]], "covariance",
-            "expected a symmetric covariance of EBX in (µrad)², came 0.5 (at index 0, 1) and "
+            "expected a symmetric covariance of EBX in (µrad)², got 0.5 (at index 0, 1) and "
             "0.4 (at index 1, 0)",
         ),
         (
             EXX, 2, None, [[1.0, 2.0], [2.0, 1.0]], "covariance",
             "expected a positive semidefinite covariance of EXX in (µm)², in which no sum of "
-            "errors has a negative variance, came one with the eigenvalue -1",
+            "errors has a negative variance, got one with the eigenvalue -1",
         ),
         (
             EXX, 2, None, [[0.0, 1.0], [1.0, 0.0]], "covariance",
-            "came one with the eigenvalue -1",
+            "got one with the eigenvalue -1",
         ),
         (
             # Each pair by itself could be; the three together cannot.
             EXX, 3, None, [[1.0, -0.9, -0.9], [-0.9, 1.0, -0.9], [-0.9, -0.9, 1.0]],
-            "covariance", "came one with the eigenvalue -0.8",
+            "covariance", "got one with the eigenvalue -0.8",
         ),
         (
             EXX, 2, [1.0, 1.5], [[1.0, 0.0], [0.0, 4.0]], "covariance",
-            "came 1.5 µm there and 2 µm here (at index 1)",
+            "got 1.5 µm there and 2 µm here (at index 1)",
         ),
         (
             EXX, MOST_CORRELATED + 1, None, [[]] * (MOST_CORRELATED + 1), "covariance",
-            "for at most 1000 positions, came 1001",
+            "for at most 1000 positions, got 1001",
         ),
     ],
 )  # fmt: skip
@@ -137,7 +137,7 @@ def test_what_is_no_uncertainty_is_refused(component, n, errors, covariance, fie
 
 @pytest.mark.parametrize("covariance", [np.ones((2, 3)), np.ones((3, 3)), np.ones(3)])
 def test_a_table_refuses_a_covariance_of_another_size(covariance):
-    with pytest.raises(InvalidContent, match=r"covariance of EXX in \(µm\)² of 2 by 2, came an"):
+    with pytest.raises(InvalidContent, match=r"covariance of EXX in \(µm\)² of 2 by 2, got an"):
         exx([0.0, 1.0], covariance)
 
 
