@@ -1,1 +1,1 @@
-"""One use case per file: what a user asks for, from checking to commit."""
+"""Use cases by subject: what a user asks for, from checking to commit."""

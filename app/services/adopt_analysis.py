@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
+from app.effects.adopted.carry_over import without_replaced
 from app.effects.adopted.model_difference import ModelWithEffects
-from app.effects.effect import Effect, effect_from_json
+from app.effects.effect import Effect, Provenance, effect_from_json
 from app.effects.past import sensors_of
-from app.effects.registry import explain
+from app.effects.registry import explain, kind_of
 from app.errors import Conflict, InvalidContent, list_names
+from app.identification.analysis.analysis import Analysis, RefittedEffect
+from app.identification.analysis.refits import effects_after
 from app.services.change_model import (
     Draft,
     MachineChange,
@@ -16,15 +21,14 @@ from app.services.change_model import (
     changing_machine,
     difference_to_active,
     draft_version,
-    looking_at_machine,
     make_version,
+    no_model_yet,
+    reading_machine,
     remake_waiting,
 )
-from app.services.choose_version import no_model_yet
-from app.services.context import Context
+from app.services.context import Context, repeated
 from app.services.load_machine import adopted_effects
-from app.services.preview_model import Preview, preview_draft
-from app.services.repeating import repeated
+from app.services.models import Preview, preview_draft
 from app.storage.analyses import find_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.model_versions import find_version
@@ -47,10 +51,9 @@ def adopt_analysis(
 
     Parameters
     ----------
-    context, machine_id, analysis_id
-        The service, and which analysis.
     places
-        Places in the result's list of effects; None: all.
+        Places in the result's list of effects; None: those that help. Effects that the version
+        has are then replaced by what they are refitted to beside them; beside others they stay.
     onto_active
         Whether to add them to the active version where another one was analysed.
     accept_losses
@@ -63,14 +66,17 @@ def adopt_analysis(
     InvalidContent
         If the result has no effect at a place, or a place is named twice.
     Conflict
-        If the analysis is not done, found nothing or was adopted before, or another version
+        If the analysis is not done, found nothing, or nothing that helps where no place is
+        named, or was adopted before, or another version
         than the analysed one is active; also as `version_with_effects`.
     """
     with changing_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
-        effects = _chosen(change, row, places, onto_active=onto_active)
+        chosen = _chosen(change, row, places, onto_active=onto_active)
         made = version_with_effects(
-            context, change, effects, _reason(row, effects), accept_losses=accept_losses
+            *(context, change, chosen.effects, chosen.reason),
+            refitted=chosen.refitted,
+            accept_losses=accept_losses,
         )
         row.adopted_version = made.version.version
     return made
@@ -91,25 +97,60 @@ def preview_adoption(
     UnknownThing, InvalidContent, Conflict
         As `adopt_analysis`.
     """
-    with looking_at_machine(context, machine_id) as change:
+    with reading_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
-        effects = _chosen(change, row, places, onto_active=onto_active)
-        return preview_draft(context, change, _draft(change, effects, _reason(row, effects)))
+        chosen = _chosen(change, row, places, onto_active=onto_active)
+        draft = _draft(change, chosen.effects, chosen.reason, chosen.refitted)
+        return preview_draft(context, change, draft)
+
+
+class _Chosen(NamedTuple):
+    """What an analysis adds to a model, what it makes of the effects there, and why."""
+
+    effects: list[Effect]
+    refitted: list[RefittedEffect]
+    reason: str
 
 
 def _chosen(
     change: MachineChange, row: AnalysisRow, places: Sequence[int] | None, *, onto_active: bool
-) -> list[Effect]:
-    effects = _effects(row, places)
+) -> _Chosen:
+    result = _result(row)
+    chosen = _helping(row, result) if places is None else places
+    effects = _effects(row, result, chosen)
     if not onto_active:
         _check_active(change, row)
     _check_unlike(change, row, effects)
-    return effects
+    return _Chosen(effects, *_refitted(change, row, result, chosen))
 
 
-def _reason(row: AnalysisRow, effects: Sequence[Effect]) -> str:
-    what = ", ".join(f"{e.kind} on {' '.join(e.components)}" for e in effects)
-    return f"analysis {row.id} adopted: {what}"
+def _refitted(
+    change: MachineChange, row: AnalysisRow, result: Analysis, chosen: Sequence[int]
+) -> tuple[list[RefittedEffect], str]:
+    """Say what becomes of the active version's effects, and write the reason of the next one."""
+    found = [result.effects[place] for place in chosen]
+    what = ", ".join(f"{one.kind} on {' '.join(one.components)}" for one in found)
+    reason = f"analysis {row.id} adopted: {what}" if what else f"analysis {row.id} adopted"
+    known = adopted_effects(change.version)
+    own = [one for one in result.refitted if one.outcome != "left" and one.effect in known]
+    if not own:
+        return [], reason
+    if set(chosen) != {place for place, one in enumerate(result.effects) if one.helps}:
+        stay = "what was adopted before stays as it is: it was refitted beside other effects"
+        return [], f"{reason}; {stay}"
+    analysed = [int(number) for number in row.verification_ids]
+    made = [
+        one
+        if one.becomes is None or one.effect.provenance is None
+        else replace(
+            one,
+            becomes=replace(
+                one.becomes, provenance=one.effect.provenance.refitted(row.id, analysed)
+            ),
+        )
+        for one in own
+    ]
+    return made, "; ".join([reason, *(one.explanation for one in made)])
 
 
 def version_with_effects(
@@ -118,6 +159,7 @@ def version_with_effects(
     effects: Sequence[Effect],
     reason: str,
     *,
+    refitted: Sequence[RefittedEffect] = (),
     accept_losses: bool = False,
 ) -> MadeVersion:
     """Make the model version that has these effects beside those of the active one.
@@ -130,28 +172,25 @@ def version_with_effects(
 
     Parameters
     ----------
-    context, change
-        The service, and the machine under its lock.
-    effects
-        At least one.
-    reason
-        What the version's reason says.
+    refitted
+        What becomes of effects that the active version has.
     accept_losses
         Whether the version is activated although it loses something against the active one.
 
     Raises
     ------
     InvalidContent
-        If there is no effect, or one names a sensor that the machine lacks.
+        If there is no effect and nothing is refitted, or one names a sensor that the machine lacks.
     Conflict
         If the machine has no model yet, or the active version has one of the effects.
     """
     waiting = change.waiting
-    draft = _draft(change, effects, reason)
+    draft = _draft(change, effects, reason, refitted)
     after = ModelWithEffects(draft.model, draft.effects)
     waits = not accept_losses and difference_to_active(context, change, after).loses
     if waiting is not None and waits:
-        together = [*adopted_effects(waiting), *effects]
+        known = without_replaced(adopted_effects(waiting), effects)
+        together = effects_after(known, refitted, effects)
         draft = draft_version(change, waiting, waiting.maps, reason, effects=together)
         return make_version(context, change, draft)
     made = make_version(context, change, draft, accept_losses=accept_losses)
@@ -159,21 +198,29 @@ def version_with_effects(
     return made
 
 
-def _draft(change: MachineChange, effects: Sequence[Effect], reason: str) -> Draft:
+def _draft(
+    change: MachineChange,
+    effects: Sequence[Effect],
+    reason: str,
+    refitted: Sequence[RefittedEffect],
+) -> Draft:
     """Put the version together that has effects beside those of the active one."""
-    if not effects:
-        raise InvalidContent.of_field("effects", "expected at least one effect, came none")
+    if not effects and not refitted:
+        raise InvalidContent.of_field("effects", "expected at least one effect, got none")
     active = change.version
     if active is None:
         raise no_model_yet(change.row.id)
     known = adopted_effects(active)
-    for effect in effects:
+    for effect in [*effects, *(one.becomes for one in refitted if one.becomes is not None)]:
         _check_effect(change.machine, effect)
+    for effect in effects:
         if effect in known:
             raise Conflict(
                 f"model version {active.version} has this effect already: {explain(effect)}"
             )
-    return draft_version(change, active, active.maps, reason, effects=[*known, *effects])
+    kept = without_replaced(known, effects)
+    together = effects_after(kept, refitted, effects)
+    return draft_version(change, active, active.maps, reason, effects=together)
 
 
 def _check_effect(machine: Machine, effect: Effect) -> None:
@@ -183,13 +230,13 @@ def _check_effect(machine: Machine, effect: Effect) -> None:
     if unknown:
         raise InvalidContent.of_field(
             "effects",
-            f"expected sensors of machine {machine.id!r} ({list_names(machine.sensors)}), came "
+            f"expected sensors of machine {machine.id!r} ({list_names(machine.sensors)}), got "
             f"{list_names(unknown)} in {effect.kind}",
         )
 
 
-def _effects(row: AnalysisRow, places: Sequence[int] | None) -> list[Effect]:
-    """Read the chosen effects of a result that may be adopted."""
+def _result(row: AnalysisRow) -> Analysis:
+    """Read a result that may be adopted."""
     if row.status != AnalysisStatus.DONE or row.result is None:
         raise Conflict(f"analysis {row.id} has nothing to adopt: it is {row.status}")
     if row.adopted_version is not None:
@@ -197,16 +244,44 @@ def _effects(row: AnalysisRow, places: Sequence[int] | None) -> list[Effect]:
             f"analysis {row.id} was adopted before, as model version {row.adopted_version}: "
             "activate that version to compute with it again"
         )
-    found = RESULTS.read_text(row.result).effects
-    if not found:
+    result = RESULTS.read_text(row.result)
+    if not result.effects and not result.is_refit_due:
         raise Conflict(f"analysis {row.id} found no effect to adopt")
-    chosen = range(len(found)) if places is None else places
+    return result
+
+
+def _effects(row: AnalysisRow, result: Analysis, chosen: Sequence[int]) -> list[Effect]:
+    """Choose effects, and note where they come from."""
+    found = result.effects
     if len(set(chosen)) < len(chosen) or not set(chosen) <= set(range(len(found))):
         raise InvalidContent.of_field(
             "effects",
-            f"expected places from 0 to {len(found) - 1}, each once, came {list(chosen)}",
+            f"expected places from 0 to {len(found) - 1}, each once, got {list(chosen)}",
         )
-    return [found[place].effect for place in chosen]
+    for place in chosen:
+        if why := kind_of(found[place].kind).not_adopted:
+            raise Conflict(
+                f"effect {place} of analysis {row.id}, {found[place].kind}, cannot be adopted: "
+                f"{why}"
+            )
+    origin = Provenance(row.id, (), tuple(int(number) for number in row.verification_ids))
+    return [replace(found[place].effect, provenance=origin) for place in chosen]
+
+
+def _helping(row: AnalysisRow, result: Analysis) -> list[int]:
+    """List the places of the effects that help; none where the model's own are to be moved."""
+    found = result.effects
+    places = [place for place, one in enumerate(found) if one.helps]
+    if not places and not result.is_refit_due:
+        why = "; ".join(
+            f"{place}, {one.kind} of {list_names(one.components, 3)}: {one.why_not}"
+            for place, one in enumerate(found)
+        )
+        raise Conflict(
+            f"analysis {row.id} found no effect that is known to help ({why}); state effects, such "
+            "as [0], to adopt one all the same"
+        )
+    return places
 
 
 def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Effect]) -> None:
@@ -218,14 +293,14 @@ def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Eff
     since = [one for one in adopted_effects(active) if one not in analysed]
     for effect in effects:
         for one in since:
-            if _what(one) == _what(effect) and one != effect:
+            if _identity(one) == _identity(effect) and one != effect:
                 raise Conflict(
                     f"model version {active.version} has learnt of a like effect since: "
                     f"{explain(one)}; adding this one would count it twice: {explain(effect)}"
                 )
 
 
-def _what(effect: Effect) -> tuple[object, ...]:
+def _identity(effect: Effect) -> tuple[object, ...]:
     return effect.kind, effect.components, effect.sensors, effect.states
 
 

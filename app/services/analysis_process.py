@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 from time import monotonic
@@ -14,9 +15,9 @@ from typing import Final, Literal, NamedTuple
 
 from app.errors import Conflict, ThermapError
 from app.identification.analysis.analyse import analyse
-from app.services.choose_version import choose_version
+from app.services.change_model import choose_version
 from app.services.context import CLOCKS_DIFFER
-from app.services.load_campaign import load_campaign, read_verifications
+from app.services.residuals import load_campaign, read_verifications
 from app.storage.analyses import read_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.database import Database
@@ -24,14 +25,14 @@ from app.storage.limits import LONG
 
 log = logging.getLogger("thermap")
 
-TELL_EVERY_S: Final = 0.2
+PROGRESS_EVERY_S: Final = 0.2
 """Progress is told no more often [s]."""
 
 BEHIND_TABLES: Final = 5
 """How much the system favours other processes, the service's live tables among them."""
 
 
-class News(NamedTuple):
+class JobUpdate(NamedTuple):
     """What the process tells the service: how far it is, its result as JSON, or why it has none."""
 
     kind: Literal["progress", "done", "failed"]
@@ -46,41 +47,41 @@ def run_analysis(database_url: str, analysis_id: int, to_service: Connection) ->
     ----------
     database_url
         Where verifications, readings and the model are; nothing is written there.
-    analysis_id
-        Which analysis.
     to_service
-        Where `News` go; the last one is `done` or `failed`.
+        Where `JobUpdate` go; the last one is `done` or `failed`.
     """
     # Ctrl-C reaches the whole group of processes; the service is the one that ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_leave_with_service, daemon=True).start()
+    threading.Thread(target=_exit_with_service, daemon=True).start()
     with suppress(OSError, AttributeError):
         os.nice(BEHIND_TABLES)
     try:
-        news = News("done", _analysed(database_url, analysis_id, _Telling(to_service)))
+        update = JobUpdate(
+            "done", _analysed(database_url, analysis_id, _ProgressSender(to_service))
+        )
     except ThermapError as error:
-        news = News("failed", error.detail)
+        update = JobUpdate("failed", error.detail)
     except Exception as error:
         log.exception("analysis %d failed", analysis_id)
-        news = News("failed", f"unexpected error: {type(error).__name__}: {error}")
-    to_service.send(news)
+        update = JobUpdate("failed", f"unexpected error: {type(error).__name__}: {error}")
+    to_service.send(update)
     to_service.close()
 
 
-class _Telling:
+class _ProgressSender:
     """Tells the service how far the analysis is, now and then."""
 
     def __init__(self, to_service: Connection) -> None:
         self._to_service = to_service
-        self._told_at = -TELL_EVERY_S
+        self._sent_at = -PROGRESS_EVERY_S
 
     def __call__(self, progress: float, words: str) -> None:
-        if monotonic() - self._told_at >= TELL_EVERY_S:
-            self._told_at = monotonic()
-            self._to_service.send(News("progress", words, progress))
+        if monotonic() - self._sent_at >= PROGRESS_EVERY_S:
+            self._sent_at = monotonic()
+            self._to_service.send(JobUpdate("progress", words, progress))
 
 
-def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
+def _analysed(database_url: str, analysis_id: int, progress: _ProgressSender) -> str:
     progress(0.0, "reading")
     database = Database(database_url, LONG, may_be_new=False)
     try:
@@ -95,6 +96,7 @@ def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
             campaign = load_campaign(
                 session, machine, version, verifications, until, searching=True
             )
+            campaign = replace(campaign, verification_ids=tuple(ids))
     finally:
         database.close()
     found = analyse(
@@ -107,7 +109,7 @@ def _analysed(database_url: str, analysis_id: int, progress: _Telling) -> str:
     return RESULTS.text(found)
 
 
-def _leave_with_service() -> None:
+def _exit_with_service() -> None:
     """End at once when the service is gone: nobody waits for the result."""
     service = parent_process()
     if service is not None:

@@ -24,8 +24,7 @@ from app.geometry.work_volume import Range, WorkVolume
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at
-from app.services.load_machine import load_machine
-from app.services.restore_past import lacks_reading, restore_past
+from app.services.load_machine import lacks_reading, load_machine, restore_past
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine, Travel
 from app.thermal.thermal_field import MEAN_OF_BOTH, Directions
@@ -49,8 +48,8 @@ class FieldQuestion:
     missing_as_zero
         Whether components that no two maps have may count as zero.
     state
-        The machine's state; with the latest reading's temperatures it goes before what the
-        readings say.
+        The machine's state; with the latest reading's temperatures it takes precedence over what
+        the readings say.
     """
 
     temperatures_c: Sequence[Mapping[str, float]] | None = None
@@ -108,8 +107,6 @@ def ask_field(
 
     Parameters
     ----------
-    context, machine_id
-        Whose field.
     question
         At which temperatures, and under which conditions.
     orientation
@@ -180,7 +177,7 @@ def work_volume(
         if axis not in machine.chain.axes:
             raise InvalidContent.of_field(
                 f"volume.{axis}",
-                f"expected the axes of {machine.chain.text}, came {axis!r}",
+                f"expected the axes of {machine.chain.text}, got {axis!r}",
             )
     for axis in machine.chain.axes:
         chosen = (stated or {}).get(axis) or machine.axes.get(axis)
@@ -194,7 +191,7 @@ def work_volume(
         if not chosen.min_mm < chosen.max_mm:
             raise InvalidContent.of_field(
                 f"volume.{axis}",
-                f"expected min_mm below max_mm, came {chosen.min_mm:g} and {chosen.max_mm:g} mm",
+                f"expected min_mm below max_mm, got {chosen.min_mm:g} and {chosen.max_mm:g} mm",
             )
         ranges[axis] = (chosen.min_mm, chosen.max_mm)
     return WorkVolume(ranges["x"], ranges["y"], ranges["z"]), remarks
@@ -207,7 +204,7 @@ def check_travel(machine: Machine, axis: str, range_mm: Range, field: str) -> No
         raise InvalidContent.of_field(
             field,
             f"expected {axis} within the axis' travel of {travel.min_mm:g} to "
-            f"{travel.max_mm:g} mm, came {range_mm[0]:g} to {range_mm[1]:g} mm",
+            f"{travel.max_mm:g} mm, got {range_mm[0]:g} to {range_mm[1]:g} mm",
         )
 
 
@@ -261,7 +258,7 @@ def missing_refused(model: CompiledModel, missing: Sequence[str]) -> InvalidCont
         reasons.insert(0, f"no map has {list_names(unmeasured)}")
     return InvalidContent.of_field(
         "missing_components",
-        f"expected each error that is needed in at least two maps and with a sensor, came too "
+        f"expected each error that is needed in at least two maps and with a sensor, got too "
         f"little ({'; '.join(reasons)}); state 'zero' where these may count as zero",
     )
 

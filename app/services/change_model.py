@@ -26,20 +26,16 @@ from app.effects.adopted.model_difference import (
     model_difference,
 )
 from app.effects.effect import Effect
-from app.errors import StorageUnavailable, UnknownThing
+from app.errors import Conflict, StorageUnavailable, UnknownThing
 from app.services.context import Context
-from app.services.load_machine import (
-    adopted_effects,
-    compile_version,
-    live_model,
-)
-from app.services.restore_past import restore_past
-from app.storage.machines import Held, find_machine, stored_machine
+from app.services.load_machine import adopted_effects, compile_version, live_model, restore_past
+from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import (
     activate_version,
     active_version,
+    find_version,
     insert_version,
-    let_wait,
+    set_waiting,
     waiting_version,
 )
 from app.storage.records import ModelVersion, StoredMap
@@ -135,7 +131,7 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
         If the maps, the assignment and the machine's sensors contradict each other.
     """
     with context.database.writing() as session:
-        row = find_machine(session, machine_id, Held.CHANGED)
+        row = find_machine(session, machine_id, RowLock.CHANGED)
         yield MachineChange(session, row)
         session.flush()
         live = live_model(context, session, row)
@@ -145,7 +141,7 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
 
 
 @contextmanager
-def looking_at_machine(context: Context, machine_id: str) -> Iterator[MachineChange]:
+def reading_machine(context: Context, machine_id: str) -> Iterator[MachineChange]:
     """Let the caller see what a change would make, without making it; UnknownThing as above."""
     with context.database.reading() as session:
         yield MachineChange(session, find_machine(session, machine_id))
@@ -170,14 +166,10 @@ def draft_version(
 
     Parameters
     ----------
-    change
-        The machine.
     base
         The version that it is made from.
     maps, assignment, effects
         All its maps; what is assigned otherwise than in the base; its effects.
-    reason
-        What makes it.
 
     Raises
     ------
@@ -245,10 +237,6 @@ def make_version(
 
     Parameters
     ----------
-    context, change
-        The service, and the machine under its lock.
-    draft
-        What it is made of.
     accept_losses
         Whether it is activated whatever it loses.
     """
@@ -267,7 +255,7 @@ def make_version(
     if is_active:
         activate_version(change.row, version.version)
     else:
-        let_wait(change.row, version.version)
+        set_waiting(change.row, version.version)
     return MadeVersion(version, is_active, change.row.active_version, difference, before)
 
 
@@ -311,7 +299,7 @@ def remake_waiting(
         return None
     maps = [stored for stored in waiting.maps if stored.id not in without]
     if _is_same(maps, waiting.assignment, active):
-        let_wait(change.row, None)
+        set_waiting(change.row, None)
         return None
     reason = f"{waiting.reason} (made anew of version {active.version})"
     draft = draft_version(change, active, maps, reason, waiting.assignment)
@@ -326,3 +314,31 @@ def _is_same(
         return False
     codes = {code for m in maps for code in m.error_map.tables}
     return all(assignment.get(code) == version.assignment.get(code) for code in codes)
+
+
+def choose_version(
+    session: Session, machine_id: str, version_number: int | None = None
+) -> tuple[Machine, ModelVersion]:
+    """Find a machine and a version of its model; the active one where none is stated.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine or version.
+    Conflict
+        If the machine has no model yet.
+    """
+    row = find_machine(session, machine_id)
+    version = (
+        active_version(session, row)
+        if version_number is None
+        else find_version(session, machine_id, version_number)
+    )
+    if version is None:
+        raise no_model_yet(machine_id)
+    return stored_machine(row).machine, version
+
+
+def no_model_yet(machine_id: str) -> Conflict:
+    """Make the refusal of what needs a model, on a machine before its first error map."""
+    return Conflict(f"machine {machine_id!r} has no model yet: store error maps first")

@@ -37,7 +37,7 @@ class Grid:
     `bound_um` is a length of that difference that is exceeded nowhere in the grid [µm].
     """
 
-    asked: FieldAnswer
+    answer: FieldAnswer
     grid: ErrorGrid
     difference: GridDifference
     bound_um: float
@@ -65,11 +65,11 @@ def compute_grid(
     for axis, nodes in zip(LINEAR_LETTERS, nodes_mm, strict=True):
         checked_nodes(f"{axis}_mm", nodes)
     _check_size(math.prod(nodes.size for nodes in nodes_mm))
-    asked = ask_field(context, machine_id, question, orientation=False)
-    _expect_three_axes(asked.machine)
+    answer = ask_field(context, machine_id, question, orientation=False)
+    _expect_three_axes(answer.machine)
     for axis, nodes in zip(LINEAR_LETTERS, nodes_mm, strict=True):
-        check_travel(asked.machine, axis, (float(nodes[0]), float(nodes[-1])), f"{axis}_mm")
-    return _sampled(asked, question, nodes_mm, [])
+        check_travel(answer.machine, axis, (float(nodes[0]), float(nodes[-1])), f"{axis}_mm")
+    return _sampled(answer, question, nodes_mm, [])
 
 
 def grid_for_tolerance(
@@ -95,30 +95,30 @@ def grid_for_tolerance(
     UnknownThing, NoReading, InvalidContent
         As `compute_grid`; InvalidContent also if no grid keeps the tolerance.
     """
-    asked = ask_field(context, machine_id, question, orientation=False)
-    _expect_three_axes(asked.machine)
-    box, remarks = work_volume(asked, volume)
-    spacing = spacing_for_tolerance(asked.field, box, tolerance_um, question.tool_offset_mm)
+    answer = ask_field(context, machine_id, question, orientation=False)
+    _expect_three_axes(answer.machine)
+    box, remarks = work_volume(answer, volume)
+    spacing = spacing_for_tolerance(answer.field, box, tolerance_um, question.tool_offset_mm)
     _check_size(spacing.points)
     x, y, z = (
         np.linspace(*range_mm, intervals + 1)
         for range_mm, intervals in zip(box.ranges_mm, spacing.intervals, strict=True)
     )
-    return _sampled(asked, question, (x, y, z), remarks, spacing.bound_um)
+    return _sampled(answer, question, (x, y, z), remarks, spacing.bound_um)
 
 
 def _sampled(
-    asked: FieldAnswer,
+    answer: FieldAnswer,
     question: FieldQuestion,
     nodes_mm: Nodes,
     remarks: list[str],
     bound_um: float = math.inf,
 ) -> Grid:
     tool = question.tool_offset_mm
-    grid = sample_grid(asked.field, *nodes_mm, tool)
-    difference = grid_difference(asked.field, grid, tool)
+    grid = sample_grid(answer.field, *nodes_mm, tool)
+    difference = grid_difference(answer.field, grid, tool)
     bound_um = min(bound_um, difference.largest_um)
-    return Grid(asked, grid, difference, bound_um, [*asked.warnings, *remarks])
+    return Grid(answer, grid, difference, bound_um, [*answer.warnings, *remarks])
 
 
 def _expect_three_axes(machine: Machine) -> None:
@@ -126,7 +126,7 @@ def _expect_three_axes(machine: Machine) -> None:
     if lacking:
         raise InvalidContent.of_field(
             f"{lacking[0]}_mm",
-            f"expected a machine with x, y and z for a grid in three dimensions, came "
+            f"expected a machine with x, y and z for a grid in three dimensions, got "
             f"{machine.chain.text} without {', '.join(lacking)}",
         )
 
@@ -134,5 +134,5 @@ def _expect_three_axes(machine: Machine) -> None:
 def _check_size(nodes: int) -> None:
     if nodes > MOST_NODES:
         raise InvalidContent.of_field(
-            "x_mm", f"expected a grid of at most {MOST_NODES} nodes, came {nodes}"
+            "x_mm", f"expected a grid of at most {MOST_NODES} nodes, got {nodes}"
         )

@@ -10,12 +10,11 @@ from threading import Event, Thread
 from time import monotonic
 
 from app.errors import StorageUnavailable, UnknownThing
-from app.live.database_watch import Matter
+from app.live.database_watch import TroubleKind
 from app.live.registry import Arrived
 from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
-from app.services.load_machine import load_machine
-from app.services.restore_past import restore_past
+from app.services.load_machine import load_machine, restore_past
 from app.storage.limits import QUESTION
 from app.storage.machines import revisions, sum_of_machines
 from app.storage.readings import NumberedReading, newest_id, numbered_readings
@@ -64,15 +63,15 @@ class DatabaseFollower:
         """Look once: note whether the database is there, and load what has changed."""
         watch = self._context.live.database
         began = self._context.now()
-        watch.asks(began)
+        watch.note_question(began)
         try:
             self._follow()
             if self._takes_writes():
-                watch.is_well()
-            elif watch.is_in_trouble(Matter.LOCKED, self._writable_at or began):
+                watch.note_recovery()
+            elif watch.note_trouble(TroubleKind.LOCKED, self._writable_at or began):
                 log.warning("the database is locked: nothing can be stored")
         except StorageUnavailable as error:
-            if watch.is_in_trouble(Matter.AWAY, began):
+            if watch.note_trouble(TroubleKind.AWAY, began):
                 log.warning("%s; live tables go on from memory", error.detail)
 
     def _takes_writes(self) -> bool:
@@ -90,7 +89,7 @@ class DatabaseFollower:
             wanted = revisions(session) if total != self._sum else None
             unseen = self._unseen or UnseenNumbers(newest_id(session) - LOOK_BACK)
             fresh = numbered_readings(session, unseen.highest, unseen.gaps)
-        live.database.answered()
+        live.database.note_answer()
         # First what came, then what changed: among what came may be what was withdrawn since.
         self._add(fresh)
         if wanted is not None:
@@ -99,7 +98,7 @@ class DatabaseFollower:
         for machine in self._context.live.behind():
             with suppress(UnknownThing):
                 restore_past(self._context, machine)
-        unseen.saw((reading.number for reading in fresh), self._context.now())
+        unseen.mark_seen((reading.number for reading in fresh), self._context.now())
         self._unseen = unseen
 
     def _load(self, have: dict[str, Stamp], wanted: dict[str, Stamp]) -> None:
@@ -130,8 +129,8 @@ class DatabaseFollower:
 
     def _add(self, fresh: list[NumberedReading]) -> None:
         arrived: dict[tuple[str, int], list[Reading]] = defaultdict(list)
-        for came in fresh:
-            arrived[came.machine_id, came.withdrawals].append(came.reading)
+        for got in fresh:
+            arrived[got.machine_id, got.withdrawals].append(got.reading)
         until = self._context.usable_until()
         for (machine_id, withdrawals), readings in arrived.items():
             live = self._context.live.get(machine_id)

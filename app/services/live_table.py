@@ -12,7 +12,7 @@ from app.effects.adopted.in_table import add_effects, faulty_marked
 from app.effects.adopted.live_lags import LiveLags
 from app.effects.conditions import Conditions, Lags
 from app.errors import NoReading, SensorUnavailable, counted
-from app.live.reading_window import Held
+from app.live.reading_window import HeldReadings
 from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
 from app.thermal.reading import Reading
@@ -88,14 +88,14 @@ def current_state(
 ) -> CurrentState:
     """Judge the sensors at this moment.
 
-    What is stated of the machine's state goes before what the readings say of it.
+    What is stated of the machine's state takes precedence over what the readings say of it.
 
     Raises
     ------
     NoReading
         If the machine has had no reading, or none but such as lie in the future.
     """
-    live.keep_up(context.usable_until())
+    live.advance_to(context.usable_until())
     held = live.readings.held
     latest = held.latest
     machine = live.current.model.machine
@@ -232,7 +232,7 @@ def _between(ahead: Sequence[Reading]) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _no_reading(context: Context, machine_id: str, held: Held) -> NoReading:
+def _no_reading(context: Context, machine_id: str, held: HeldReadings) -> NoReading:
     if not held.ahead:
         return NoReading(f"machine {machine_id!r} has no reading yet, store one first")
     (warning,) = ahead_warnings(held.ahead, more_ahead=held.more_ahead)

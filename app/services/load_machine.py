@@ -1,21 +1,26 @@
-"""Bring a machine's active model and latest readings from the database into memory."""
+"""Bring a machine from the database into memory: its model, its readings, and its effects' past."""
 
 from __future__ import annotations
+
+from datetime import timedelta
 
 from sqlalchemy.orm import Session
 
 from app.effects.effect import Effect, effect_from_json
 from app.errors import Conflict, UnknownThing
-from app.live.registry import LiveMachine, LiveModel
+from app.live.reading_window import MOST_AHEAD
+from app.live.registry import Arrived, LiveMachine, LiveModel
 from app.services.context import Context
-from app.services.restore_past import restore_past
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import active_version
+from app.storage.readings import readings_after, recent_readings
 from app.storage.records import ModelVersion, StoredMachine
 from app.storage.tables import MachineRow
 from app.thermal.compile_model import compile_model
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
+from app.thermal.reading import Reading
+from app.thermal.sensor_health import record_needed_s
 
 
 def load_machine(context: Context, machine_id: str) -> LiveMachine:
@@ -78,3 +83,45 @@ def compile_version(machine: Machine, version: ModelVersion | None) -> CompiledM
         return compile_model(machine, [m.error_map for m in version.maps], version.assignment)
     except UnknownThing as unknown:
         raise Conflict(f"model version {version.version}: {unknown.detail}") from None
+
+
+def restore_past(context: Context, live: LiveMachine) -> None:
+    """Restore a machine's readings, filters and states, where they are behind.
+
+    Raises
+    ------
+    UnknownThing
+        If the machine was deleted.
+    StorageUnavailable
+        If the database is away; all stays as it was, and can be restored later.
+    """
+    if live.is_behind:
+        _reread(context, live)
+    past = live.past
+    machine_id = live.current.model.machine.id
+
+    def stored() -> list[Reading]:
+        record = timedelta(seconds=past.record_s)
+        with context.database.reading() as session:
+            return recent_readings(session, machine_id, context.usable_until(), record, ())
+
+    past.restore(stored)
+
+
+def lacks_reading(context: Context, live: LiveMachine) -> bool:
+    """Whether memory has no reading that can be used now, but the database may have."""
+    live.advance_to(context.usable_until())
+    return live.is_behind and live.readings.latest is None
+
+
+def _reread(context: Context, live: LiveMachine) -> None:
+    """Read the latest readings that can be used, and the first of those that lie ahead."""
+    machine, until = live.current.model.machine, context.usable_until()
+    window = timedelta(seconds=record_needed_s(machine.sensors.values()))
+    with live.noting_arrivals() as meanwhile:
+        with context.database.reading() as session:
+            # First of all: what is withdrawn from now on counts as not yet withdrawn.
+            withdrawals = find_machine(session, machine.id).withdrawals
+            recent = recent_readings(session, machine.id, until, window, machine.sensors)
+            ahead = readings_after(session, machine.id, until, MOST_AHEAD + 1)
+        live.reread(Arrived([*recent, *ahead], withdrawals), meanwhile, until)

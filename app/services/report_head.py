@@ -13,14 +13,10 @@ class ReportHead:
 
     Parameters
     ----------
-    machine_id, machine_name
-        The machine.
     chain
         Order of its axes, such as `XYFZ`.
     model_version
         The version that the observations were held against.
-    verifications
-        Labels of the verifications.
     analysed_at
         When the analysis was done, with its zone.
     seed

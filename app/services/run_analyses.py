@@ -17,29 +17,29 @@ from typing import Any, Final
 from uuid import uuid4
 
 from app.errors import StorageUnavailable
-from app.services.analysis_process import News, run_analysis
+from app.services.analysis_process import JobUpdate, run_analysis
 from app.services.context import Context
 from app.storage.analyses import (
-    beat,
     claim_analysis,
     fail_analysis,
     finish_analysis,
     has_queued,
+    record_heartbeat,
     running_analyses,
 )
 
 log = logging.getLogger("thermap")
 
-BEAT_S: Final = 1.0
+HEARTBEAT_S: Final = 1.0
 """How often a running job says that it is alive [s]."""
 
 PATIENCE_S: Final = 15.0
 """A job that has not beaten for so long was run by a service that is gone [s]."""
 
-LOOK_S: Final = 2.0
+QUEUE_POLL_S: Final = 2.0
 """How often the queue is looked at for what other services put there [s]."""
 
-LISTEN_S: Final = 0.1
+CANCEL_POLL_S: Final = 0.1
 """How soon a cancelled process is ended [s]."""
 
 STOPPED: Final = "the service stopped while it ran"
@@ -57,7 +57,7 @@ class AnalysisRunner:
         self._context = context
         self._owner = str(uuid4())
         self._stop = Event()
-        self._news = Event()
+        self._wakened = Event()
         self._starting = Lock()
         self._thread: Thread | None = None
         self._others: dict[int, tuple[tuple[str, int], float]] = {}
@@ -72,7 +72,7 @@ class AnalysisRunner:
     def wake(self) -> None:
         """Look at the queue, or at whether the running job was cancelled, now."""
         self.start()
-        self._news.set()
+        self._wakened.set()
 
     def stop(self, patience_s: float = 10.0) -> None:
         """End: the running job fails with the reason, the others wait for another service.
@@ -80,22 +80,22 @@ class AnalysisRunner:
         Where the database hangs, the reason is not stored: another service finds out.
         """
         self._stop.set()
-        self._news.set()
+        self._wakened.set()
         if self._thread is not None:
             self._thread.join(patience_s)
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._news.clear()
+            self._wakened.clear()
             try:
                 self._fail_abandoned()
                 while not self._stop.is_set() and self._run_next():
                     pass
             except StorageUnavailable:
-                self._others.clear()  # who could not write was not seen to beat
+                self._others.clear()  # who could not write gave no heartbeat that was seen
             except Exception:
                 log.exception("could not look at the queue of analyses")
-            self._news.wait(LOOK_S)
+            self._wakened.wait(QUEUE_POLL_S)
 
     def _run_next(self) -> bool:
         """Run the first job of the queue; False where it is empty."""
@@ -109,16 +109,16 @@ class AnalysisRunner:
             return False
         log.info("analysis %d begins", analysis_id)
         try:
-            news = self._carried_out(analysis_id)
+            update = self._run_job(analysis_id)
         except Exception as error:
             log.exception("analysis %d could not be followed", analysis_id)
-            news = News("failed", f"unexpected error: {type(error).__name__}: {error}")
-        if news is not None:
-            self._store(analysis_id, news)
+            update = JobUpdate("failed", f"unexpected error: {type(error).__name__}: {error}")
+        if update is not None:
+            self._store(analysis_id, update)
         return True
 
-    def _carried_out(self, analysis_id: int) -> News | None:
-        """Run a job to its last news, and leave nothing of it behind."""
+    def _run_job(self, analysis_id: int) -> JobUpdate | None:
+        """Run a job to its last update, and leave nothing of it behind."""
         url = self._context.database.engine.url.render_as_string(hide_password=False)
         job = _Job(url, analysis_id)
         try:
@@ -127,48 +127,50 @@ class AnalysisRunner:
         finally:
             job.end()
 
-    def _followed(self, job: _Job, analysis_id: int) -> News | None:
-        """Wait for a job's last news; None where nobody waits for them any more."""
-        progress = News("progress", "reading")
+    def _followed(self, job: _Job, analysis_id: int) -> JobUpdate | None:
+        """Wait for a job's last update; None where nobody waits for them any more."""
+        progress = JobUpdate("progress", "reading")
         beaten_at = monotonic()
         while not self._stop.is_set():
-            news = job.listen(LISTEN_S)
-            if news is not None and news.kind != "progress":
-                return news
-            progress = news or progress
-            if monotonic() - beaten_at >= BEAT_S or self._news.is_set():
-                self._news.clear()
+            update = job.listen(CANCEL_POLL_S)
+            if update is not None and update.kind != "progress":
+                return update
+            progress = update or progress
+            if monotonic() - beaten_at >= HEARTBEAT_S or self._wakened.is_set():
+                self._wakened.clear()
                 beaten_at = monotonic()
-                if not self._beat(analysis_id, progress):
+                if not self._record_heartbeat(analysis_id, progress):
                     return None
-        return News("failed", STOPPED)
+        return JobUpdate("failed", STOPPED)
 
-    def _beat(self, analysis_id: int, progress: News) -> bool:
+    def _record_heartbeat(self, analysis_id: int, progress: JobUpdate) -> bool:
         """Write that a job is alive; False where it was cancelled, deleted or given up."""
         try:
             with self._context.database.writing() as session:
-                alive = beat(session, analysis_id, self._owner, progress.progress, progress.text)
+                alive = record_heartbeat(
+                    session, analysis_id, self._owner, progress.progress, progress.text
+                )
             self._fail_abandoned()
         except StorageUnavailable:
             self._others.clear()
             return True  # it goes on; its result waits for the database
         return alive
 
-    def _store(self, analysis_id: int, news: News) -> None:
+    def _store(self, analysis_id: int, update: JobUpdate) -> None:
         """Store a result or a reason; where the database is away, as soon as it is back."""
         while True:
             now = self._context.now()
             try:
                 with self._context.database.writing() as session:
-                    if news.kind == "done":
-                        finish_analysis(session, analysis_id, self._owner, news.text, now)
+                    if update.kind == "done":
+                        finish_analysis(session, analysis_id, self._owner, update.text, now)
                     else:
-                        fail_analysis(session, analysis_id, self._owner, None, news.text, now)
-                log.info("analysis %d %s", analysis_id, news.kind)
+                        fail_analysis(session, analysis_id, self._owner, None, update.text, now)
+                log.info("analysis %d %s", analysis_id, update.kind)
                 return
             except StorageUnavailable as error:
                 log.warning("analysis %d waits to be stored: %s", analysis_id, error.detail)
-                if self._stop.wait(BEAT_S):
+                if self._stop.wait(HEARTBEAT_S):
                     return
 
     def _fail_abandoned(self) -> None:
@@ -205,16 +207,16 @@ class _Job:
         # Its other end is the process' alone: when that is gone, so is the pipe.
         self._to_service.close()
 
-    def listen(self, patience_s: float) -> News | None:
-        """Give the process' next news; that it ended without any is `failed`."""
+    def listen(self, patience_s: float) -> JobUpdate | None:
+        """Give the process' next update; that it ended without any is `failed`."""
         listening: Connection[Any, Any] = self._from_process
         try:
             if listening.poll(patience_s):
-                news: News = listening.recv()
-                return news
+                update: JobUpdate = listening.recv()
+                return update
         except (EOFError, OSError):
             self._process.join(5.0)
-            return News(
+            return JobUpdate(
                 "failed", f"its process ended unexpectedly ({_words(self._process.exitcode)})"
             )
         return None

@@ -13,7 +13,7 @@ from typing import Any
 from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session, undefer
 
-from app.errors import UnknownThing, it_has
+from app.errors import UnknownThing, existing_names
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
 from app.storage.tables import AnalysisRow
 
@@ -43,18 +43,12 @@ def insert_analysis(
 def find_analysis(
     session: Session, machine_id: str, analysis_id: int, *, result: bool = False
 ) -> AnalysisRow:
-    """Find an analysis by its number, with its result if that is needed.
-
-    Raises
-    ------
-    UnknownThing
-        With the analyses that the machine has.
-    """
+    """Find an analysis by its number, with its result if that is needed."""
     options = [undefer(AnalysisRow.result)] if result else []
     can_be = 0 < analysis_id <= LARGEST_INTEGER
     row = session.get(AnalysisRow, analysis_id, options=options) if can_be else None
     if row is None or row.machine_id != machine_id:
-        existing = it_has(str(a.id) for a in list_analyses(session, machine_id))
+        existing = existing_names(str(a.id) for a in list_analyses(session, machine_id))
         raise UnknownThing(f"machine {machine_id!r} has no analysis {analysis_id}; {existing}")
     return row
 
@@ -93,7 +87,9 @@ def claim_analysis(session: Session, owner: str, now: datetime) -> int | None:
     return row.id
 
 
-def beat(session: Session, analysis_id: int, owner: str, progress: float, message: str) -> bool:
+def record_heartbeat(
+    session: Session, analysis_id: int, owner: str, progress: float, message: str
+) -> bool:
     """Say that a job is alive, and how far; False where it is not this owner's to run any more."""
     return _change(
         session,

@@ -27,4 +27,26 @@ def _from_0(stored: Fields) -> Fields:
     }
 
 
-RESULTS: Final = StoredShape(Analysis, "a result of an analysis", [_from_0])
+def _from_1(stored: Fields) -> Fields:
+    """Say of each effect whether it helps: then it was what held-out visits had confirmed."""
+    effects = [
+        {"helps": sure, "why_not": None if sure else "visits that were held out did not confirm it"}
+        | effect
+        for effect in stored["effects"]
+        for sure in [effect["status"] == "confirmed"]
+    ]
+    return {**stored, "effects": effects}
+
+
+def _from_2(stored: Fields) -> Fields:
+    """Say that nothing was refitted, and no name held against flexible versions of itself."""
+    effects = [
+        {"doubts": []}
+        | effect
+        | {"alternatives": [{"with_offset": False} | other for other in effect["alternatives"]]}
+        for effect in stored["effects"]
+    ]
+    return {"refitted": [], **stored, "effects": effects}
+
+
+RESULTS: Final = StoredShape(Analysis, "a result of an analysis", [_from_0, _from_1, _from_2])

@@ -71,7 +71,7 @@ def write_backup(database_url: str, file: Path) -> BackupContents:
     if file.exists():
         raise Conflict(f"{file} is there already: give another name")
     part = file.with_name(f".{file.name}.{os.getpid()}.part")
-    with _saying_when_not_written(file):
+    with _as_write_errors(file):
         database = Database(database_url, may_be_new=False)
         try:
             _require_tables(database)
@@ -96,8 +96,6 @@ def restore_backup(database_url: str, file: Path, *, replace: bool = False) -> B
     ----------
     database_url
         The database; its tables are made or upgraded first.
-    file
-        What `write_backup` has written, by this or an older thermap.
     replace
         Whether machines that are there are replaced, with all that belongs to them.
 
@@ -316,7 +314,7 @@ def _give_name(part: Path, file: Path) -> None:
 
 
 @contextmanager
-def _saying_when_not_written(file: Path) -> Iterator[None]:
+def _as_write_errors(file: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, sqlite3.Error) as error:

@@ -51,15 +51,13 @@ class Database:
 
     On SQLite one writer of this process writes at a time, and takes the file's write lock
     at the beginning, so that writers queue instead of failing; on PostgreSQL the use cases
-    lock the machine's row before anything else (`app.storage.machines.Held`). Nothing is
+    lock the machine's row before anything else (`app.storage.machines.RowLock`). Nothing is
     committed but by leaving `writing()` without an exception.
 
     Parameters
     ----------
     url
         `sqlite:///FILE` or `postgresql://USER@HOST/DATABASE`.
-    limits
-        How long it may take, where a transaction does not say otherwise.
     may_be_new
         Whether a SQLite file that is not there is made.
 
@@ -83,7 +81,7 @@ class Database:
     def reading(self, limits: Limits | None = None) -> Iterator[Session]:
         """Open a session that changes nothing."""
         engine = self._limited(limits)
-        with _saying_when_away(), Session(engine, expire_on_commit=False) as session:
+        with _as_storage_errors(), Session(engine, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
@@ -96,7 +94,7 @@ class Database:
             If it was rolled back because of another transaction: the same again may succeed.
         """
         writer = self._limited(limits).execution_options(thermap_writes=True)
-        with self._turn(limits), _saying_when_away((limits or self._limits).lock_s):
+        with self._turn(limits), _as_storage_errors((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
             if self._file is not None:
@@ -117,7 +115,7 @@ class Database:
             return True
         writer = self.engine.execution_options(thermap_writes=True, thermap_limits=MOMENT)
         try:
-            with self._turn(MOMENT), _saying_when_away(), writer.connect() as connection:
+            with self._turn(MOMENT), _as_storage_errors(), writer.connect() as connection:
                 connection.begin().rollback()
         except StorageBusy:
             return False
@@ -132,7 +130,7 @@ class Database:
         here, and checked before the commit. It takes as long as it takes.
         """
         writer = self._limited(UNLIMITED).execution_options(thermap_writes=True)
-        with self._turn(UNLIMITED), _saying_when_away(), writer.connect() as connection:
+        with self._turn(UNLIMITED), _as_storage_errors(), writer.connect() as connection:
             on_sqlite = connection.dialect.name == "sqlite"
             driver: Any = connection.connection.dbapi_connection
             if on_sqlite:
@@ -152,7 +150,7 @@ class Database:
     def snapshot(self) -> Iterator[Connection]:
         """Read everything as it is at one moment, however long it takes."""
         with (
-            _saying_when_away(),
+            _as_storage_errors(),
             self._limited(UNLIMITED).connect() as connection,
             connection.begin(),
         ):
@@ -172,7 +170,7 @@ class Database:
         """
         writer = self._limited(ALONE).execution_options(thermap_writes=True)
         self._expect_no_service()
-        with self._turn(ALONE), _saying_when_away(), writer.begin() as connection:
+        with self._turn(ALONE), _as_storage_errors(), writer.begin() as connection:
             if not self.is_sqlite:
                 connection.exec_driver_sql("LOCK TABLE machine IN EXCLUSIVE MODE")
             yield connection
@@ -197,7 +195,7 @@ class Database:
     @contextmanager
     def driver(self) -> Iterator[Any]:
         """Give the driver's own connection, outside of any transaction."""
-        with _saying_when_away():
+        with _as_storage_errors():
             lent = self.engine.raw_connection()
         try:
             yield lent.driver_connection
@@ -248,12 +246,11 @@ def _connections(
     if url.get_backend_name() != "sqlite":
         raise InvalidContent.of_field(
             "database_url",
-            "expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, "
-            f"came {url.drivername}://…",
+            f"expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, got {url.drivername}://…",
         )
     if url.database in (None, "", ":memory:"):
         raise InvalidContent.of_field(
-            "database_url", "expected a SQLite file, came none: what is stored has to last"
+            "database_url", "expected a SQLite file, got none: what is stored has to last"
         )
     return SqliteConnections(url, limits, may_be_new=may_be_new)
 
@@ -277,7 +274,7 @@ def _parse(url: str) -> URL:
         # Not what came: it may hold a password.
         raise InvalidContent.of_field(
             "database_url",
-            "expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, came text that is no URL",
+            "expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, got text that is no URL",
         ) from None
 
 
@@ -290,7 +287,7 @@ _OVERTAKEN: Final = {"40P01", "40001"}
 
 
 @contextmanager
-def _saying_when_away(lock_s: float | None = 0.0) -> Iterator[None]:
+def _as_storage_errors(lock_s: float | None = 0.0) -> Iterator[None]:
     """Turn the driver's many ways of being away into one.
 
     A SQLite file that is locked before locks were waited for as long as `lock_s` [s] did not

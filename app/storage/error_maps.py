@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.arrays import FloatArray
-from app.errors import UnknownThing, it_has
+from app.errors import UnknownThing, existing_names
 from app.geometry.components import COMPONENTS
 from app.geometry.measuring_line import MeasuringLine
 from app.storage.records import StoredMap
@@ -51,21 +51,15 @@ def insert_error_map(
 
 
 def find_error_map(session: Session, machine_id: str, map_id: int) -> ErrorMapRow:
-    """Find a map in use by its number.
-
-    Raises
-    ------
-    UnknownThing
-        With the maps that the machine has.
-    """
+    """Find a map in use by its number."""
     rows = {row.id: row for row in _in_use(session, machine_id)}
     if map_id not in rows:
-        existing = it_has(f"{row.id} ({row.label})" for row in rows.values())
+        existing = existing_names(f"{row.id} ({row.label})" for row in rows.values())
         raise UnknownThing(f"machine {machine_id!r} has no error map {map_id}; {existing}")
     return rows[map_id]
 
 
-def find_label(session: Session, machine_id: str, label: str) -> StoredMap | None:
+def find_error_map_by_label(session: Session, machine_id: str, label: str) -> StoredMap | None:
     """Find a map in use by its label."""
     row = next((row for row in _in_use(session, machine_id) if row.label == label), None)
     return None if row is None else stored_map(row)

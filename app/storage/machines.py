@@ -17,7 +17,7 @@ from app.storage.tables import MachineRow
 from app.thermal.machine import Machine, OutOfRange, SameTemperature, Sensor, Travel
 
 
-class Held(Enum):
+class RowLock(Enum):
     """How a transaction holds a machine's row, on PostgreSQL.
 
     Whoever writes holds the machine first, and everything else after: thus no two wait for
@@ -35,7 +35,7 @@ class Held(Enum):
     @property
     def clause(self) -> dict[str, bool]:
         """SQLAlchemy's words for it."""
-        return {"read": self is Held.KEPT, "key_share": self is not Held.DELETED}
+        return {"read": self is RowLock.KEPT, "key_share": self is not RowLock.DELETED}
 
 
 def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredMachine:
@@ -47,14 +47,8 @@ def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredM
     return stored_machine(row)
 
 
-def find_machine(session: Session, machine_id: str, held: Held | None = None) -> MachineRow:
-    """Find a machine's row, and hold it until the transaction ends.
-
-    Raises
-    ------
-    UnknownThing
-        With the machines that exist.
-    """
+def find_machine(session: Session, machine_id: str, held: RowLock | None = None) -> MachineRow:
+    """Find a machine's row, and hold it until the transaction ends."""
     can_be = "\0" not in machine_id  # PostgreSQL cannot even be asked for it
     lock: Any = None if held is None else held.clause
     row = session.get(MachineRow, machine_id, with_for_update=lock) if can_be else None

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.errors import UnknownThing, it_has
+from app.errors import UnknownThing, existing_names
 from app.storage.error_maps import stored_map
 from app.storage.records import LARGEST_INTEGER, ModelVersion, StoredMap
 from app.storage.tables import MachineRow, ModelVersionMapRow, ModelVersionRow
@@ -55,19 +55,13 @@ def activate_version(machine: MachineRow, version: int) -> None:
     machine.revision += 1
 
 
-def let_wait(machine: MachineRow, version: int | None) -> None:
+def set_waiting(machine: MachineRow, version: int | None) -> None:
     """Let a version wait for its activation, or none; live tables stay as they are."""
     machine.waiting_version = version
 
 
 def find_version(session: Session, machine_id: str, version: int) -> ModelVersion:
-    """Find a version with its maps.
-
-    Raises
-    ------
-    UnknownThing
-        With the versions that exist.
-    """
+    """Find a version with its maps."""
     can_be = 0 < version <= LARGEST_INTEGER
     row = session.get(ModelVersionRow, (machine_id, version)) if can_be else None
     if row is None:
@@ -78,7 +72,7 @@ def find_version(session: Session, machine_id: str, version: int) -> ModelVersio
         )
         raise UnknownThing(
             f"machine {machine_id!r} has no model version {version}; "
-            f"{it_has(str(v) for v in existing)}"
+            f"{existing_names(str(v) for v in existing)}"
         )
     return _model_version(row, {})
 

@@ -91,16 +91,10 @@ class AnalysisTask:
 
     Parameters
     ----------
-    model_version
-        The version that is held against the verifications.
-    verification_ids
-        Which.
     holdout_fraction
         Share of the visits that take no part in the search.
     kinds
         Kinds of effects that are tested; None: all.
-    seed
-        Of everything that is drawn.
     """
 
     model_version: int

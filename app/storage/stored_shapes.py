@@ -16,7 +16,7 @@ Fields: TypeAlias = dict[str, Any]
 VERSION_FIELD: Final = "shape"
 """What is stored without it is of version 0: the first version of this software."""
 
-MOST_TOLD: Final = 3
+MOST_NAMED: Final = 3
 
 
 class StoredShape(Generic[Shape]):
@@ -26,8 +26,6 @@ class StoredShape(Generic[Shape]):
     ----------
     shape
         The class.
-    what
-        What it is, for a person.
     upgrades
         Each makes version n + 1 of version n; as many as the version that is written.
     """
@@ -70,17 +68,21 @@ class StoredShape(Generic[Shape]):
         version = own.pop(VERSION_FIELD, 0)
         if version > self.version:
             raise InvalidContent(
-                f"expected {self._what} of shape {self.version} or older, came {version}: a newer "
+                f"expected {self._what} of shape {self.version} or older, got {version}: a newer "
                 "version of thermap stored it"
             )
-        for upgrade in self._upgrades[version:]:
-            own = upgrade(own)
         try:
+            for upgrade in self._upgrades[version:]:
+                own = upgrade(own)
             return self._adapter.validate_python(own)
+        except (KeyError, TypeError) as error:
+            raise InvalidContent(
+                f"expected {self._what} as it was stored: {error} is missing or of another type"
+            ) from None
         except ValidationError as error:
             wrong = "; ".join(
                 f"{'.'.join(map(str, one['loc']))}: {one['msg']}"
-                for one in error.errors()[:MOST_TOLD]
+                for one in error.errors()[:MOST_NAMED]
             )
             raise InvalidContent(f"expected {self._what} as it was stored: {wrong}") from None
 

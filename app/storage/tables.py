@@ -243,7 +243,8 @@ class WithdrawnReadingRow(Base):
 class VerificationRow(Base):
     """One verification: its observations as arrays, one entry or three numbers for each.
 
-    Numbers in threes are row by row; NaN stands for what an observation does not have. No
+    Numbers in threes are row by row; NaN stands for what an observation does not have. `setup`
+    has places in `setup_names`; it is NULL where no observation states one. No
     number of a verification is used again: analyses name them after they are gone.
     """
 
@@ -269,6 +270,8 @@ class VerificationRow(Base):
     tool_offsets_mm: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
     directions: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
     states: Mapped[FloatArray] = mapped_column(deferred=True, deferred_group="arrays")
+    setup_names: Mapped[list[Any]] = mapped_column(server_default="[]")
+    setup: Mapped[FloatArray | None] = mapped_column(deferred=True, deferred_group="arrays")
 
 
 class AnalysisRow(Base):

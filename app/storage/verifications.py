@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session, undefer_group
 
 from app.arrays import FloatArray
 from app.effects.observations import Observation, Triple, Verification
-from app.errors import UnknownThing, it_has
+from app.errors import UnknownThing, existing_names
 from app.geometry.components import ORDER
 from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
@@ -27,7 +27,10 @@ _ARRAYS: Final = (
     *("times_s", "component", "measured", "points_mm", "tool_offsets_mm", "directions"),
     "states",
 )
-_FACTS: Final = ("label", "datum", "repeatability_um", "components", "state_names")
+_FACTS: Final = (
+    *("label", "datum", "repeatability_um", "components", "state_names"),
+    "setup_names",
+)
 
 
 def insert_verification(
@@ -49,26 +52,22 @@ def insert_verification(
 def find_verification(
     session: Session, machine_id: str, verification_id: int, *, observations: bool = False
 ) -> VerificationRow:
-    """Find a verification by its number, with its observations if they are needed.
-
-    Raises
-    ------
-    UnknownThing
-        With the verifications that the machine has.
-    """
+    """Find a verification by its number, with its observations if they are needed."""
     options = [undefer_group("arrays")] if observations else []
     can_be = 0 < verification_id <= LARGEST_INTEGER
     row = session.get(VerificationRow, verification_id, options=options) if can_be else None
     if row is None or row.machine_id != machine_id:
         stored = list_verifications(session, machine_id)
-        existing = it_has(f"{v.id} ({v.label})" for v in stored)
+        existing = existing_names(f"{v.id} ({v.label})" for v in stored)
         raise UnknownThing(
             f"machine {machine_id!r} has no verification {verification_id}; {existing}"
         )
     return row
 
 
-def find_label(session: Session, machine_id: str, label: str) -> VerificationRow | None:
+def find_verification_by_label(
+    session: Session, machine_id: str, label: str
+) -> VerificationRow | None:
     """Find a verification by its label, with its observations."""
     query = select(VerificationRow).where(
         VerificationRow.machine_id == machine_id, VerificationRow.label == label
@@ -104,6 +103,7 @@ def stored_verification(row: VerificationRow) -> StoredVerification:
 
 def read_verification(row: VerificationRow) -> Verification:
     """Read a row with its observations."""
+    setups = _setups(row)
     observations = [
         Observation(
             time_s=time_s,
@@ -114,24 +114,37 @@ def read_verification(row: VerificationRow) -> Verification:
             tool_offset_mm=_triple(tool),
             directions=(int(direction[0]), int(direction[1]), int(direction[2])),
             state={n: x for n, x in zip(row.state_names, state, strict=True) if x == x},
+            setup=setup,
         )
-        for time_s, name, measured, point, tool, direction, state in zip(
+        for time_s, name, measured, point, tool, direction, state, setup in zip(
             row.times_s.tolist(),
             [row.components[int(i)] for i in row.component],
             *(_in_threes(getattr(row, name)) for name in _ARRAYS[2:6]),
             row.states.reshape(row.observations, -1).tolist(),
+            setups,
             strict=True,
         )
     ]
     return Verification(row.label, observations, Datum(row.datum), row.repeatability_um)
 
 
+def _setups(row: VerificationRow) -> list[str | None]:
+    """Name the set-up of each observation; None where it states none."""
+    if row.setup is None:
+        return [None] * row.observations
+    return [None if np.isnan(i) else row.setup_names[int(i)] for i in row.setup]
+
+
 def same_content(row: VerificationRow, verification: Verification) -> bool:
     """Whether a row says the same as a verification, bit for bit and in the same order."""
     other = _row(row.machine_id, verification)
-    return all(getattr(row, name) == getattr(other, name) for name in _FACTS) and all(
-        np.ravel(getattr(row, name)).tobytes() == np.ravel(getattr(other, name)).tobytes()
-        for name in _ARRAYS
+    return (
+        all(getattr(row, name) == getattr(other, name) for name in _FACTS)
+        and all(
+            np.ravel(getattr(row, name)).tobytes() == np.ravel(getattr(other, name)).tobytes()
+            for name in _ARRAYS
+        )
+        and _setups(row) == _setups(other)
     )
 
 
@@ -141,6 +154,8 @@ def _row(machine_id: str, verification: Verification) -> VerificationRow:
     components = sorted(names, key=lambda name: ORDER.get(name, len(ORDER)))
     number = {name: i for i, name in enumerate(components)}
     state_names = sorted({name for o in asked for name in o.state})
+    setup_names = sorted({o.setup for o in asked if o.setup is not None})
+    setups: dict[str | None, float] = {name: float(i) for i, name in enumerate(setup_names)}
     times_s = np.array([o.time_s for o in asked])
     return VerificationRow(
         machine_id=machine_id,
@@ -159,6 +174,8 @@ def _row(machine_id: str, verification: Verification) -> VerificationRow:
         tool_offsets_mm=np.array([o.tool_offset_mm for o in asked], dtype=float),
         directions=np.array([o.directions for o in asked], dtype=float),
         states=np.array([[o.state.get(n, np.nan) for n in state_names] for o in asked]),
+        setup_names=setup_names,
+        setup=np.array([setups.get(o.setup, np.nan) for o in asked]) if setup_names else None,
     )
 
 

@@ -4,8 +4,39 @@ from __future__ import annotations
 
 from typing import Final
 
+from app.identification.watch.setups import CORRELATIONS, PAIRS
 from app.identification.watch.watching import Judgement, WatchState
-from app.storage.stored_shapes import StoredShape, unchanged
+from app.storage.stored_shapes import Fields, StoredShape, unchanged
+
+
+def _with_correlated_setups(stored: Fields) -> Fields:
+    """Go on from a state that took set-ups as independent.
+
+    What it knew of the scatter is taken for each correlation; the correlation is learnt from
+    now on.
+    """
+    return stored | {"streams": {key: _tracked(one) for key, one in stored["streams"].items()}}
+
+
+def _tracked(stream: Fields) -> Fields:
+    nothing = [0.0] * PAIRS
+    track = {
+        "constants": [stream["mean"]] * PAIRS,
+        "setups": nothing,
+        "of_constants": [stream["variance"]] * PAIRS,
+        "of_both": nothing,
+        # Of the latest set-up itself nothing was kept: it may have been anything.
+        "of_setups": [stream["expected"] ** 2] * PAIRS,
+    }
+    return {
+        "unchanged": track,
+        "learnt": track,
+        "likelihoods": [known for known in stream["setups"] for _ in CORRELATIONS],
+        **{key: stream[key] for key in ("process", "value", "expected")},
+    }
+
 
 JUDGEMENTS: Final = StoredShape(Judgement, "a judgement of a verification", [unchanged])
-WATCH_STATES: Final = StoredShape(WatchState, "the state of a watch", [unchanged])
+WATCH_STATES: Final = StoredShape(
+    WatchState, "the state of a watch", [unchanged, _with_correlated_setups]
+)

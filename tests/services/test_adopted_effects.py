@@ -1,18 +1,22 @@
 """Adopted effects over restarts, processes, orders of arrival, and model versions."""
 
 import threading
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
 
 from app.effects.driver import AboveReference
-from app.effects.effect import Effect
+from app.effects.effect import Effect, Provenance
 from app.effects.shape import Everywhere
 from app.effects.term import Term
 from app.errors import Conflict, InvalidContent, StorageUnavailable, UnknownThing
+from app.identification.analysis.analysis import RefittedEffect
+from app.services.adopt_analysis import version_with_effects
+from app.services.change_model import changing_machine
 from app.services.follow_database import DatabaseFollower
-from app.services.store_readings import store_readings
+from app.services.readings import store_readings
 from app.thermal.reading import Reading
 from tests.effect_examples import (
     ALL,
@@ -112,7 +116,7 @@ async def test_sensors_that_report_apart_need_no_rebuilding(client, app, monkeyp
     await stored(client, readings[0])
     reads = []
     monkeypatch.setattr(
-        "app.services.restore_past.recent_readings", lambda *a: reads.append(a) or []
+        "app.services.load_machine.recent_readings", lambda *a: reads.append(a) or []
     )
     for one in readings[1:]:
         z_column = {"z-column": one["temperatures_c"].pop("z-column")}
@@ -132,7 +136,7 @@ async def test_a_gap_makes_a_lag_begin_anew(client, app, clock):
     clock.advance(1800)
     await stored(client, reading(START + timedelta(seconds=1800), 25.5))
     document = await current(client)
-    assert "came 0 min" in document["effects"][0]["missing"]
+    assert "got 0 min" in document["effects"][0]["missing"]
 
 
 async def test_the_etag_changes_with_what_drives_effects(client, app):
@@ -159,7 +163,7 @@ async def test_a_past_that_could_not_be_restored_is_restored_later(client, app, 
         def away(*_arguments):
             raise StorageUnavailable("the database is away: cut in the middle")
 
-        patched.setattr("app.services.restore_past.recent_readings", away)
+        patched.setattr("app.services.load_machine.recent_readings", away)
         await stored(client, late)
         assert numbers(await current(client)).tolist() == numbers(before).tolist()
     DatabaseFollower(app.state.context, every_s=1.0).look()
@@ -228,6 +232,26 @@ async def test_activating_the_version_before_takes_effects_back(client, app):
     assert old.json()["predicted_um"] == pytest.approx([by_code(without)["EZZ"]["errors_um"][-1]])
 
 
+async def test_what_is_refitted_takes_its_place_and_what_is_dropped_goes(client, app):
+    adopt(app, LAG, SPEED, BACKLASH)
+    origin = Provenance(1, (7,), (1, 2))
+    later = replace(LAG, parameters={"time_constant_min": 14.0, "share": 1.0}, provenance=origin)
+    becomes = [
+        RefittedEffect(LAG, later, "refitted", True, "10 → 14 min"),
+        RefittedEffect(SPEED, None, "dropped", True, "dropped"),
+    ]
+    context = app.state.context
+    with changing_machine(context, "mcfv5050") as change:
+        made = version_with_effects(
+            *(context, change, [], "refitted in a test"), refitted=becomes, accept_losses=True
+        )
+    document = (await client.get(f"{ROOM}/models/{made.version.version}")).json()
+    assert [e["kind"] for e in document["effects"]] == ["thermal-lag", "backlash"]
+    lag = document["effects"][0]
+    assert lag["parameters"]["time_constant_min"] == 14.0
+    assert (lag["found_by"], lag["refitted_by"]) == (1, [7])
+
+
 async def test_a_version_shows_its_effects(client, app):
     adopt(app, LAG)
     version = adopt(app, SPEED).version
@@ -243,6 +267,8 @@ async def test_a_version_shows_its_effects(client, app):
         "standard_errors": {},
         "explanation": "EZZ follows z-column 10 min late",
         "valid": LAG.learnt_fields,
+        "found_by": None,
+        "refitted_by": [],
         "measure_again": "",
     }
     assert document["reason"] == "adopted in a test"
@@ -310,7 +336,7 @@ async def test_effects_that_cannot_be_evaluated_are_refused(client, app):
         parameters={"slope_um_per_m_per_k": 2.0},
         terms=(Term("EXX^z", AboveReference("nose", 25.0), Everywhere(), 2.0),),
     )
-    with pytest.raises(InvalidContent, match="came nose"):
+    with pytest.raises(InvalidContent, match="got nose"):
         adopt(app, OUTDATED, nowhere)
     adopt(app, OUTDATED)
     with pytest.raises(Conflict, match="has this effect already"):

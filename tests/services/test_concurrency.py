@@ -7,7 +7,6 @@ from datetime import timedelta
 
 import pytest
 
-from app.services import repeating
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -179,7 +178,7 @@ async def test_everything_at_once_leaves_one_consistent_machine(two, two_apps):
 async def test_writers_of_every_kind_never_wait_for_each_other(two, two_apps, monkeypatch, seed):
     """Whatever meets whatever is answered, and no transaction has to give way to another."""
     pauses = []
-    monkeypatch.setattr(repeating, "sleep", pauses.append)
+    monkeypatch.setattr("app.services.context.sleep", pauses.append)
     rng = random.Random(seed)
     requests = iter([_any_request(rng) for _ in range(250)])
     answers = []

@@ -5,26 +5,24 @@ told in time.
 """
 
 import asyncio
-import sqlite3
 import threading
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from datetime import timedelta
 
 import anyio
-import psycopg
 import pytest
 from anyio.to_thread import current_default_thread_limiter
-from sqlalchemy import make_url, text
+from sqlalchemy import text
 
 from app.api.turns import AT_WORK, Turns
-from app.errors import ServiceEnds, StorageBusy, StorageUnavailable
+from app.errors import ServiceStopping, StorageBusy, StorageUnavailable
 from app.live import database_watch
-from app.services import check_readiness, follow_database
+from app.services import follow_database, machines
 from app.services.follow_database import DatabaseFollower
 from app.storage import postgresql
 from app.storage.database import Database
 from app.storage.limits import Limits
-from tests.databases import reachable
+from tests.databases import locked, reachable
 from tests.service_examples import (
     ROOM,
     START,
@@ -48,23 +46,6 @@ ORDINARY = {"content-type": "application/json; charset=utf-8"}
 HELD_UP = 60
 
 
-@contextmanager
-def locked(url):
-    """Hold what every question about machines needs: their table, or SQLite's write lock."""
-    parsed = make_url(url)
-    if parsed.get_backend_name() == "sqlite":
-        with closing(sqlite3.connect(parsed.database, isolation_level=None)) as other:
-            other.execute("BEGIN EXCLUSIVE")
-            yield
-            other.execute("ROLLBACK")
-        return
-    plain = parsed.set(drivername="postgresql", query={}).render_as_string(hide_password=False)
-    with psycopg.connect(plain) as other:
-        other.execute("LOCK TABLE machine IN ACCESS EXCLUSIVE MODE")
-        yield
-        other.rollback()
-
-
 @pytest.fixture
 def postgresql_example(databases):
     url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
@@ -83,7 +64,7 @@ def sqlite_example(databases):
 def impatient(monkeypatch):
     """The questions that see whether the database is there give up at once."""
     question = Limits(lock_s=0.2, statement_s=0.4)
-    for module in (follow_database, check_readiness, postgresql):
+    for module in (follow_database, machines, postgresql):
         monkeypatch.setattr(module, "QUESTION", question)
     monkeypatch.setattr(postgresql.ImpatientConnection, "answer_s", question.statement_s)
     monkeypatch.setitem(postgresql._GIVE_UP, "connect_timeout", 2)
@@ -326,7 +307,7 @@ async def test_at_the_end_who_waits_for_a_turn_is_sent_away_and_who_has_one_goes
             async with turns.taken():
                 await may_end.wait()
                 done.append(1)
-        except ServiceEnds:
+        except ServiceStopping:
             sent_away.append(1)
 
     async with anyio.create_task_group() as group:
@@ -336,7 +317,7 @@ async def test_at_the_end_who_waits_for_a_turn_is_sent_away_and_who_has_one_goes
         turns.end()
         await anyio.wait_all_tasks_blocked()
         assert (len(done), len(sent_away)) == (0, 5)
-        with pytest.raises(ServiceEnds, match="nothing was done"):
+        with pytest.raises(ServiceStopping, match="nothing was done"):
             async with turns.taken():
                 pytest.fail("nobody waits any more")
         may_end.set()

@@ -16,14 +16,12 @@ from sqlalchemy import make_url, select
 from app import services
 from app.api.schemas.machines import MachineSettings
 from app.errors import StorageOvertaken, StorageUnavailable
-from app.services import repeating
 from app.services.change_model import changing_machine
-from app.services.context import Context
-from app.services.create_machine import create_machine
-from app.services.repeating import TIMES, repeated
+from app.services.context import TIMES, Context, repeated
+from app.services.machines import create_machine
 from app.storage.database import Database
 from app.storage.limits import Limits
-from app.storage.machines import Held, find_machine
+from app.storage.machines import RowLock, find_machine
 from app.storage.tables import MachineRow
 from tests.databases import reachable
 from tests.service_examples import (
@@ -134,7 +132,7 @@ def overtake(example):
 
 @pytest.fixture
 def without_pauses(monkeypatch):
-    monkeypatch.setattr(repeating, "LONGEST_PAUSE_S", 0.0)
+    monkeypatch.setattr("app.services.context.LONGEST_PAUSE_S", 0.0)
 
 
 @pytest.mark.usefixtures("without_pauses")
@@ -179,10 +177,10 @@ def test_of_two_that_wait_for_each_other_one_begins_anew(postgresql_url, again):
         def lock():
             tries.append(first)
             with database.writing() as session:
-                find_machine(session, first, Held.CHANGED)
+                find_machine(session, first, RowLock.CHANGED)
                 if len(tries) == 1:
                     both_hold_one.wait(SOON_S)
-                find_machine(session, second, Held.CHANGED).name += f", by {first}"
+                find_machine(session, second, RowLock.CHANGED).name += f", by {first}"
 
         try:
             (repeated(lock) if again else lock)()
@@ -269,7 +267,7 @@ def test_a_file_that_lets_nobody_wait_is_asked_again(sqlite_url, monkeypatch):
             if len(pauses) == 2:
                 other.execute("ROLLBACK")
 
-        monkeypatch.setattr(repeating, "sleep", pause)
+        monkeypatch.setattr("app.services.context.sleep", pause)
 
         @repeated
         def write():

@@ -12,15 +12,15 @@ import httpx
 import pytest
 
 from app.services import run_analyses as module
-from app.services.analysis_process import News
+from app.services.analysis_process import JobUpdate
 from app.services.run_analyses import STOPPED, AnalysisRunner
 from app.storage.analyses import (
-    beat,
     claim_analysis,
     fail_analysis,
     finish_analysis,
     insert_analysis,
     read_analysis,
+    record_heartbeat,
 )
 from app.storage.database import Database
 from app.storage.records import AnalysisStatus, AnalysisTask
@@ -164,7 +164,7 @@ async def test_what_another_service_ran_fails_once_it_no_longer_beats(
     # Time passes with the beats of the one that lives: however slow the machine is, it beats.
     passed_s = [0.0]
     monkeypatch.setattr(module, "monotonic", lambda: passed_s[0])
-    monkeypatch.setattr(module, "LOOK_S", 0.05)
+    monkeypatch.setattr(module, "QUEUE_POLL_S", 0.05)
     with database.writing() as session:
         numbers = [insert_analysis(session, MACHINE_ID, TASK, LATER).id for _ in range(2)]
         assert [claim_analysis(session, owner, LATER) for owner in ("gone", "lives")] == numbers
@@ -173,7 +173,7 @@ async def test_what_another_service_ran_fails_once_it_no_longer_beats(
 
     async def failed():
         with database.writing() as session:
-            assert beat(session, alive, "lives", 0.5, "searching")
+            assert record_heartbeat(session, alive, "lives", 0.5, "searching")
         passed_s[0] += module.PATIENCE_S / 10.0
         return await status_of(client, abandoned) == "failed"
 
@@ -232,11 +232,11 @@ def test_what_is_not_the_owners_any_more_is_not_changed(database):
             return step(session, *arguments)
 
     number = change(insert_analysis, MACHINE_ID, TASK, LATER).id
-    assert not change(beat, number, "one", 0.5, "")
+    assert not change(record_heartbeat, number, "one", 0.5, "")
     assert change(claim_analysis, "one", LATER) == number
-    assert not change(beat, number, "other", 0.5, "")
+    assert not change(record_heartbeat, number, "other", 0.5, "")
     assert not change(finish_analysis, number, "other", "{}", LATER)
-    assert change(beat, number, "one", 0.5, "half")
+    assert change(record_heartbeat, number, "one", 0.5, "half")
     assert not change(fail_analysis, number, "one", 0, "it has beaten since", LATER)
     assert change(finish_analysis, number, "one", "{}", LATER)
     assert not change(fail_analysis, number, "one", None, "too late", LATER)
@@ -246,7 +246,7 @@ def test_what_is_not_the_owners_any_more_is_not_changed(database):
 
 
 def test_a_result_waits_for_a_database_that_is_away(database, app, monkeypatch):
-    monkeypatch.setattr(module, "BEAT_S", 0.01)
+    monkeypatch.setattr(module, "HEARTBEAT_S", 0.01)
     runner = AnalysisRunner(app.state.context)
     with database.writing() as session:
         number = insert_analysis(session, MACHINE_ID, TASK, LATER).id
@@ -259,6 +259,6 @@ def test_a_result_waits_for_a_database_that_is_away(database, app, monkeypatch):
         return finish_analysis(*arguments)
 
     monkeypatch.setattr(module, "finish_analysis", finish)
-    runner._store(number, News("done", "{}"))
+    runner._store(number, JobUpdate("done", "{}"))
     with database.reading() as session:
         assert read_analysis(session, number).status is AnalysisStatus.DONE

@@ -1,10 +1,10 @@
 """Results of analyses as they are stored: what is written is read, and so is what was."""
 
 import json
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from pydantic import TypeAdapter
 
 from app.errors import InvalidContent
 from app.identification.analysis.analysis import Analysis
@@ -22,7 +22,8 @@ def test_what_is_written_is_read_again(name):
     assert text.startswith(f'{{"shape":{RESULTS.version},')
     assert RESULTS.text(RESULTS.read_text(text)) == text
     written = json.loads(text)
-    assert set(written) == {"shape", *(f.name for f in fields(Analysis))}
+    schema = TypeAdapter(Analysis).json_schema(mode="serialization")
+    assert set(written) == {"shape", *schema["properties"]}
     assert written["plots"] == ALL[name]["plots"]
 
 
@@ -73,7 +74,7 @@ def test_what_the_first_results_lack_is_added():
 def test_a_result_of_a_newer_version_is_refused_with_the_reason():
     newer = json.dumps(json.loads(STORED["analysis_0_1_0"]) | {"shape": RESULTS.version + 1})
     with pytest.raises(
-        InvalidContent, match=f"shape {RESULTS.version} or older, came {RESULTS.version + 1}"
+        InvalidContent, match=f"shape {RESULTS.version} or older, got {RESULTS.version + 1}"
     ):
         RESULTS.read_text(newer)
 

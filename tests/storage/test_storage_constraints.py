@@ -14,7 +14,7 @@ from app.identification.watch.watching import WatchState, not_judged
 from app.storage.analyses import insert_analysis
 from app.storage.database import Database
 from app.storage.error_maps import find_error_map, insert_error_map, withdraw_error_map
-from app.storage.machines import Held, find_machine, insert_machine
+from app.storage.machines import RowLock, find_machine, insert_machine
 from app.storage.model_versions import insert_version
 from app.storage.readings import insert_readings, newest_id, withdraw_stored
 from app.storage.records import AnalysisTask
@@ -112,7 +112,7 @@ def test_no_component_belongs_to_a_map_that_does_not_exist(database):
 def fill(database, machine_id):
     with database.writing() as session:
         maps = [insert_error_map(session, machine_id, error_map(x), START) for x in "AB"]
-        row = find_machine(session, machine_id, Held.CHANGED)
+        row = find_machine(session, machine_id, RowLock.CHANGED)
         insert_version(session, row, [m.id for m in maps], {"EXX": "a"}, [], "test", START)
         readings = [Reading(START + timedelta(seconds=s), {"a": 1.0}, {}) for s in range(3)]
         insert_readings(session, machine_id, readings)

@@ -11,7 +11,7 @@ from app.errors import InvalidContent, StorageUnavailable
 from app.geometry.chain import Chain
 from app.storage.database import Database
 from app.storage.limits import Limits
-from app.storage.machines import Held, find_machine, insert_machine, list_machines
+from app.storage.machines import RowLock, find_machine, insert_machine, list_machines
 from app.thermal.machine import Machine
 from tests.service_examples import START
 
@@ -120,13 +120,13 @@ def test_a_locked_machine_is_changed_by_one_at_a_time(database):
     def second():
         locked.wait()
         with database.writing() as session:
-            revision = find_machine(session, "a", Held.CHANGED).revision
+            revision = find_machine(session, "a", RowLock.CHANGED).revision
             seen.append((done.is_set(), revision))
 
     thread = threading.Thread(target=second)
     thread.start()
     with database.writing() as session:
-        row = find_machine(session, "a", Held.CHANGED)
+        row = find_machine(session, "a", RowLock.CHANGED)
         locked.set()
         thread.join(0.2)
         row.revision += 1

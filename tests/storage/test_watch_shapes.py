@@ -6,21 +6,32 @@ from pathlib import Path
 import pytest
 
 from app.errors import InvalidContent
+from app.identification.watch.setups import CORRELATIONS
 from app.storage.watch_shapes import JUDGEMENTS, WATCH_STATES
 
 OLD = json.loads((Path(__file__).parent / "stored_watch_before_shapes.json").read_text("utf-8"))
 """Of a simulated machine that changed by 40 µm, as versions wrote it that stored no shape."""
 
 
-@pytest.mark.parametrize(
-    ("shape", "old"), [(JUDGEMENTS, OLD["judgement"]), (WATCH_STATES, OLD["state"])]
-)
-def test_what_older_versions_wrote_is_read_and_nothing_of_it_is_lost(shape, old):
-    assert "shape" not in old
-    read = shape.read(old)
-    written = shape.fields(read)
-    assert written == {"shape": 1, **old}
-    assert shape.read(written) == read
+def test_a_judgement_that_older_versions_wrote_is_read_and_nothing_of_it_is_lost():
+    assert "shape" not in OLD["judgement"]
+    read = JUDGEMENTS.read(OLD["judgement"])
+    written = JUDGEMENTS.fields(read)
+    assert written == {"shape": 1, **OLD["judgement"]}
+    assert JUDGEMENTS.read(written) == read
+
+
+def test_a_state_that_took_set_ups_as_independent_goes_on():
+    """Evidence, latest numbers and what is known of the constant and of the scatter are kept."""
+    read = WATCH_STATES.read(OLD["state"])
+    assert WATCH_STATES.read(WATCH_STATES.fields(read)) == read
+    for key, old in OLD["state"]["streams"].items():
+        stream = read.streams[key]
+        assert (stream.value, stream.expected) == (old["value"], old["expected"])
+        assert stream.process.begun == old["process"]["begun"]
+        assert set(stream.unchanged.constants) == {old["mean"]}
+        assert set(stream.unchanged.of_constants) == {old["variance"]}
+        assert [*stream.likelihoods[:: len(CORRELATIONS)]] == old["setups"]
 
 
 def test_numbers_are_read_as_they_were():
@@ -34,5 +45,6 @@ def test_numbers_are_read_as_they_were():
 
 @pytest.mark.parametrize("shape", [JUDGEMENTS, WATCH_STATES])
 def test_a_newer_version_is_refused(shape):
-    with pytest.raises(InvalidContent, match="shape 1 or older, came 2"):
-        shape.read({"shape": 2})
+    newer = shape.version + 1
+    with pytest.raises(InvalidContent, match=f"shape {newer - 1} or older, got {newer}"):
+        shape.read({"shape": newer})

@@ -1,4 +1,4 @@
-"""What a model version says at given times, with the stored readings' history."""
+"""What a model says: at given times, and along an edge that the machine cut."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
+from app.arrays import FloatArray
 from app.effects.adopted.live_effects import Missing
 from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
 from app.effects.conditions import Conditions, recorded_conditions
 from app.effects.effect import Effect, acting_on
 from app.effects.past import needed_past
 from app.effects.projection import missing_at_points
-from app.errors import InvalidContent, counted, list_names
-from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.services.ask_field import missing_refused
-from app.services.choose_version import choose_version
+from app.errors import InvalidContent, NotEnoughMaps, counted, list_names
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+from app.services.ask_field import FieldQuestion, Triple, ask_field, missing_refused
+from app.services.change_model import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
 from app.storage.readings import list_readings
@@ -32,12 +33,12 @@ from app.thermal.temperature_history import TemperatureHistory
 
 
 @dataclass(frozen=True, slots=True)
-class AskedError:
+class ErrorQuestion:
     """Where and when an error is asked for: one component, or a point of the work volume.
 
     `directions` are +1 or −1 for each axis' direction of approach, 0 where it is not stated;
     `sign` is −1 where the error is asked for under ISO's name and sign (C0Y = −SXY); `state`
-    goes before what the readings say of the machine's state.
+    takes precedence over what the readings say of the machine's state.
     """
 
     time: datetime
@@ -67,7 +68,7 @@ class Predictions:
 def predict_errors(
     context: Context,
     machine_id: str,
-    observations: Sequence[AskedError],
+    observations: Sequence[ErrorQuestion],
     version_number: int | None = None,
     *,
     missing_as_zero: bool = False,
@@ -76,10 +77,6 @@ def predict_errors(
 
     Parameters
     ----------
-    context, machine_id
-        Whose errors.
-    observations
-        Where and when.
     version_number
         The model version; None for the active one.
     missing_as_zero
@@ -120,7 +117,7 @@ def predict_errors(
     return answer
 
 
-def _places(code: str | None, asked: Sequence[AskedError]) -> AskedPlaces:
+def _places(code: str | None, asked: Sequence[ErrorQuestion]) -> AskedPlaces:
     """Set observations of one component, or at points, side by side."""
     points_mm = np.zeros((len(asked), 3))
     if code is None:
@@ -134,7 +131,7 @@ def _places(code: str | None, asked: Sequence[AskedError]) -> AskedPlaces:
 
 
 def _conditions(
-    machine: Machine, readings: Sequence[Reading], observations: Sequence[AskedError]
+    machine: Machine, readings: Sequence[Reading], observations: Sequence[ErrorQuestion]
 ) -> Conditions:
     """Say what held at each observation, and before; what it states of itself goes first."""
     history = TemperatureHistory.of_readings(
@@ -153,7 +150,7 @@ def _conditions(
 def _read(
     context: Context,
     machine_id: str,
-    observations: Sequence[AskedError],
+    observations: Sequence[ErrorQuestion],
     version_number: int | None,
 ) -> tuple[Machine, ModelVersion, list[Reading]]:
     """Read the machine, the version, and the readings around the observations.
@@ -173,7 +170,7 @@ def _read(
         return machine, version, list(readings)
 
 
-def _check_positions(machine: Machine, observations: Sequence[AskedError]) -> None:
+def _check_positions(machine: Machine, observations: Sequence[ErrorQuestion]) -> None:
     for i, o in enumerate(observations):
         if o.point_mm is not None:
             asked = dict(zip("xyz", o.point_mm, strict=True))
@@ -187,7 +184,7 @@ def _check_positions(machine: Machine, observations: Sequence[AskedError]) -> No
                 raise InvalidContent.of_field(
                     f"observations.{i}",
                     f"expected {axis} within the axis' travel of {travel.min_mm:g} to "
-                    f"{travel.max_mm:g} mm, came {position:g} mm",
+                    f"{travel.max_mm:g} mm, got {position:g} mm",
                 )
 
 
@@ -225,3 +222,66 @@ def _said_to_be_zero(
     if unmeasured:
         found.append(f"counted as zero at points, no map has them: {', '.join(unmeasured)}")
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartPrediction:
+    """Predicted errors along the edge [µm], shape (n,), and what is to be said of them."""
+
+    predicted_um: FloatArray
+    model_version: int
+    notes: list[str]
+
+
+def predict_part(
+    context: Context,
+    machine_id: str,
+    component: Component,
+    positions_mm: FloatArray,
+    temperatures_c: Mapping[str, float],
+    path_mm: Triple | None,
+    tool_offset_mm: Triple,
+) -> PartPrediction | None:
+    """Predict the straightness that a part should show.
+
+    Parameters
+    ----------
+    positions_mm : ndarray, shape (n,) [mm]
+        Along its axis.
+    temperatures_c
+        Sensor to temperature while it was cut [°C].
+    path_mm
+        A point of the machine's path along the edge: then the prediction is the
+        volumetric error there, with rotations and lever arms. Without it, it is the
+        component's table alone.
+    tool_offset_mm
+        Tool offset with which it was cut [mm].
+
+    Returns
+    -------
+    PartPrediction or None
+        None where no model has the component.
+
+    Raises
+    ------
+    InvalidContent
+        As `ask_field`.
+    """
+    question = FieldQuestion([temperatures_c], tool_offset_mm, missing_as_zero=True)
+    try:
+        asked = ask_field(context, machine_id, question, orientation=False)
+    except NotEnoughMaps:
+        return None
+    if component.code not in asked.field.tables:
+        return None
+    if path_mm is None:
+        positions, values = asked.field.tables[component.code]
+        predicted = np.interp(positions_mm, positions, values[0])
+        return PartPrediction(predicted, asked.model_version, list(asked.warnings))
+    points = np.tile(path_mm, (positions_mm.size, 1))
+    points[:, LINEAR_LETTERS.index(str(component.axis))] = positions_mm
+    errors_um, _ = asked.field.at(points, tool_offset_mm)
+    notes = list(asked.warnings)
+    if asked.counted_as_zero:
+        notes.append(f"the prediction counts as zero: {', '.join(asked.counted_as_zero)}")
+    return PartPrediction(errors_um[:, component.row], asked.model_version, notes)

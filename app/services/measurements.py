@@ -1,25 +1,30 @@
-"""Make an error map of what a measurement yields, if that is asked for."""
+"""Measurements: an error map of what one yields, and what an instrument would read."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from app.errors import FieldError, InvalidContent, list_names
+import numpy as np
+
+from app.arrays import FloatArray
+from app.errors import FieldError, InvalidContent, counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
 from app.measurement.result import MeasurementResult
+from app.measurement.step_diagonal_readings import Target, step_diagonal_readings
+from app.services.ask_field import FieldAnswer, FieldQuestion, Triple, ask_field, work_volume
 from app.services.context import Context
-from app.services.load_machine import load_machine
-from app.services.preview_model import Preview
-from app.services.store_error_map import (
+from app.services.error_maps import (
     StoredOnce,
     preview_error_map,
     remarks,
     store_error_map,
     table_remarks,
 )
+from app.services.load_machine import load_machine
+from app.services.models import Preview
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine, Travel
 
@@ -91,7 +96,7 @@ def store_measurement(
         axis = table.component.axis
         if axis is not None and axis not in machine.chain.axes:
             raise InvalidContent.of_field(
-                "axis", f"expected an axis of {machine.chain.text}, came {axis!r}"
+                "axis", f"expected an axis of {machine.chain.text}, got {axis!r}"
             )
     if not (storing.store or storing.preview):
         return Measured(machine, method, result, None, table_remarks(machine, result.tables))
@@ -108,7 +113,7 @@ def _error_map(method: str, header: MapHeader, result: MeasurementResult) -> Err
     if label is None or measured_at is None or not temperatures_c:
         stated = {"label": label, "measured_at": measured_at, "temperatures_c": temperatures_c}
         lacking = [name for name, value in stated.items() if not value]
-        message = f"expected {list_names(lacking)} for the map that is to be stored, came none"
+        message = f"expected {list_names(lacking)} for the map that is to be stored, got none"
         raise InvalidContent(message, [FieldError(name, message) for name in lacking])
     return ErrorMap(
         label=label,
@@ -133,10 +138,94 @@ def travel_volume(machine: Machine, stated: Mapping[str, Travel]) -> WorkVolume 
     unknown = [axis for axis in stated if axis not in LINEAR_LETTERS]
     if unknown:
         raise InvalidContent.of_field(
-            f"volume.{unknown[0]}", f"expected axes x, y and z, came {list_names(unknown)}"
+            f"volume.{unknown[0]}", f"expected axes x, y and z, got {list_names(unknown)}"
         )
     travels = [stated.get(axis) or machine.axes.get(axis) for axis in LINEAR_LETTERS]
     if any(travel is None for travel in travels):
         return None
     x, y, z = ((t.min_mm, t.max_mm) for t in travels if t is not None)
     return WorkVolume(x, y, z)
+
+
+@dataclass(frozen=True, slots=True)
+class StepDiagonalPlan:
+    """A sequential step diagonal as it is planned.
+
+    `origin_mm` and `step_mm` are None where the axes' travel is to be crossed in `steps`
+    even steps; `noise_um` is one reading's standard deviation, drawn with `seed`.
+    """
+
+    steps: int
+    origin_mm: Triple | None = None
+    step_mm: Triple | None = None
+    target: Target = "point"
+    mirror_tilts_urad: Mapping[str, Sequence[float]] | None = None
+    noise_um: float = 0.0
+    resolution_um: float | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedReadings:
+    """What would be read, by diagonal, rows of (n, 3) [µm]."""
+
+    answer: FieldAnswer
+    origin_mm: Triple
+    step_mm: Triple
+    diagonals: Mapping[str, FloatArray]
+    warnings: list[str]
+
+
+def simulate_step_diagonal(
+    context: Context, machine_id: str, question: FieldQuestion, plan: StepDiagonalPlan
+) -> SimulatedReadings:
+    """Walk the stored machine along its diagonals, and say what a laser would read.
+
+    Parameters
+    ----------
+    context, machine_id, question
+        As `ask_field`; one thermal state.
+    plan
+        Where the diagonals lie, in how many steps, with which noise.
+
+    Raises
+    ------
+    UnknownThing, NoReading, InvalidContent
+        As `ask_field`; InvalidContent also if the steps leave the axes' travel.
+    """
+    answer = ask_field(context, machine_id, question, orientation=False)
+    volume, remarks = work_volume(answer)
+    origin, step = _placed(plan, volume.ranges_mm)
+    for i, (low, high) in enumerate(volume.ranges_mm):
+        end = origin[i] + plan.steps * step[i]
+        if step[i] <= 0 or origin[i] < low - 1e-9 or end > high + 1e-9:
+            raise InvalidContent.of_field(
+                "step_mm",
+                f"expected {counted(plan.steps, 'step')} above 0 mm inside {'xyz'[i]} "
+                f"{low:g} to {high:g} mm, got steps of {step[i]:g} mm from {origin[i]:g} to "
+                f"{end:g} mm",
+            )
+    diagonals = step_diagonal_readings(
+        answer.field,
+        origin,
+        step,
+        plan.steps,
+        tool_offset_mm=question.tool_offset_mm,
+        target=plan.target,
+        mirror_tilts_urad=plan.mirror_tilts_urad,
+        noise_um=plan.noise_um,
+        rng=np.random.default_rng(plan.seed),
+        resolution_um=plan.resolution_um,
+    )
+    return SimulatedReadings(answer, origin, step, diagonals, [*answer.warnings, *remarks])
+
+
+def _placed(
+    plan: StepDiagonalPlan, ranges_mm: Sequence[tuple[float, float]]
+) -> tuple[Triple, Triple]:
+    """Place the steps: as planned, or over the whole travel."""
+    x, y, z = plan.origin_mm or tuple(low for low, _ in ranges_mm)
+    origin = (x, y, z)
+    spans = [(high - o) / plan.steps for o, (_, high) in zip(origin, ranges_mm, strict=True)]
+    a, b, c = plan.step_mm or tuple(spans)
+    return origin, (a, b, c)

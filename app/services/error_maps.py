@@ -1,8 +1,8 @@
-"""Store an error map and make the model version that contains it."""
+"""Error maps: store one with the model version that contains it, and take it out of use."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from app.errors import Conflict, FieldError, InvalidContent
@@ -14,17 +14,27 @@ from app.services.change_model import (
     activate_waiting,
     changing_machine,
     draft_version,
-    looking_at_machine,
     make_version,
+    reading_machine,
+    remake_waiting,
 )
-from app.services.context import FUTURE_TOLERANCE, Context
-from app.services.preview_model import Preview, preview_draft, preview_latest
-from app.services.repeating import repeated
-from app.storage.error_maps import find_label, insert_error_map, same_content
+from app.services.context import FUTURE_TOLERANCE, Context, repeated
+from app.services.models import Preview, preview_draft, preview_latest, preview_unchanged
+from app.storage.error_maps import (
+    find_error_map,
+    find_error_map_by_label,
+    insert_error_map,
+    same_content,
+    withdraw_error_map,
+)
 from app.storage.records import ModelVersion, StoredMap
+from app.storage.tables import ErrorMapRow
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.sensor_health import Health, check_temperatures
+
+SHORT_SHARE_OF_TRAVEL = 0.1
+"""A table that covers less than this share of its axis' travel is remarkable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +52,6 @@ class StoredOnce:
     made: MadeVersion | None
 
 
-SHORT = 0.1
-"""A table that covers less than this share of its axis' travel is remarkable."""
-
-
-@repeated
 def store_error_map(
     context: Context, machine_id: str, error_map: ErrorMap, *, accept_losses: bool = False
 ) -> StoredOnce:
@@ -54,8 +59,6 @@ def store_error_map(
 
     Parameters
     ----------
-    context, machine_id, error_map
-        The service, whose map it is, and the map.
     accept_losses
         Whether the version is activated although it loses something against the active one.
 
@@ -72,17 +75,36 @@ def store_error_map(
     Conflict
         If the label names another map, or the map is too close to another in temperature.
     """
+    (stored,) = store_error_maps(context, machine_id, [error_map], accept_losses=accept_losses)
+    return stored
+
+
+@repeated
+def store_error_maps(
+    context: Context,
+    machine_id: str,
+    error_maps: Sequence[ErrorMap],
+    *,
+    accept_losses: bool = False,
+) -> list[StoredOnce]:
+    """Store several maps of one machine, all of them or none; each as `store_error_map`."""
     with changing_machine(context, machine_id) as change:
-        known = _known(change, error_map)
-        if known is not None:
-            made = None
-            if change.waiting and _has(change.waiting, known) and not _has(change.version, known):
-                made = activate_waiting(context, change, accept_losses=accept_losses)
-            return StoredOnce(known, change.machine, False, _has(change.version, known), made)
-        _check(context, change, error_map)
-        stored = insert_error_map(change.session, machine_id, error_map, context.now())
-        made = make_version(context, change, _draft(change, stored), accept_losses=accept_losses)
-        return StoredOnce(stored, change.machine, True, made.is_active, made)
+        return [_store(context, change, one, accept_losses) for one in error_maps]
+
+
+def _store(
+    context: Context, change: MachineChange, error_map: ErrorMap, accept_losses: bool
+) -> StoredOnce:
+    known = _known(change, error_map)
+    if known is not None:
+        made = None
+        if change.waiting and _has(change.waiting, known) and not _has(change.version, known):
+            made = activate_waiting(context, change, accept_losses=accept_losses)
+        return StoredOnce(known, change.machine, False, _has(change.version, known), made)
+    _check(context, change, error_map)
+    stored = insert_error_map(change.session, change.row.id, error_map, context.now())
+    made = make_version(context, change, _draft(change, stored), accept_losses=accept_losses)
+    return StoredOnce(stored, change.machine, True, made.is_active, made)
 
 
 def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> Preview:
@@ -93,7 +115,7 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
     UnknownThing, InvalidContent, Conflict
         As `store_error_map`.
     """
-    with looking_at_machine(context, machine_id) as change:
+    with reading_machine(context, machine_id) as change:
         if _known(change, error_map) is not None:
             return preview_latest(context, change, f"map {error_map.label!r} is there already")
         _check(context, change, error_map)
@@ -104,7 +126,7 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
 
 def _known(change: MachineChange, error_map: ErrorMap) -> StoredMap | None:
     """Find the stored map that says the same; Conflict for another of its label."""
-    known = find_label(change.session, change.row.id, error_map.label)
+    known = find_error_map_by_label(change.session, change.row.id, error_map.label)
     if known is None or same_content(known.error_map, error_map):
         return known
     raise Conflict(
@@ -155,7 +177,9 @@ def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[st
                 f"{code} has positions from {first:g} to {last:g} mm, beyond the axis' travel of "
                 f"{travel.min_mm:g} to {travel.max_mm:g} mm"
             )
-        elif travel is not None and last - first < SHORT * (travel.max_mm - travel.min_mm):
+        elif travel is not None and last - first < SHORT_SHARE_OF_TRAVEL * (
+            travel.max_mm - travel.min_mm
+        ):
             found.append(
                 f"{code} covers {first:g} to {last:g} mm of an axis of {travel.min_mm:g} to "
                 f"{travel.max_mm:g} mm: are its positions in mm?"
@@ -169,7 +193,7 @@ def _check_time(context: Context, error_map: ErrorMap) -> None:
     if error_map.measured_at > now + FUTURE_TOLERANCE:
         raise InvalidContent.of_field(
             "measured_at",
-            f"expected a time not in the future (it is {now:%Y-%m-%dT%H:%M:%SZ}), came "
+            f"expected a time not in the future (it is {now:%Y-%m-%dT%H:%M:%SZ}), got "
             f"{error_map.measured_at:%Y-%m-%dT%H:%M:%SZ}",
         )
 
@@ -194,3 +218,52 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
     ]
     if errors:
         raise InvalidContent("; ".join(e.message for e in errors), errors)
+
+
+@repeated
+def withdraw_map(context: Context, machine_id: str, map_id: int) -> None:
+    """Delete a map from the machine; versions made of it keep it.
+
+    If the active version contains it, the next version is the same without it, and active
+    whatever it loses: that is what deleting means. A version that waits is made anew without it.
+
+    Raises
+    ------
+    UnknownThing
+        If the machine has no such map.
+    """
+    with changing_machine(context, machine_id) as change:
+        row = find_error_map(change.session, machine_id, map_id)
+        withdraw_error_map(row, context.now())
+        waiting = change.waiting
+        draft = _without(change, row)
+        if draft is not None:
+            make_version(context, change, draft, accept_losses=True)
+        if waiting is not None and any(m.id == map_id for m in waiting.maps):
+            remake_waiting(context, change, waiting, without=[map_id])
+
+
+def preview_withdrawal(context: Context, machine_id: str, map_id: int) -> Preview:
+    """Say what deleting a map would do to the tables, and delete nothing.
+
+    Raises
+    ------
+    UnknownThing
+        If the machine has no such map.
+    """
+    with reading_machine(context, machine_id) as change:
+        row = find_error_map(change.session, machine_id, map_id)
+        draft = _without(change, row)
+        if draft is None:
+            reason = f"map {row.label!r} deleted, which the active model does not have"
+            return preview_unchanged(context, change, reason)
+        return preview_draft(context, change, draft, activates=True)
+
+
+def _without(change: MachineChange, row: ErrorMapRow) -> Draft | None:
+    """Put the active version together without a map; None where it does not have that map."""
+    active = change.version
+    if active is None or all(stored.id != row.id for stored in active.maps):
+        return None
+    remaining = [stored for stored in active.maps if stored.id != row.id]
+    return draft_version(change, active, remaining, f"map {row.label!r} deleted")

@@ -1,4 +1,4 @@
-"""Store readings, once each, and let the live table follow."""
+"""Readings: store them, once each, and take those out of use that never should have been."""
 
 from __future__ import annotations
 
@@ -8,21 +8,13 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Final
 
-from app.errors import (
-    Conflict,
-    FieldError,
-    InvalidContent,
-    StorageUnavailable,
-    UnknownThing,
-)
+from app.errors import Conflict, FieldError, InvalidContent, StorageUnavailable, UnknownThing
 from app.live.registry import Arrived
-from app.services.context import CLOCKS_DIFFER, Context
+from app.services.context import CLOCKS_DIFFER, Context, repeated
 from app.services.live_table import ahead_warnings, exact_time
-from app.services.load_machine import load_machine
-from app.services.repeating import repeated
-from app.services.restore_past import restore_past
-from app.storage.machines import Held, find_machine, stored_machine
-from app.storage.readings import find_readings, insert_readings
+from app.services.load_machine import load_machine, restore_past
+from app.storage.machines import RowLock, find_machine, stored_machine
+from app.storage.readings import find_readings, insert_readings, withdraw_stored
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import check_temperatures
@@ -61,7 +53,7 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     """
     now = context.now()
     with context.database.writing() as session:
-        row = find_machine(session, machine_id, Held.KEPT)
+        row = find_machine(session, machine_id, RowLock.KEPT)
         _check(now, stored_machine(row).machine, readings)
         once = [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
         added = insert_readings(session, machine_id, once)
@@ -94,7 +86,7 @@ def _check(now: datetime, machine: Machine, readings: Sequence[Reading]) -> None
         if reading.time > latest:
             message = (
                 "expected a time not in the future, or at most a day ahead of the service's clock "
-                f"(it is {exact_time(now)}), came {exact_time(reading.time)}: one of the clocks is "
+                f"(it is {exact_time(now)}), got {exact_time(reading.time)}: one of the clocks is "
                 "wrong, or the time's zone"
             )
             raise InvalidContent(message, [FieldError(f"{i}.time", message)])
@@ -114,9 +106,54 @@ def _each_time_once(readings: Sequence[Reading]) -> list[Reading]:
     return sorted(by_time.values(), key=lambda reading: reading.time)
 
 
-def _other_content(known: Reading, came: Reading) -> Conflict:
+def _other_content(known: Reading, got: Reading) -> Conflict:
     return Conflict(
-        f"the reading of {came.time:%Y-%m-%dT%H:%M:%S.%fZ} is known with other content: "
-        f"{dict(known.temperatures_c)} °C, state {dict(known.state)}; came "
-        f"{dict(came.temperatures_c)} °C, state {dict(came.state)}"
+        f"the reading of {got.time:%Y-%m-%dT%H:%M:%S.%fZ} is known with other content: "
+        f"{dict(known.temperatures_c)} °C, state {dict(known.state)}; got "
+        f"{dict(got.temperatures_c)} °C, state {dict(got.state)}"
     )
+
+
+def withdraw_reading(context: Context, machine_id: str, time: datetime) -> int:
+    """Withdraw the reading of one time; there is 1.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine, or no reading of that time.
+    """
+    count = withdraw_readings(context, machine_id, time, time)
+    if not count:
+        raise UnknownThing(
+            f"machine {machine_id!r} has no reading of {exact_time(time)}: its time is expected "
+            "with all its digits, or a range from … to …"
+        )
+    return count
+
+
+@repeated
+def withdraw_readings(context: Context, machine_id: str, since: datetime, until: datetime) -> int:
+    """Withdraw the readings between two times, both included; say how many there were.
+
+    They count nowhere from then on, and the same may be stored again.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    InvalidContent
+        If the second time is before the first.
+    """
+    if until < since:
+        raise InvalidContent.of_field(
+            "to", f"expected a time not before {exact_time(since)}, got {exact_time(until)}"
+        )
+    with context.database.writing() as session:
+        machine = find_machine(session, machine_id, RowLock.CHANGED)
+        count = withdraw_stored(session, machine, since, until, context.now())
+    live = context.live.get(machine_id)
+    if count and live is not None:
+        live.withdraw(since, until)
+        with suppress(StorageUnavailable, UnknownThing):  # the follower tries again
+            restore_past(context, live)
+    return count

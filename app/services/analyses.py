@@ -1,0 +1,246 @@
+"""Analyses: plan and request them, read, report, cancel and delete them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.effects.effect import Effect
+from app.effects.observations import Verification
+from app.effects.registry import explain, kind_of
+from app.errors import Conflict, InvalidContent, expect_each_once
+from app.identification.analysis.analysis import Analysis, FoundEffect
+from app.identification.plan.plan import Plan
+from app.identification.plan.planning import plan
+from app.services.change_model import choose_version
+from app.services.context import Context, repeated
+from app.services.load_machine import adopted_effects
+from app.services.report_head import ReportHead
+from app.services.residuals import SEARCHED_BACK, first_and_last, load_campaign, read_verifications
+from app.services.verifications import check_places
+from app.storage.analyses import cancel_analysis as cancel_stored
+from app.storage.analyses import find_analysis, insert_analysis, list_analyses, stored_analysis
+from app.storage.analysis_results import RESULTS
+from app.storage.machines import RowLock, find_machine, stored_machine
+from app.storage.model_versions import find_version
+from app.storage.readings import newest_time
+from app.storage.records import AnalysisStatus, AnalysisTask, StoredAnalysis
+from app.storage.verifications import find_verification, list_verifications
+
+MOST_PLANNED: Final = 20_000
+"""Observations in one plan."""
+
+STANDING_IN: Final = timedelta(days=14)
+"""Recorded days that stand for days to come, back from the newest reading."""
+
+
+def plan_analysis(
+    context: Context,
+    machine_id: str,
+    planned: Sequence[Verification],
+    verification_ids: Sequence[int] = (),
+) -> Plan:
+    """Plan an analysis of the active version.
+
+    Parameters
+    ----------
+    planned
+        What is to be measured; values are not looked at. Times to come are planned on
+        recorded days.
+    verification_ids
+        Stored verifications that would be analysed beside them.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine or verification.
+    InvalidContent
+        If nothing is planned or too much, a position is outside the axis' travel, or nothing
+        recorded can be planned on.
+    Conflict
+        If the machine has no model yet.
+    """
+    with context.database.reading() as session:
+        machine, version = choose_version(session, machine_id)
+        for i, verification in enumerate(planned):
+            try:
+                check_places(machine, verification.observations)
+            except InvalidContent as error:
+                raise error.inside(f"planned.{i}") from None
+        every = [*read_verifications(session, machine_id, verification_ids), *planned]
+        count = sum(len(v.observations) for v in every)
+        if not 0 < count <= MOST_PLANNED:
+            raise InvalidContent.of_field(
+                "planned", f"expected 1 to {MOST_PLANNED} observations in all, got {count}"
+            )
+        until = context.usable_until()
+        recorded = _recorded_days(session, machine_id, every, until)
+        campaign = load_campaign(
+            session, machine, version, every, until, searching=True, recorded=recorded
+        )
+    return plan(campaign, version.version)
+
+
+def _recorded_days(
+    session: Session, machine_id: str, planned: Sequence[Verification], until: datetime
+) -> tuple[datetime, datetime] | None:
+    """Choose the days that stand for days to come; None where all is in the past."""
+    newest = newest_time(session, machine_id, until)
+    first, last = first_and_last(planned)
+    if newest is None or last <= newest:
+        return None
+    return min(first, newest - STANDING_IN + SEARCHED_BACK), newest
+
+
+@repeated
+def request_analysis(
+    context: Context,
+    machine_id: str,
+    verification_ids: Sequence[int],
+    *,
+    holdout_fraction: float,
+    kinds: Sequence[str] | None,
+    seed: int,
+) -> StoredAnalysis:
+    """Put an analysis of the active model version at the end of the queue.
+
+    Parameters
+    ----------
+    verification_ids
+        What the model is held against.
+    holdout_fraction
+        Share of the visits that take no part in the search, between 0 and 1.
+    kinds
+        Kinds of effects that are tested; None: all.
+    seed
+        Of everything that is drawn: the same again gives the same answer.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine or verification.
+    InvalidContent
+        If there is no such kind of effect, or a kind or a verification is named twice.
+    Conflict
+        If the machine has no model yet.
+    """
+    for kind in kinds or ():
+        kind_of(kind)
+    expect_each_once("effects", kinds or ())
+    expect_each_once("verifications", verification_ids)
+    with context.database.writing() as session:
+        find_machine(session, machine_id, RowLock.CHANGED)
+        _, version = choose_version(session, machine_id)
+        for verification_id in verification_ids:
+            find_verification(session, machine_id, verification_id)
+        task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)
+        return insert_analysis(session, machine_id, task, context.now())
+
+
+def show_analyses(context: Context, machine_id: str) -> list[StoredAnalysis]:
+    """List a machine's analyses without their results, oldest first."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        return list_analyses(session, machine_id)
+
+
+def show_analysis(
+    context: Context, machine_id: str, analysis_id: int
+) -> tuple[StoredAnalysis, Analysis | None]:
+    """Read one analysis, and its result where it is done."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        row = find_analysis(session, machine_id, analysis_id, result=True)
+        return stored_analysis(row), None if row.result is None else RESULTS.read_text(row.result)
+
+
+def report_analysis(
+    context: Context, machine_id: str, analysis_id: int
+) -> tuple[ReportHead, Analysis]:
+    """Read an analysis that is done, with what its report says beside the result.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such analysis.
+    Conflict
+        If it has no result.
+    """
+    with context.database.reading() as session:
+        machine = stored_machine(find_machine(session, machine_id)).machine
+        row = find_analysis(session, machine_id, analysis_id, result=True)
+        if row.result is None or row.finished_at is None:
+            raise Conflict(f"analysis {analysis_id} has nothing to report: it is {row.status}")
+        labels = {v.id: v.label for v in list_verifications(session, machine_id)}
+        result = RESULTS.read_text(row.result)
+        head = ReportHead(
+            machine_id=machine.id,
+            machine_name=machine.name,
+            chain=machine.chain.text,
+            model_version=row.model_version,
+            verifications=[labels.get(i, f"number {i}, deleted") for i in row.verification_ids],
+            analysed_at=row.finished_at,
+            seed=row.seed,
+            adopted_version=row.adopted_version,
+            had=[explain(e) for e in _effects_of(session, machine_id, row.model_version)],
+            adopted=_adopted(session, machine_id, row.adopted_version, result.effects),
+        )
+    return head, result
+
+
+def _effects_of(session: Session, machine_id: str, version: int | None) -> Sequence[Effect]:
+    """List the effects that a model version has adopted."""
+    if version is None:
+        return ()
+    return adopted_effects(find_version(session, machine_id, version))
+
+
+def _adopted(
+    session: Session, machine_id: str, version: int | None, found: Sequence[FoundEffect]
+) -> list[str]:
+    """Say which of the effects found are in the version that was made of them."""
+    known = _effects_of(session, machine_id, version)
+    return [explain(one.effect) for one in found if one.effect in known]
+
+
+@repeated
+def cancel_analysis(context: Context, machine_id: str, analysis_id: int) -> StoredAnalysis:
+    """Cancel an analysis that waits or runs; whoever runs it ends its process.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such analysis.
+    Conflict
+        If it has an answer already, or failed.
+    """
+    with context.database.writing() as session:
+        find_machine(session, machine_id)
+        row = find_analysis(session, machine_id, analysis_id)
+        cancelled = cancel_stored(session, analysis_id, context.now())
+        session.refresh(row)
+        found = stored_analysis(row)
+        if not cancelled and found.status is not AnalysisStatus.CANCELLED:
+            raise Conflict(
+                f"analysis {analysis_id} cannot be cancelled any more: it is {found.status}"
+            )
+    return found
+
+
+@repeated
+def delete_analysis(context: Context, machine_id: str, analysis_id: int) -> None:
+    """Delete an analysis; where it runs, its process is ended.
+
+    A model version that was made of it stays.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such analysis.
+    """
+    with context.database.writing() as session:
+        find_machine(session, machine_id)
+        session.delete(find_analysis(session, machine_id, analysis_id))

@@ -1,0 +1,268 @@
+"""Machines: create, show, change and delete them, and say whether all are in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+from sqlalchemy.exc import IntegrityError
+
+from app.effects.adopted.model_difference import ModelWithEffects
+from app.effects.past import sensors_of
+from app.errors import Conflict, StorageUnavailable, list_names
+from app.geometry.components import COMPONENTS
+from app.live.database_watch import TroubleKind
+from app.live.registry import Arrived
+from app.services.change_model import changing_machine
+from app.services.context import Context, repeated
+from app.services.load_machine import adopted_effects, as_live, compile_version
+from app.storage.error_maps import find_error_map, list_error_maps, stored_map
+from app.storage.limits import LONG, QUESTION
+from app.storage.machines import (
+    RowLock,
+    count_machines,
+    find_machine,
+    insert_machine,
+    list_machines,
+    stored_machine,
+    update_machine,
+)
+from app.storage.model_versions import active_version, find_version, list_versions
+from app.storage.readings import WithdrawnReading, list_readings, list_withdrawn
+from app.storage.records import ModelVersion, StoredMachine, StoredMap
+from app.storage.watches import watch_status, watch_statuses
+from app.thermal.machine import Machine
+from app.thermal.reading import Reading
+
+
+@repeated
+def create_machine(context: Context, machine: Machine) -> StoredMachine:
+    """Store a new machine.
+
+    Raises
+    ------
+    Conflict
+        If there is a machine of that id.
+    """
+    try:
+        with context.database.writing() as session:
+            stored = insert_machine(session, machine, context.now())
+    except IntegrityError:
+        raise Conflict(
+            f"there is a machine {machine.id!r} already; change it, or choose another id"
+        ) from None
+    live = context.live.publish(as_live(context, stored, None, compile_version(machine, None)))
+    live.reread(Arrived((), 0), (), context.usable_until())
+    return stored
+
+
+def show_machines(context: Context) -> list[StoredMachine]:
+    """List all machines."""
+    with context.database.reading() as session:
+        watched = watch_statuses(session)
+        return [replace(m, watch=watched.get(m.machine.id)) for m in list_machines(session)]
+
+
+def show_machine(context: Context, machine_id: str) -> StoredMachine:
+    """Read one machine; UnknownThing if there is none."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        return replace(stored_machine(row), watch=watch_status(session, row))
+
+
+def show_error_maps(context: Context, machine_id: str) -> tuple[list[StoredMap], set[int]]:
+    """List a machine's maps, and the numbers of those in the active model."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version = active_version(session, row)
+        in_active_model = {m.id for m in version.maps} if version else set()
+        return list_error_maps(session, machine_id), in_active_model
+
+
+def show_error_map(context: Context, machine_id: str, map_id: int) -> tuple[StoredMap, bool]:
+    """Read one map, and whether the active model contains it."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        found = stored_map(find_error_map(session, machine_id, map_id))
+        version = active_version(session, row)
+        return found, bool(version and any(m.id == map_id for m in version.maps))
+
+
+def show_models(
+    context: Context, machine_id: str
+) -> tuple[list[ModelVersion], int | None, int | None]:
+    """List a machine's model versions, and the numbers of the active and of the waiting one."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        return list_versions(session, machine_id), row.active_version, row.waiting_version
+
+
+def show_model(
+    context: Context, machine_id: str, version: int
+) -> tuple[ModelVersion, int | None, int | None]:
+    """Read one model version, and the numbers of the active and of the waiting one."""
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        found = find_version(session, machine_id, version)
+        return found, row.active_version, row.waiting_version
+
+
+def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithEffects:
+    """Compile a version, to see which components its tables have.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such version.
+    InvalidContent, Conflict
+        If the machine's present sensors no longer fit it.
+    """
+    with context.database.reading() as session:
+        machine = stored_machine(find_machine(session, machine_id)).machine
+        found = find_version(session, machine_id, version)
+    return ModelWithEffects(compile_version(machine, found), adopted_effects(found))
+
+
+def show_readings(
+    context: Context,
+    machine_id: str,
+    since: datetime | None,
+    until: datetime | None,
+    every_s: float,
+    limit: int,
+) -> list[Reading]:
+    """List readings in order of time, at most one for each `every_s` seconds."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        with closing(list_readings(session, machine_id, since, until)) as readings:
+            return _spaced(readings, every_s, limit)
+
+
+def show_withdrawn_readings(
+    context: Context,
+    machine_id: str,
+    since: datetime | None,
+    until: datetime | None,
+    limit: int,
+) -> list[WithdrawnReading]:
+    """List the readings that were withdrawn, in order of time."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        return list_withdrawn(session, machine_id, since, until, limit)
+
+
+def _spaced(readings: Iterable[Reading], every_s: float, limit: int) -> list[Reading]:
+    kept: list[Reading] = []
+    for reading in readings:
+        if not kept or (reading.time - kept[-1].time).total_seconds() >= every_s:
+            kept.append(reading)
+        if len(kept) == limit:
+            break
+    return kept
+
+
+@repeated
+def change_machine(
+    context: Context, machine_id: str, edit: Callable[[Machine], Machine]
+) -> StoredMachine:
+    """Apply an edit to a machine as it is at that moment.
+
+    Parameters
+    ----------
+    edit
+        Makes the new description from the present one, under the machine's lock.
+
+    Raises
+    ------
+    Conflict
+        If a sensor or an axis goes that maps or the assignment use, or maps
+        become too close for a sensor's new resolution.
+    """
+    with changing_machine(context, machine_id) as change:
+        before = change.machine
+        after = edit(before)
+        maps = list_error_maps(change.session, machine_id)
+        _check_sensors_stay(before, after, maps, [change.version, change.waiting])
+        _check_axes_stay(after, maps)
+        update_machine(change.row, after)
+        watched = watch_status(change.session, change.row)
+    return replace(stored_machine(change.row), watch=watched)
+
+
+def _check_sensors_stay(
+    before: Machine,
+    after: Machine,
+    maps: list[StoredMap],
+    versions: Iterable[ModelVersion | None],
+) -> None:
+    gone = set(before.sensors) - set(after.sensors)
+    in_maps = {name for m in maps for name in m.error_map.temperatures_c}
+    used = set(in_maps)
+    for version in versions:
+        used |= set(version.assignment.values()) if version else set()
+        used |= sensors_of(adopted_effects(version))
+    still_used = sorted(gone & used)
+    if still_used:
+        raise Conflict(
+            f"sensors {list_names(still_used)} cannot go: error maps, the sensor assignment or "
+            "adopted effects use them"
+        )
+
+
+def _check_axes_stay(after: Machine, maps: list[StoredMap]) -> None:
+    moved = {COMPONENTS[code].axis for m in maps for code in m.error_map.tables}
+    missing = sorted(axis for axis in moved if axis and axis not in after.chain.axes)
+    if missing:
+        raise Conflict(
+            f"configuration {after.chain.text} lacks axes {list_names(missing)} of stored maps"
+        )
+
+
+@repeated
+def delete_machine(context: Context, machine_id: str) -> None:
+    """Delete everything about a machine.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    with context.database.writing(LONG) as session:
+        session.delete(find_machine(session, machine_id, RowLock.DELETED))
+    context.live.forget(machine_id)
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """The database's state, and how many machines' models are in memory."""
+
+    database: str
+    machines: int
+    machines_in_memory: int
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the database is there and every model is in memory."""
+        return self.database == "ok" and self.machines_in_memory >= self.machines
+
+
+def check_readiness(context: Context) -> Readiness:
+    """Ask the database; a failure is part of the answer."""
+    in_memory = len(context.live)
+    try:
+        with context.database.reading(QUESTION) as session:
+            machines = count_machines(session)
+    except StorageUnavailable as error:
+        return Readiness(error.detail, in_memory, in_memory)
+    trouble = context.live.database.trouble
+    if trouble is not None and trouble.matter is TroubleKind.LOCKED:
+        return Readiness("the database is locked: nothing can be stored", machines, in_memory)
+    return Readiness("ok", machines, in_memory)
+
+
+def without_answer(context: Context) -> Readiness:
+    """Say that the database does not answer."""
+    in_memory = len(context.live)
+    return Readiness("the database does not answer", in_memory, in_memory)

@@ -1,0 +1,305 @@
+"""Model versions: preview and activate them, and say which sensor each component follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from app.compensation.table_difference import ComponentChange, component_changes
+from app.effects.adopted.model_difference import ModelDifference, ModelWithEffects
+from app.effects.effect import Effect
+from app.errors import FieldError, InvalidContent, ThermapError, UnknownThing
+from app.live.registry import LiveMachine, LiveModel
+from app.services.change_model import (
+    Draft,
+    MachineChange,
+    MadeVersion,
+    WaitedBefore,
+    activate_waiting,
+    changing_machine,
+    difference_to_active,
+    draft_version,
+    make_version,
+    reading_machine,
+    waited_before,
+)
+from app.services.context import Context, repeated
+from app.services.live_table import CurrentTable, current_state, current_table
+from app.services.load_machine import adopted_effects, compile_version, load_machine, restore_past
+from app.storage.machines import find_machine, stored_machine
+from app.storage.model_versions import activate_version, active_version, find_version, set_waiting
+from app.storage.records import ModelVersion
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.machine import Machine
+from app.thermal.sensor_assignment import Proposal, propose_assignment
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PresentChange:
+    """By how much tables would change at the latest reading.
+
+    `why_not` says why that is not known; the others are empty then.
+    """
+
+    why_not: str = ""
+    reading_time: datetime | None = None
+    temperatures_c: Mapping[str, float] = field(default_factory=dict)
+    changes: Sequence[ComponentChange] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preview:
+    """What another version would do to the tables.
+
+    `activates` says whether it would be activated without more ado, and `reason` what would
+    make it; `active_version` is the one that it is held against, None before the first, and
+    `waited_before` what waits already, which may be why something is lost.
+    """
+
+    reason: str
+    active_version: int | None
+    activates: bool
+    difference: ModelDifference
+    present: PresentChange
+    waited_before: WaitedBefore | None
+
+
+def preview_draft(
+    context: Context, change: MachineChange, draft: Draft, *, activates: bool = False
+) -> Preview:
+    """Say what a version that is not written yet would do.
+
+    It is activated if it loses nothing, with `activates` whatever it loses.
+    """
+    return _preview(context, change, draft.reason, draft.model, draft.effects, activates=activates)
+
+
+def preview_latest(context: Context, change: MachineChange, reason: str) -> Preview:
+    """Say what becomes of what is stored already: nothing new, but something may wait."""
+    latest = change.latest
+    model, effects = compile_version(change.machine, latest), adopted_effects(latest)
+    return _preview(context, change, reason, model, effects)
+
+
+def preview_unchanged(context: Context, change: MachineChange, reason: str) -> Preview:
+    """Say that tables stay as they are."""
+    active = change.version
+    model, effects = compile_version(change.machine, active), adopted_effects(active)
+    return _preview(context, change, reason, model, effects)
+
+
+def preview_activation(context: Context, change: MachineChange, version: ModelVersion) -> Preview:
+    """Say what activating a version would do: it is active whatever it loses."""
+    model, effects = compile_version(change.machine, version), adopted_effects(version)
+    reason = f"version {version.version} activated"
+    return _preview(context, change, reason, model, effects, activates=True)
+
+
+def _preview(
+    context: Context,
+    change: MachineChange,
+    reason: str,
+    model: CompiledModel,
+    effects: Sequence[Effect],
+    *,
+    activates: bool = False,
+) -> Preview:
+    difference = difference_to_active(context, change, ModelWithEffects(model, effects))
+    return Preview(
+        reason=reason,
+        active_version=change.row.active_version,
+        activates=activates or not difference.loses,
+        difference=difference,
+        present=_present_change(context, change, model, effects),
+        waited_before=waited_before(context, change),
+    )
+
+
+def _present_change(
+    context: Context, change: MachineChange, model: CompiledModel, effects: Sequence[Effect]
+) -> PresentChange:
+    """Compute the table at the latest reading with the active model, and with another."""
+    if change.row.active_version is None:
+        return PresentChange("there is no active model yet")
+    live = context.live.get(change.row.id)
+    if live is None or live.current.version != change.row.active_version:
+        live = load_machine(context, change.row.id)
+    other = _with_model(context, live, model, effects)
+    tables = []
+    for whose, machine in (("", live), ("with the new version ", other)):
+        try:
+            state = current_state(context, change.row.id, machine)
+            tables.append(current_table(context, state))
+        except ThermapError as error:
+            return PresentChange(f"{whose}there is no table now: {error.detail}")
+    before, after = tables
+    return PresentChange(
+        reading_time=before.state.reading.time,
+        temperatures_c=_used_temperatures(before),
+        changes=component_changes(before.table, after.table),
+    )
+
+
+def _used_temperatures(current: CurrentTable) -> dict[str, float]:
+    sensors = current.state.sensors
+    return {s.sensor: s.temperature_c for s in sensors if s.temperature_c is not None}
+
+
+def _with_model(
+    context: Context, live: LiveMachine, model: CompiledModel, effects: Sequence[Effect]
+) -> LiveMachine:
+    """Set another model beside a machine's readings, with the past that its effects need."""
+    now = live.current
+    other = LiveMachine(
+        LiveModel(model, now.version, now.created_at, now.revision, now.loaded_at, tuple(effects))
+    )
+    held = live.readings.held
+    # A window of its own: what becomes usable meanwhile is the live machine's to take in.
+    other.readings.replace(model.machine, [*held.used, *held.ahead], context.usable_until())
+    other.is_behind = False
+    if live.past.serves(model.machine, other.current.needed):
+        other.past = live.past
+    else:
+        restore_past(context, other)
+    return other
+
+
+@repeated
+def activate_model(context: Context, machine_id: str, version: int) -> MadeVersion:
+    """Activate a version, whatever its tables lose: the answer says what.
+
+    Another version that waited waits no more, for the next one is made of the active one.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such version.
+    InvalidContent, Conflict
+        If the machine's present sensors no longer fit it.
+    """
+    with changing_machine(context, machine_id) as change:
+        found = find_version(change.session, machine_id, version)
+        model = compile_version(change.machine, found)
+        after = ModelWithEffects(model, adopted_effects(found))
+        difference = difference_to_active(context, change, after)
+        if change.row.active_version != version:
+            activate_version(change.row, version)
+        set_waiting(change.row, None)
+    return MadeVersion(found, True, version, difference)
+
+
+def preview_model_activation(context: Context, machine_id: str, version: int) -> Preview:
+    """Say what activating a version would do, and leave everything as it is.
+
+    Raises
+    ------
+    UnknownThing, InvalidContent, Conflict
+        As `activate_model`.
+    """
+    with reading_machine(context, machine_id) as change:
+        found = find_version(change.session, machine_id, version)
+        return preview_activation(context, change, found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assigned:
+    """The whole assignment as it was stated, and the version that says so.
+
+    `made` is None where the active version says so already.
+    """
+
+    assignment: Mapping[str, str]
+    made: MadeVersion | None
+
+
+@repeated
+def assign_sensors(
+    context: Context,
+    machine_id: str,
+    assignment: Mapping[str, str],
+    *,
+    accept_losses: bool = False,
+) -> Assigned:
+    """Assign sensors to components (codes); the others keep theirs.
+
+    Parameters
+    ----------
+    context, machine_id, assignment
+        The service, whose sensors, and component code to sensor.
+    accept_losses
+        Whether the version is activated although it loses something against the active one.
+
+    Raises
+    ------
+    InvalidContent
+        If a sensor is unknown, or a map lacks a sensor's temperature.
+    Conflict
+        If maps are too close at a sensor.
+    """
+    with changing_machine(context, machine_id) as change:
+        draft = _draft(change, assignment)
+        if draft is not None:
+            made = make_version(context, change, draft, accept_losses=accept_losses)
+            return Assigned(made.version.assignment, made)
+        waiting = activate_waiting(context, change, accept_losses=accept_losses)
+        version = change.latest
+        return Assigned(version.assignment if version else {}, waiting)
+
+
+def preview_assignment(context: Context, machine_id: str, assignment: Mapping[str, str]) -> Preview:
+    """Say what an assignment would do to the tables, and change nothing.
+
+    Raises
+    ------
+    UnknownThing, InvalidContent, Conflict
+        As `assign_sensors`.
+    """
+    with reading_machine(context, machine_id) as change:
+        draft = _draft(change, assignment)
+        if draft is None:
+            return preview_latest(context, change, "it is assigned so already")
+        return preview_draft(context, change, draft)
+
+
+def _draft(change: MachineChange, assignment: Mapping[str, str]) -> Draft | None:
+    """Put the version together that has the assignment; None where there is one already."""
+    _check_sensors(change.machine, assignment)
+    base = change.latest
+    known = dict(base.assignment) if base else {}
+    if known | dict(assignment) == known:
+        return None
+    named = ", ".join(f"{code} to {sensor}" for code, sensor in assignment.items())
+    maps = base.maps if base else []
+    return draft_version(change, base, maps, f"assigned {named}"[:500], assignment)
+
+
+def sensor_assignment(context: Context, machine_id: str) -> Mapping[str, str]:
+    """Read the active version's assignment."""
+    _, version = _machine_and_version(context, machine_id)
+    return version.assignment if version else {}
+
+
+def correlate_sensors(context: Context, machine_id: str) -> list[Proposal]:
+    """Correlate the active version's maps with every sensor; nothing changes."""
+    machine, version = _machine_and_version(context, machine_id)
+    if version is None:
+        return []
+    return propose_assignment(machine, [m.error_map for m in version.maps], version.assignment)
+
+
+def _machine_and_version(context: Context, machine_id: str) -> tuple[Machine, ModelVersion | None]:
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        return stored_machine(row).machine, active_version(session, row)
+
+
+def _check_sensors(machine: Machine, assignment: Mapping[str, str]) -> None:
+    errors = []
+    for code, name in assignment.items():
+        try:
+            machine.sensor(name)
+        except UnknownThing as unknown:
+            errors.append(FieldError(code, unknown.detail))
+    if errors:
+        raise InvalidContent("; ".join(e.message for e in errors), errors)

@@ -1,0 +1,212 @@
+"""What model versions leave of stored verifications, with the readings around them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.arrays import BoolArray
+from app.effects.observations import Verification
+from app.effects.past import needed_past
+from app.effects.projection import Projection
+from app.errors import InvalidContent, expect_each_once
+from app.identification.analysis.residual_report import ResidualReport, residual_report
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.residuals.residuals import Residuals
+from app.services.change_model import choose_version
+from app.services.context import Context
+from app.services.load_machine import adopted_effects, compile_version
+from app.storage.readings import list_readings
+from app.storage.records import ModelVersion
+from app.storage.verifications import find_verification, read_verification
+from app.thermal.machine import Machine
+from app.thermal.sensor_health import record_needed_s
+from app.thermal.temperature_history import TemperatureHistory
+
+SEARCHED_BACK: Final = timedelta(days=3)
+"""Readings before the first observation that a search takes in: an effect with a time constant
+needs five of them."""
+
+
+def read_verifications(
+    session: Session, machine_id: str, verification_ids: Sequence[int]
+) -> list[Verification]:
+    """Read verifications with their observations; UnknownThing if one is not there."""
+    rows = (find_verification(session, machine_id, i, observations=True) for i in verification_ids)
+    return [read_verification(row) for row in rows]
+
+
+def load_campaign(
+    session: Session,
+    machine: Machine,
+    version: ModelVersion,
+    verifications: Sequence[Verification],
+    until: datetime,
+    *,
+    searching: bool = False,
+    recorded: tuple[datetime, datetime] | None = None,
+) -> Campaign:
+    """Set verifications beside a model version and what was recorded.
+
+    Parameters
+    ----------
+    machine, version
+        What is held against the verifications.
+    until
+        The latest time at which a reading can have been measured: later ones do not count yet.
+    searching
+        Whether effects are looked for: that takes more of the past than the effects that
+        the version has adopted.
+    recorded
+        From when to when readings are needed; around the observations where nothing is stated.
+
+    Raises
+    ------
+    InvalidContent, Conflict
+        As `compile_version`.
+    """
+    effects = adopted_effects(version)
+    around = timedelta(seconds=record_needed_s(machine.sensors.values()))
+    past = max(around, timedelta(seconds=needed_past(effects).record_s))
+    if searching:
+        past = max(past, SEARCHED_BACK)
+    first, last = recorded or first_and_last(verifications)
+    readings = [
+        (r.time.timestamp(), r)
+        for r in list_readings(session, machine.id, first - past, min(last + around, until))
+    ]
+    return Campaign(
+        model=compile_version(machine, version),
+        maps=[stored.error_map for stored in version.maps],
+        verifications=verifications,
+        readings=TemperatureHistory.of_readings(
+            machine.sensors, [(time_s, r.temperatures_c) for time_s, r in readings]
+        ),
+        state_readings=[(time_s, r.state) for time_s, r in readings],
+        effects=effects,
+    )
+
+
+def first_and_last(verifications: Sequence[Verification]) -> tuple[datetime, datetime]:
+    """Give the times of the first and the last observation."""
+    times_s = [o.time_s for v in verifications for o in v.observations]
+    return datetime.fromtimestamp(min(times_s), UTC), datetime.fromtimestamp(max(times_s), UTC)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownResiduals:
+    """The residuals, of which version and which verifications."""
+
+    model_version: int
+    verification_ids: Sequence[int]
+    verifications: Sequence[Verification]
+    report: ResidualReport
+
+
+def show_residuals(
+    context: Context,
+    machine_id: str,
+    verification_ids: Sequence[int],
+    version_number: int | None = None,
+) -> ShownResiduals:
+    """Subtract what a version says, the active one if none is stated, from what was measured.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine, version or verification.
+    InvalidContent
+        If nothing can be compared with the model, or values are evidently in another unit.
+    Conflict
+        If the machine has no model yet.
+    """
+    version, campaign = _read_campaign(context, machine_id, verification_ids, version_number)
+    report = residual_report(residuals_of_version(version, campaign))
+    return ShownResiduals(version, verification_ids, campaign.verifications, report)
+
+
+def residuals_of_version(version: int, campaign: Campaign) -> Residuals:
+    """Subtract what a version says; a refusal names the version."""
+    try:
+        return residuals_of(campaign)
+    except InvalidContent as error:
+        raise type(error)(f"model version {version}: {error.detail}", error.errors) from None
+
+
+def _read_campaign(
+    context: Context, machine_id: str, verification_ids: Sequence[int], version_number: int | None
+) -> tuple[int, Campaign]:
+    expect_each_once("verifications", verification_ids)
+    with context.database.reading() as session:
+        machine, version = choose_version(session, machine_id, version_number)
+        verifications = read_verifications(session, machine_id, verification_ids)
+        until = context.usable_until()
+        return version.version, load_campaign(session, machine, version, verifications, until)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedVersion:
+    """One version: its residuals on what all versions can be held against.
+
+    `reason` says what made the version, and `active` whether tables are computed with it.
+    """
+
+    version: int
+    reason: str
+    active: bool
+    report: ResidualReport
+
+
+def compare_models(
+    context: Context, machine_id: str, verification_ids: Sequence[int], versions: Sequence[int]
+) -> list[ComparedVersion]:
+    """Compare versions on the observations that every one of them can be held against.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine, version or verification.
+    InvalidContent
+        If a version or a verification is named twice, or nothing is common to all versions.
+    """
+    for field, numbers in (("verifications", verification_ids), ("versions", versions)):
+        expect_each_once(field, numbers)
+    with context.database.reading() as session:
+        machine, active = choose_version(session, machine_id)
+        verifications = read_verifications(session, machine_id, verification_ids)
+        stored = [choose_version(session, machine_id, number)[1] for number in versions]
+        until = context.usable_until()
+        campaigns = [load_campaign(session, machine, v, verifications, until) for v in stored]
+    residuals = [residuals_of_version(n, c) for n, c in zip(versions, campaigns, strict=True)]
+    common = np.logical_and.reduce([r.kept for r in residuals])
+    if not common.any():
+        raise InvalidContent.of_field(
+            "versions", "expected observations that all versions can be held against, got none"
+        )
+    return [
+        ComparedVersion(
+            version.version,
+            version.reason,
+            version.version == active.version,
+            residual_report(_restricted(own, common)),
+        )
+        for version, own in zip(stored, residuals, strict=True)
+    ]
+
+
+def _restricted(residuals: Residuals, common: BoolArray) -> Residuals:
+    """Keep the rows, numbered among all, that are common to all versions."""
+    own: BoolArray = common[residuals.kept]
+    before = residuals.projection
+    at = np.flatnonzero(own)
+    return replace(
+        residuals,
+        projection=Projection(before.model, before.rows.take(own), before.conditions.take(at)),
+        predicted=residuals.predicted[own],
+        kept=common,
+    )

@@ -1,0 +1,365 @@
+"""Verifications: store them, judged on arrival, show and delete them, and the watch they keep."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from sqlalchemy.orm import Session
+
+from app.effects.adopted.model_difference import ModelWithEffects
+from app.effects.observations import Observation, Verification
+from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
+from app.geometry.components import COMPONENTS
+from app.identification.residuals.residuals import WrongUnit
+from app.identification.watch.watching import Judgement, WatchState, not_judged, watch
+from app.services.change_model import choose_version, no_model_yet
+from app.services.context import FUTURE_TOLERANCE, Context, repeated
+from app.services.load_machine import adopted_effects, compile_version
+from app.services.residuals import load_campaign, read_verifications
+from app.storage.machines import RowLock, find_machine, stored_machine
+from app.storage.model_versions import active_version
+from app.storage.records import StoredVerification
+from app.storage.verifications import (
+    find_verification,
+    find_verification_by_label,
+    insert_verification,
+    list_verifications,
+    read_verification,
+    same_content,
+    stored_verification,
+)
+from app.storage.watches import StoredWatch, find_watch, write_watch
+from app.thermal.machine import Machine
+from app.units import iso_time
+
+log = logging.getLogger("thermap")
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A judgement, and what it rests on: which version, and the watch before and after it."""
+
+    model_version: int | None
+    answer: Judgement
+    before: StoredWatch | None = None
+    after: WatchState | None = None
+
+    def still_holds(self, session: Session, machine_id: str) -> bool:
+        """Whether version and watch are still those that it rests on; the machine is locked."""
+        if find_machine(session, machine_id).active_version != self.model_version:
+            return False
+        if self.model_version is None:
+            return True
+        return find_watch(session, machine_id, self.model_version) == self.before
+
+    def write(self, context: Context, session: Session, machine_id: str) -> None:
+        """Carry the watch on; the machine is locked."""
+        if self.model_version is not None and self.after is not None:
+            write_watch(session, machine_id, self.model_version, self.after, context.now())
+
+
+def judge_verification(context: Context, machine_id: str, verification: Verification) -> Judged:
+    """Hold a verification against the active model, without storing anything.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    InvalidContent
+        If its values are evidently in another unit. What cannot be judged for another reason
+        is no error: the judgement says so.
+    """
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version = active_version(session, row)
+        if version is None:
+            return Judged(None, not_judged(None, "the machine has no model yet"))
+        number = version.version
+        before = find_watch(session, machine_id, number)
+        try:
+            state = WatchState() if before is None else before.state
+            machine = stored_machine(row).machine
+            campaign = load_campaign(
+                session, machine, version, [verification], context.usable_until()
+            )
+            judgement, after = watch(campaign, state, number)
+        except (WrongUnit, StorageUnavailable):
+            raise
+        except InvalidContent as error:
+            return Judged(number, not_judged(number, error.detail), before)
+        except Exception as error:
+            # What was measured must not be lost because it could not be judged.
+            log.exception("verification %r could not be judged", verification.label)
+            reason = f"unexpected error: {type(error).__name__}"
+            return Judged(number, not_judged(number, reason), before)
+    return Judged(number, judgement, before, after)
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationStoredOnce:
+    """A stored verification, and whether it is new."""
+
+    stored: StoredVerification
+    is_new: bool
+
+
+@repeated
+def store_verification(
+    context: Context, machine_id: str, verification: Verification
+) -> VerificationStoredOnce:
+    """Store a verification, once.
+
+    Returns
+    -------
+    VerificationStoredOnce
+        The same content under the same label again is the verification that is there.
+
+    Raises
+    ------
+    InvalidContent
+        If a position is outside the axis' travel, a time in the future, or the values are
+        evidently in another unit.
+    Conflict
+        If the label names another verification.
+    """
+    known = check_verification(context, machine_id, verification)
+    if known is not None:
+        return VerificationStoredOnce(known, False)
+    while True:
+        judged = judge_verification(context, machine_id, verification)
+        with context.database.writing() as session:
+            # Under the machine's lock: two of one label, and the watch's sequence, need an order.
+            find_machine(session, machine_id, RowLock.CHANGED)
+            known = _known(session, machine_id, verification)
+            if known is not None:
+                return VerificationStoredOnce(known, False)
+            if judged.still_holds(session, machine_id):
+                judged.write(context, session, machine_id)
+                stored = insert_verification(
+                    session, machine_id, verification, judged.answer, context.now()
+                )
+                return VerificationStoredOnce(stored, True)
+        # Another verification, or another version, came first: it is judged after that one.
+
+
+def check_verification(
+    context: Context, machine_id: str, verification: Verification
+) -> StoredVerification | None:
+    """Check all of a verification that is known before it is compared, without storing it.
+
+    Returns
+    -------
+    StoredVerification or None
+        The one that is there with the same content.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    InvalidContent, Conflict
+        As `store_verification`.
+    """
+    with context.database.reading() as session:
+        machine = stored_machine(find_machine(session, machine_id)).machine
+        known = _known(session, machine_id, verification)
+    if known is None:
+        _check_times(context, verification)
+        check_places(machine, verification.observations)
+    return known
+
+
+def not_compared(context: Context, machine_id: str, components: Sequence[str]) -> list[str]:
+    """Say what of a verification the active model has nothing to be compared with, and why.
+
+    Parameters
+    ----------
+    components
+        What was observed: codes, and `points`.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version, machine = active_version(session, row), stored_machine(row).machine
+    if version is None:
+        return [f"machine {machine_id!r} has no model yet: there is nothing to compare this with"]
+    found = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
+    lacking = [code for code in components if code in COMPONENTS and code not in found.codes]
+    omitted = found.model.omitted
+    reasons = [f"{code}: {omitted[code]}" for code in lacking if code in omitted]
+    unmeasured = [code for code in lacking if code not in omitted]
+    if unmeasured:
+        reasons.append(f"no error map of it has {list_names(unmeasured)}")
+    if not lacking:
+        return []
+    return [
+        f"no table of model version {version.version} has {list_names(lacking)}, and nothing is "
+        f"compared with them ({'; '.join(reasons)})"
+    ]
+
+
+def _known(
+    session: Session, machine_id: str, verification: Verification
+) -> StoredVerification | None:
+    """Find the stored verification that says the same; Conflict for another of its label."""
+    row = find_verification_by_label(session, machine_id, verification.label)
+    if row is None or same_content(row, verification):
+        return None if row is None else stored_verification(row)
+    raise Conflict(
+        f"machine {machine_id!r} has another verification {verification.label!r} "
+        f"(number {row.id}); choose another label, or delete that one first"
+    )
+
+
+def check_places(machine: Machine, observations: Sequence[Observation]) -> None:
+    """Refuse observations of another machine's axis, or beyond an axis' travel."""
+    for i, observation in enumerate(observations):
+        _check_place(machine, observation, f"observations.{i}")
+
+
+def _check_times(context: Context, verification: Verification) -> None:
+    latest_s = (context.now() + FUTURE_TOLERANCE).timestamp()
+    for i, observation in enumerate(verification.observations):
+        if observation.time_s > latest_s:
+            raise InvalidContent.of_field(
+                f"observations.{i}.time",
+                f"expected a time not in the future (it is {context.now():%Y-%m-%dT%H:%M:%SZ}), "
+                f"got {iso_time(observation.time_s)}",
+            )
+
+
+def _check_place(machine: Machine, o: Observation, field: str) -> None:
+    """Refuse what this machine cannot have: another machine's axis, a place beyond its travel."""
+    if o.point_mm is not None:
+        places = dict(zip("xyz", o.point_mm, strict=True))
+        field = f"{field}.point_mm"
+    else:
+        axis = COMPONENTS[str(o.component)].axis
+        if axis is None:
+            return
+        if axis not in machine.chain.axes:
+            raise InvalidContent.of_field(
+                f"{field}.component",
+                f"{o.component} is an error of an axis that {machine.chain.text} lacks",
+            )
+        places = {axis: o.position_mm or 0.0}
+        field = f"{field}.position_mm"
+    for axis, place in places.items():
+        travel = machine.axes.get(axis)
+        if travel and not travel.min_mm <= place <= travel.max_mm:
+            raise InvalidContent.of_field(
+                field,
+                f"expected {axis} within the axis' travel of {travel.min_mm:.12g} to "
+                f"{travel.max_mm:.12g} mm, got {place:.12g} mm",
+            )
+
+
+def show_verifications(context: Context, machine_id: str) -> list[StoredVerification]:
+    """List a machine's verifications, oldest first."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        return list_verifications(session, machine_id)
+
+
+def show_verification(
+    context: Context, machine_id: str, verification_id: int
+) -> tuple[StoredVerification, Verification]:
+    """Read one verification with its observations; UnknownThing if there is none."""
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        row = find_verification(session, machine_id, verification_id, observations=True)
+        return stored_verification(row), read_verification(row)
+
+
+@repeated
+def delete_verification(context: Context, machine_id: str, verification_id: int) -> None:
+    """Delete a verification; analyses of it keep their results.
+
+    The watch that had judged it is computed anew from those that it judged beside it.
+
+    Raises
+    ------
+    UnknownThing
+        If the machine has no such verification.
+    """
+    with context.database.writing() as session:
+        find_machine(session, machine_id, RowLock.CHANGED)
+        row = find_verification(session, machine_id, verification_id)
+        version = _judged_by(stored_verification(row))
+        session.delete(row)
+        session.flush()
+        if version is not None:
+            state = _watched(session, machine_id, version, context.usable_until())
+            write_watch(session, machine_id, version, state, context.now())
+
+
+def _watched(session: Session, machine_id: str, version_number: int, until: datetime) -> WatchState:
+    """Judge again all verifications that a version has judged, in their order."""
+    judged = [
+        v.id for v in list_verifications(session, machine_id) if _judged_by(v) == version_number
+    ]
+    if not judged:
+        return WatchState()
+    machine, version = choose_version(session, machine_id, version_number)
+    verifications = read_verifications(session, machine_id, judged)
+    try:
+        campaign = load_campaign(session, machine, version, verifications, until)
+        return watch(campaign, WatchState(), version_number)[1]
+    except InvalidContent:
+        # Nothing of them can be compared any more, as when readings were deleted.
+        return WatchState()
+
+
+def _judged_by(verification: StoredVerification) -> int | None:
+    """Say which version has judged a verification; None where none could."""
+    return None if verification.judgement is None else verification.judgement.model_version
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """Where the sequential test of the active version stands, and the verifications it judged.
+
+    `updated_at` is None before the first one.
+    """
+
+    model_version: int
+    state: WatchState
+    updated_at: datetime | None
+    judged: list[StoredVerification]
+
+    @property
+    def beyond_since(self) -> datetime | None:
+        """Time of the visit with which the limit was first exceeded."""
+        since_s = self.state.beyond_since_s
+        return None if since_s is None else datetime.fromtimestamp(since_s, UTC)
+
+
+def show_watch(context: Context, machine_id: str) -> Watch:
+    """Read where the watch of the active version stands.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    Conflict
+        If it has no model yet.
+    """
+    with context.database.reading() as session:
+        version = find_machine(session, machine_id).active_version
+        if version is None:
+            raise no_model_yet(machine_id)
+        known = find_watch(session, machine_id, version)
+        judged = [
+            v
+            for v in list_verifications(session, machine_id)
+            if v.judgement is not None and v.judgement.model_version == version
+        ]
+    if known is None:
+        return Watch(version, WatchState(), None, judged)
+    return Watch(version, known.state, known.updated_at, judged)
