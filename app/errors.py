@@ -13,7 +13,7 @@
      │   └─ StorageBusy           it is there, but others write for too long
      │       └─ StorageOvertaken      another's change came first: the same again may succeed
      ├─ StorageTooNew         the database was written by a newer thermap
-     └─ ServiceEnds           the service was told to end, and takes nothing on any more
+     └─ ServiceStopping           the service was told to end, and takes nothing on any more
 
 Each carries one sentence for a person and, where fields are to blame, a
 `FieldError` for each of them.
@@ -104,7 +104,7 @@ class StorageTooNew(ThermapError):
     """The database has migrations that this version does not know."""
 
 
-class ServiceEnds(ThermapError):
+class ServiceStopping(ThermapError):
     """The service was told to end: whoever still waits is sent away."""
 
 
@@ -123,10 +123,10 @@ def list_names(names: Iterable[str], limit: int = 20) -> str:
     return ", ".join(shown[:limit]) + (f" and {more} more" if more > 0 else "")
 
 
-def it_has(names: Iterable[str]) -> str:
+def existing_names(names: Iterable[str]) -> str:
     """Say what there is, where something else was named.
 
-    >>> it_has(["1", "2"]), it_has([])
+    >>> existing_names(["1", "2"]), existing_names([])
     ('it has: 1, 2', 'it has none yet')
     """
     shown = list(names)
@@ -148,4 +148,4 @@ def expect_each_once(field: str, named: Sequence[int] | Sequence[str]) -> None:
     >>> expect_each_once("versions", [2, 3])
     """
     if len(set(named)) < len(named):
-        raise InvalidContent.of_field(field, f"expected each once, came {list(named)}")
+        raise InvalidContent.of_field(field, f"expected each once, got {list(named)}")

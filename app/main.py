@@ -21,6 +21,7 @@ from app.api.pages import PAGE_HEADERS, Page
 from app.api.routes import (
     analyses,
     compensation,
+    controllers,
     error_maps,
     geometry,
     health,
@@ -34,9 +35,9 @@ from app.api.routes import (
 )
 from app.api.short_way import ThermapService
 from app.api.turns import SharedQuestion, Turns, take_turn
-from app.services.check_readiness import check_readiness
 from app.services.context import Context
 from app.services.follow_database import DatabaseFollower
+from app.services.machines import check_readiness
 from app.services.run_analyses import AnalysisRunner
 from app.settings import Settings, make_own_folder
 from app.storage.database import Database
@@ -45,6 +46,7 @@ from app.storage.migrate import upgrade
 
 ROOMS = (
     compensation,
+    controllers,
     geometry,
     pictures,
     machines,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from platformdirs import user_data_path
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+LARGEST_BODY: Final = 64 * 1024 * 1024
+"""Of any route, unless the operator sets it otherwise [bytes]: a million points fit."""
 
 
 def own_folder() -> Path:
@@ -48,7 +51,7 @@ class Settings(BaseSettings):
     )
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on")
     max_body_bytes: int = Field(
-        64 * 1024 * 1024, ge=4096, description="Largest body of any request [bytes]"
+        LARGEST_BODY, ge=4096, description="Largest body of any request [bytes]"
     )
     patience_s: float = Field(
         10.0, gt=0, description="How long a request may stop half-way before it is ended [s]"

@@ -15,6 +15,7 @@ from typing import Final
 UM_PER_MM: Final = 1000.0
 MM_PER_M: Final = 1000.0
 URAD_PER_RAD: Final = 1e6
+MS_PER_S: Final = 1000.0
 SECONDS_PER_MIN: Final = 60.0
 SECONDS_PER_H: Final = 3600.0
 SECONDS_PER_DAY: Final = 86400.0
@@ -85,12 +86,8 @@ def plus_minus(value: float, error: float | None, unit: str) -> str:
 
     Parameters
     ----------
-    value
-        The value.
     error
         One standard deviation; None where none was estimated.
-    unit
-        The unit's symbol.
 
     Examples
     --------

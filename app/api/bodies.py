@@ -30,13 +30,12 @@ from app.errors import InvalidContent
 
 MEGABYTE: Final = 1024 * 1024
 
-LARGEST_BODY: Final = 64 * MEGABYTE
-"""Of any route, unless the operator sets it lower [bytes]: a million points fit."""
-
 USUAL_LIMIT: Final = 8 * MEGABYTE
-"""Of routes that do not state their own [bytes]."""
+"""Of routes that do not state their own [bytes]; what the operator sets holds for all."""
 
-_LIMIT: Final = "x-largest-body-bytes"
+LIMIT_NAME: Final = "x-largest-body-bytes"
+"""Under which a route's limit stands in the OpenAPI document."""
+
 _LONG_BODIES_AT_ONCE: Final = 2
 _MANY_OBJECTS: Final = MEGABYTE
 _limiters: RunVar[CapacityLimiter] = RunVar("long bodies")
@@ -47,7 +46,7 @@ Read = TypeVar("Read")
 
 def body_of_at_most(megabytes: int) -> dict[str, Any]:
     """State a route's largest body, as part of what is documented of it."""
-    return {_LIMIT: megabytes * MEGABYTE}
+    return {LIMIT_NAME: megabytes * MEGABYTE}
 
 
 class BodyRoute(APIRoute):
@@ -61,7 +60,7 @@ class BodyRoute(APIRoute):
             return _without_body(handle)
         stated = field.field_info
         adapter: TypeAdapter[Any] = TypeAdapter(cast("Any", Annotated[stated.annotation, stated]))
-        limit = int((self.openapi_extra or {}).get(_LIMIT, USUAL_LIMIT))
+        limit = int((self.openapi_extra or {}).get(LIMIT_NAME, USUAL_LIMIT))
 
         async def read_and_handle(request: Request) -> Response:
             most = min(limit, request.app.state.max_body_bytes)
@@ -70,13 +69,13 @@ class BodyRoute(APIRoute):
                 return await handle(_ReadRequest(request, b"", None))
             _refuse_other_kinds(request)
             with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
-                said = await _off_the_loop(len(body), lambda: _checked(adapter, body))
-                read = _ReadRequest(request, body, said)
-                del said
+                content = await _off_the_loop(len(body), lambda: _checked(adapter, body))
+                read = _ReadRequest(request, body, content)
+                del content  # now `read` alone holds it, and `release` frees it
                 try:
                     return await handle(read)
                 finally:
-                    read.let_go()
+                    read.release()
 
         return read_and_handle
 
@@ -84,10 +83,10 @@ class BodyRoute(APIRoute):
 class _ReadRequest(Request):
     """A request whose body has been read: the framework is handed what it said."""
 
-    def __init__(self, request: Request, body: bytes, said: Any) -> None:
+    def __init__(self, request: Request, body: bytes, content: Any) -> None:
         super().__init__(request.scope, request.receive)
         self._came = body
-        self._said = said
+        self._content = content
 
     async def body(self) -> bytes:
         """Give what came; nothing more will."""
@@ -95,11 +94,11 @@ class _ReadRequest(Request):
 
     async def json(self) -> Any:
         """Give what it said."""
-        return self._said
+        return self._content
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Forget what it said: the framework holds requests for longer than their answers."""
-        self._said = None
+        self._content = None
 
 
 def _without_body(handle: Handler) -> Handler:
@@ -107,7 +106,7 @@ def _without_body(handle: Handler) -> Handler:
         stated = request.headers.get("content-length", "0")
         if stated.strip("0") or "transfer-encoding" in request.headers:
             raise InvalidContent.of_field(
-                "body", f"expected no body for {request.method} {request.url.path}, came one"
+                "body", f"expected no body for {request.method} {request.url.path}, got one"
             )
         return await handle(request)
 
@@ -118,28 +117,30 @@ async def _received(request: Request, most: int) -> bytes:
     """Receive a body of at most so many bytes, or refuse it as soon as it is longer."""
     stated = request.headers.get("content-length", "")
     too_large = HTTPException(413, f"expected a body of at most {most} bytes; send it in parts")
+    # A header of many digits must not cost time: twenty are more than any limit. What it states
+    # may also be untrue, so that what comes is counted all the same.
     if stated.isascii() and stated.isdecimal() and int(stated[:20]) > most:
         raise too_large
-    came = bytearray()
+    got = bytearray()
     more = True
     while more:
         message: Message = await request.receive()
         if message["type"] != "http.request":
             raise HTTPException(408, "expected the rest of the body, but the connection ended")
-        came += message.get("body", b"")
-        if len(came) > most:
+        got += message.get("body", b"")
+        if len(got) > most:
             raise too_large
         more = message.get("more_body", False)
-    return bytes(came)
+    return bytes(got)
 
 
 def _refuse_other_kinds(request: Request) -> None:
-    came = request.headers.get("content-type", "")
-    if came.partition(";")[0].strip().lower() != JSON:
+    got = request.headers.get("content-type", "")
+    if got.partition(";")[0].strip().lower() != JSON:
         raise HTTPException(
             415,
-            f"expected JSON with the header Content-Type: {JSON}, came "
-            f"{came[:80] or 'no Content-Type'}",
+            f"expected JSON with the header Content-Type: {JSON}, got "
+            f"{got[:80] or 'no Content-Type'}",
         )
 
 
@@ -164,17 +165,17 @@ async def _off_the_loop(size: int, read: Callable[[], Read]) -> Read:
 
 def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
     try:
-        said = read_json(body)
+        content = read_json(body)
     except NoJsonError as error:
         raise RequestValidationError(
             [{"type": "json_invalid", "loc": ("body",), "msg": "", "ctx": {"error": str(error)}}]
         ) from None
     except RepeatedNameError as error:
         raise InvalidContent.of_field(
-            error.name, f"expected each name once in an object, came {error.name!r} twice"
+            error.name, f"expected each name once in an object, got {error.name!r} twice"
         ) from None
     try:
-        return adapter.validate_python(said)
+        return adapter.validate_python(content)
     except ValidationError as error:
         found = [{**e, "loc": ("body", *e["loc"])} for e in shown_errors(error)]
         raise RequestValidationError(found) from None

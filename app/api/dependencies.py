@@ -42,7 +42,7 @@ async def refuse_unknown_query(request: Request) -> None:
             expected = (
                 f"the query parameters {list_names(known)}" if known else "no query parameter"
             )
-            raise InvalidContent.of_field(name, f"expected {expected}, came {name!r}")
+            raise InvalidContent.of_field(name, f"expected {expected}, got {name!r}")
 
 
 def _query_params(dependant: Dependant) -> Iterator[Any]:

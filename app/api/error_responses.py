@@ -21,7 +21,7 @@ from app.errors import (
     Conflict,
     FieldError,
     InvalidContent,
-    ServiceEnds,
+    ServiceStopping,
     StorageBusy,
     StorageUnavailable,
     ThermapError,
@@ -37,7 +37,7 @@ STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
     InvalidContent: (422, "Invalid content"),
     StorageUnavailable: (503, "The database is away"),
     StorageBusy: (503, "The database is busy"),
-    ServiceEnds: (503, "The service ends"),
+    ServiceStopping: (503, "The service ends"),
 }
 """A kind of error, or the nearest above it, to its status and title."""
 
@@ -69,8 +69,11 @@ def problem(
         "type": "about:blank",
         "title": title,
         "status": status,
-        "detail": _sayable(detail),
-        "errors": [{"field": _sayable(e.field), "message": _sayable(e.message)} for e in errors],
+        "detail": _without_surrogates(detail),
+        "errors": [
+            {"field": _without_surrogates(e.field), "message": _without_surrogates(e.message)}
+            for e in errors
+        ],
     }
     return Response(
         orjson.dumps(content),
@@ -86,7 +89,7 @@ def install_error_responses(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(ValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_error)
-    app.add_exception_handler(IntegrityError, _overtaken)
+    app.add_exception_handler(IntegrityError, _concurrent_change)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -125,7 +128,7 @@ def _other_method(request: Request) -> Response:
     headers = {"Allow": ", ".join(allowed)}
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=headers)
-    detail = f"expected {list_names(allowed)}, came {request.method[:80]}"
+    detail = f"expected {list_names(allowed)}, got {request.method[:80]}"
     return problem(405, _TITLES[405], detail, headers=headers)
 
 
@@ -141,11 +144,11 @@ def methods_at(request: Request) -> list[str]:
 
 def _unreadable(error: HTTPException) -> Response:
     """Refuse a body that the framework gave up on: no UTF-8, or nested without end."""
-    message = f"expected JSON in UTF-8, came what cannot be read as such: {error.__cause__}"
+    message = f"expected JSON in UTF-8, got what cannot be read as such: {error.__cause__}"
     return problem(422, "Invalid content", f"body: {message}", [FieldError("body", message)])
 
 
-async def _overtaken(_request: Request, _error: Exception) -> Response:
+async def _concurrent_change(_request: Request, _error: Exception) -> Response:
     return problem(
         409, "Conflict", "another request changed the same thing at the same moment; try again"
     )
@@ -158,6 +161,6 @@ async def _unexpected(request: Request, error: Exception) -> Response:
     )
 
 
-def _sayable(text: str) -> str:
+def _without_surrogates(text: str) -> str:
     """Write half characters, which UTF-8 does not have, as what they are."""
     return text.encode("utf-8", "backslashreplace").decode()

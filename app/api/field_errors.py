@@ -26,7 +26,7 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     if path and path[0] in _WHERE:
         del path[0]
     if error["type"] == "json_invalid":
-        return FieldError("body", f"expected JSON, came text that is none: {_reason(error)}")
+        return FieldError("body", f"expected JSON, got text that is none: {_reason(error)}")
     if error["type"] == "extra_forbidden":
         return FieldError(".".join(path), "unknown field; expected only the documented ones")
     field = ".".join(path) or "body"
@@ -35,13 +35,13 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     unit = next((u for u in map(unit_of_field, reversed(path)) if u), None)
     in_unit = f" in {unit}" if unit else ""
     if error["type"] == "missing":
-        return FieldError(field, f"expected a value{in_unit}, came nothing")
+        return FieldError(field, f"expected a value{in_unit}, got nothing")
     context = error.get("ctx", {})
     if error["type"] in ("too_short", "too_long"):
-        came = counted(context["actual_length"], "entry", "entries")
+        got = counted(context["actual_length"], "entry", "entries")
     else:
-        came = _shorten(error.get("input"))
-    return FieldError(field, f"expected {_expected(error, context)}{in_unit}, came {came}")
+        got = _shorten(error.get("input"))
+    return FieldError(field, f"expected {_expected(error, context)}{in_unit}, got {got}")
 
 
 _LENGTHS = {

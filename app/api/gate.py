@@ -50,6 +50,7 @@ class Gate:
         self._below = (".localhost", *(name[1:] for name in stated if name.startswith("*.")))
         self._any = ANY_HOST in stated
         self._stated = stated
+        # Whoever polls names the same host each time; foreign ones cannot fill the memory.
         self._is_own = lru_cache(_HOSTS_REMEMBERED)(self._is_own_host)
 
     def refusal(self, scope: Scope) -> Response | None:
@@ -57,8 +58,8 @@ class Gate:
         host = origin = site = None
         for name, value in scope["headers"]:
             if name == b"host":
-                if host is not None:
-                    return problem(400, "Bad request", "expected one header Host, came several")
+                if host is not None:  # which one counts is read differently by every proxy
+                    return problem(400, "Bad request", "expected one header Host, got several")
                 host = value
             elif name == b"origin":
                 origin = value
@@ -78,6 +79,7 @@ class Gate:
     ) -> bool:
         if site is not None and site not in _OWN_SITES:
             return False
+        # `Sec-Fetch-Site: none` without an origin is an address that somebody typed.
         if origin is None or site == b"same-origin":
             return True
         scheme, _, stated = origin.lower().partition(b"://")
@@ -112,7 +114,7 @@ def _name_of(host: bytes) -> str:
 def _foreign_host(host: bytes) -> str:
     name = host.decode("latin-1")[:_LONGEST_SHOWN]
     return (
-        f"expected a host that is this service's own, came {name!r}; where it is, start the "
+        f"expected a host that is this service's own, got {name!r}; where it is, start the "
         f"service with --allowed-host NAME (THERMAP_ALLOWED_HOSTS)"
     )
 
@@ -120,6 +122,6 @@ def _foreign_host(host: bytes) -> str:
 def _foreign_page(origin: bytes | None) -> str:
     whose = "" if origin is None else f" of {origin.decode('latin-1')[:_LONGEST_SHOWN]!r}"
     return (
-        f"expected a request of this service's own pages, or of a program, came one of a web "
+        f"expected a request of this service's own pages, or of a program, got one of a web "
         f"page{whose}; where that is this service behind a proxy, start it with --allowed-host NAME"
     )

@@ -76,7 +76,7 @@ def read_json(text: bytes) -> Any:
     if not len(marks.at):
         return _read_piece(text)  # no list and no object: one value
     if text[: marks.at[0]].strip(_SPACE) or text[marks.at[-1] + 1 :].strip(_SPACE):
-        raise NoJsonError("expected one value, came more")
+        raise NoJsonError("expected one value, got more")
     return _read_container(text, marks, 0, len(marks.at) - 1)
 
 
@@ -84,11 +84,11 @@ def _read_at_once(text: bytes) -> Any:
     try:
         return jiter.from_json(text, catch_duplicate_keys=True)
     except ValueError as error:
-        said = str(error)
-        repeated = _REPEATED.match(said)
+        message = str(error)
+        repeated = _REPEATED.match(message)
         if repeated:
             raise RepeatedNameError(repeated[1]) from None
-        raise NoJsonError(said) from None
+        raise NoJsonError(message) from None
 
 
 def _read_piece(piece: bytes) -> Any:
@@ -132,15 +132,15 @@ def _marks(text: bytes) -> _Marks:
         in_string = bool(inside[-1])
         count += int(np.count_nonzero(_STEP[block[here]] >= 0))
         if count > MOST_VALUES:
-            raise NoJsonError(f"expected at most {MOST_VALUES} values, came more")
+            raise NoJsonError(f"expected at most {MOST_VALUES} values, got more")
     where = np.concatenate(found)
     step = _STEP[data[where]]
     depth = np.cumsum(step, dtype=np.int64)
     if len(depth):
         if depth.max() > MOST_LEVELS:
-            raise NoJsonError(f"expected at most {MOST_LEVELS} levels, came {depth.max()}")
+            raise NoJsonError(f"expected at most {MOST_LEVELS} levels, got {depth.max()}")
         if depth[-1] != 0 or depth[:-1].min(initial=1) < 1:
-            raise NoJsonError("expected brackets in pairs, came one without the other")
+            raise NoJsonError("expected brackets in pairs, got one without the other")
     return _Marks(where, step, depth)
 
 
@@ -170,7 +170,7 @@ def _read_container(text: bytes, marks: _Marks, first: int, last: int) -> Any:
     opening, closing = text[start : start + 1], text[stop : stop + 1]
     is_list = opening == b"["
     if closing != (b"]" if is_list else b"}"):
-        raise NoJsonError("expected brackets in pairs, came one without the other")
+        raise NoJsonError("expected brackets in pairs, got one without the other")
     depth = marks.depth[first]
     inner = slice(first + 1, last)
     at, step, depths = marks.at[inner], marks.step[inner], marks.depth[inner]
@@ -180,7 +180,7 @@ def _read_container(text: bytes, marks: _Marks, first: int, last: int) -> Any:
     opened_at = marks.at[opened]
     edges = np.concatenate(([start], commas, [stop]))
     if not is_list and len(commas) >= MOST_NAMES:
-        raise NoJsonError(f"expected at most {MOST_NAMES} names in an object, came more")
+        raise NoJsonError(f"expected at most {MOST_NAMES} names in an object, got more")
     items: list[Any] = []
     fields: dict[str, Any] = {}
     i = 0
@@ -193,7 +193,7 @@ def _read_container(text: bytes, marks: _Marks, first: int, last: int) -> Any:
         if not is_long or inside == len(opened) or opened_at[inside] > high:
             piece = _read_piece(opening + text[low:high] + closing)
             if len(piece) != j - i and (piece or len(commas)):
-                raise NoJsonError("expected a value between two commas, came none")
+                raise NoJsonError("expected a value between two commas, got none")
         else:
             begin, end = int(opened_at[inside]), int(marks.at[closed[inside]])
             # What stands before the long entry: nothing in a list, in an object its name.

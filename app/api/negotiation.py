@@ -23,11 +23,11 @@ def chosen_form(accept: str, offered: Sequence[str]) -> str:
     >>> chosen_form("*/*", ["application/json", "text/html"])
     'application/json'
     """
-    wishes = dict(_wish(part) for part in accept.split(",") if part.strip())
-    return max(offered, key=lambda media_type: _liked(media_type, wishes))
+    qualities = dict(_media_range(part) for part in accept.split(",") if part.strip())
+    return max(offered, key=lambda media_type: _quality(media_type, qualities))
 
 
-def _wish(part: str) -> tuple[str, float]:
+def _media_range(part: str) -> tuple[str, float]:
     media_range, *parameters = (text.strip().lower() for text in part.split(";"))
     stated = [p.removeprefix("q=") for p in parameters if p.startswith("q=")]
     try:
@@ -36,7 +36,7 @@ def _wish(part: str) -> tuple[str, float]:
         return media_range, 0.0
 
 
-def _liked(media_type: str, wishes: dict[str, float]) -> float:
+def _quality(media_type: str, qualities: dict[str, float]) -> float:
     """The quality of the most specific range that the type is in."""
     family = f"{media_type.partition('/')[0]}/*"
-    return next((wishes[r] for r in (media_type, family, "*/*") if r in wishes), 0.0)
+    return next((qualities[r] for r in (media_type, family, "*/*") if r in qualities), 0.0)

@@ -28,6 +28,7 @@ component interpolated linearly with the sensor assigned to it (C. Wang, 8.105-8
 
 TAGS = [
     {"name": "live", "description": "The compensation table now, and predictions."},
+    {"name": "controllers", "description": "The table as files that controllers read."},
     {"name": "geometry", "description": "The machine in three dimensions, at any temperatures."},
     {"name": "machines", "description": "Axes, sensors, and what happens outside the maps."},
     {"name": "error maps", "description": "What was measured in one thermal state."},

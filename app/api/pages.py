@@ -37,13 +37,9 @@ class Page(HTMLResponse):
 
     Parameters
     ----------
-    content
-        HTML.
     scripts
         How many scripts were written into it; their hashes become part of the policy. Where
         others stand in it, somebody else wrote one: then none of them may run.
-    headers
-        Further headers.
     """
 
     def __init__(

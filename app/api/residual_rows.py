@@ -12,7 +12,7 @@ import numpy as np
 
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.residuals.residuals import channel_unit
-from app.services.show_residuals import ShownResiduals
+from app.services.residuals import ShownResiduals
 
 SIGNS: Final = {1.0: "+", -1.0: "-", 0.0: "0"}
 
@@ -22,8 +22,6 @@ def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[s
 
     Parameters
     ----------
-    shown
-        The residuals.
     most
         At most so many; None: all.
     """

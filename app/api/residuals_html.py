@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.identification.analysis.residual_curves import residual_curves
 from app.pages.residuals_page import ResidualsHead, residuals_page
-from app.services.show_residuals import ShownResiduals
+from app.services.residuals import ShownResiduals
 
 
 def residuals_html(shown: ShownResiduals) -> str:

@@ -107,6 +107,7 @@ def _around_time(current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
     """Write the answer to a body: what comes before and after the time of computing."""
     if current.model.numbers > LARGEST_PLAIN_TABLE:
         raise ValueError("too large to be remembered")
+    # No real table is of 1970: its time marks the place where the present one goes.
     before, _, after = _answer(current, body, _SOME_TIME).partition(_SOME_TIME_TEXT)
     return before, after
 
@@ -114,6 +115,8 @@ def _around_time(current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
 def _answer(current: LiveModel, body: bytes, now: datetime) -> bytes:
     stated = _REQUEST.validate_json(body)
     names = len(stated.model_fields_set) + len(stated.temperatures_c) + len(stated.state)
+    # JSON's parser keeps the last of two equal names; the ordinary way refuses them. Each name has
+    # one colon, so that more of them are a repeated name, or a colon in a text: both go that way.
     if body.count(b":") != names:
         raise ValueError("a name may stand there twice")
     return table_json(table_at(current, stated.temperatures_c, now, state=stated.state))
@@ -149,6 +152,7 @@ async def _read(receive: Receive) -> tuple[list[Message], bytes | None]:
         message = await receive()
         messages.append(message)
         body += message.get("body", b"")
+        # A sender who went away is the ordinary way's as well: it has been told, and ends.
         if len(body) > LARGEST_PLAIN_BODY or message["type"] != "http.request":
             return messages, None
         if not message.get("more_body", False):

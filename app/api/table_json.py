@@ -25,7 +25,7 @@ from app.compensation.table import (
     ComponentCompensation,
     EffectInTable,
 )
-from app.geometry.components import ORDER
+from app.geometry.components import ORDER, Component
 from app.services.live_table import CurrentTable, is_stale
 from app.thermal.group import Member
 from app.thermal.group_state import GroupState
@@ -112,19 +112,33 @@ def _effect_fields(effect: EffectInTable) -> dict[str, Any]:
         "held": effect.held,
         "valid": to_digits_in(effect.learnt_in),
         "measure_again": effect.measure_again,
+        "sureness": [
+            {
+                "component": one.component,
+                "expected": round(one.expected, 4),
+                "learnt_error": round(one.learnt_error, 4),
+                "wander_error": round(one.wander_error, 4),
+                "factor": round(one.factor, 4),
+            }
+            for one in effect.sureness
+        ],
     }
+
+
+def _head(component: Component, positions_mm: FloatArray) -> dict[str, Any]:
+    """Say which component it is, and where: the first fields of each."""
+    head: dict[str, Any] = {
+        "component": component.code,
+        "chapter": component.chapter,
+        "axis": component.axis,
+    }
+    return head | {"positions_mm": positions_mm} if component.is_table else head
 
 
 def _corrected_json(entry: ComponentCompensation) -> bytes:
     """Write a component with effects: it has positions of its own, so nothing is remembered."""
     component = entry.component
-    fields: dict[str, Any] = {
-        "component": component.code,
-        "chapter": component.chapter,
-        "axis": component.axis,
-    }
-    if component.is_table:
-        fields["positions_mm"] = entry.positions_mm
+    fields = _head(component, entry.positions_mm)
     if component.iso:
         fields["iso"] = component.iso
         fields["iso_error_urad"] = float(rounded(component.iso_sign * entry.errors)[0])
@@ -206,8 +220,6 @@ def _layout(
 
     Parameters
     ----------
-    groups
-        Each group's members.
     known
         As `_known`.
     corrected
@@ -270,21 +282,13 @@ def _member_fields(
 
     Parameters
     ----------
-    member
-        The component in its group.
     start, width
         Where the group's errors begin, and how many there are: its standard errors follow.
     known
         For each of the member's ranges of columns whether its standard errors are known.
     """
     component = member.component
-    head: dict[str, Any] = {
-        "component": component.code,
-        "chapter": component.chapter,
-        "axis": component.axis,
-    }
-    if component.is_table:
-        head["positions_mm"] = member.positions_mm
+    head = _head(component, member.positions_mm)
     fields = []
     for before, columns in (("", member.forward), ("backward_", member.backward)):
         if columns is None:

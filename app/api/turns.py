@@ -16,7 +16,7 @@ import anyio
 from anyio.to_thread import run_sync
 from fastapi import Request
 
-from app.errors import ServiceEnds, StorageBusy
+from app.errors import ServiceStopping, StorageBusy
 
 Answer = TypeVar("Answer")
 
@@ -30,13 +30,12 @@ class Turns:
 
     Parameters
     ----------
-    most_waiting
-        Requests that may wait.
     wait_s
         How long one waits at most [s].
     """
 
     def __init__(self, most_waiting: int, wait_s: float) -> None:
+        # A free turn is taken without a switch to other tasks: the usual case costs nothing.
         self._free = anyio.Semaphore(AT_WORK, fast_acquire=True)
         self._most_waiting = most_waiting
         self._wait_s = wait_s
@@ -46,7 +45,7 @@ class Turns:
     def end(self) -> None:
         """Send away who waits, and from now on whoever would have to; to be called by the loop."""
         self._ends = True
-        for waiting in self._waiting:
+        for waiting in self._waiting:  # they leave the set when they run next, not while we do
             waiting.cancel()
 
     @asynccontextmanager
@@ -57,7 +56,7 @@ class Turns:
         ------
         StorageBusy
             If too many wait already, or the turn does not come in time.
-        ServiceEnds
+        ServiceStopping
             If it does not come before the service ends.
         """
         await self._take()
@@ -67,6 +66,7 @@ class Turns:
             self._free.release()
 
     async def _take(self) -> None:
+        # Nobody awaits between the look and `acquire`: the count of those who wait is true.
         if self._free.value == 0:
             self._expect_place()
         with anyio.move_on_after(self._wait_s) as waiting:
@@ -89,7 +89,7 @@ class Turns:
 
     def _expect_future(self) -> None:
         if self._ends:
-            raise ServiceEnds("the service ends: nothing was done, try again when it is back")
+            raise ServiceStopping("the service ends: nothing was done, try again when it is back")
 
 
 async def take_turn(request: Request) -> AsyncIterator[None]:
@@ -125,6 +125,7 @@ class SharedQuestion(Generic[Answer]):
             self._asking = asyncio.create_task(
                 run_sync(self._ask, abandon_on_cancel=True, limiter=self._thread)
             )
+        # Whoever gives up or goes away must not cancel the question for the others.
         with anyio.move_on_after(self._patience_s):
             return await asyncio.shield(self._asking)
         return None

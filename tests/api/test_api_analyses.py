@@ -91,7 +91,8 @@ async def adopted_once(campaign, first, second):
     both = await asyncio.gather(*(campaign.post(f"{PATH}/{first}/adopt") for _ in range(2)))
     won, lost = sorted(both, key=lambda answer: answer.status_code)
     assert (won.status_code, won.json()["version"], won.json()["active"]) == (200, 4, True)
-    assert [e["kind"] for e in won.json()["effects"]] == ["backlash"]
+    (kept,) = won.json()["effects"]
+    assert (kept["kind"], kept["found_by"], kept["refitted_by"]) == ("backlash", first, [])
     assert "version 4" in problem(lost, 409)["detail"]
     assert (await campaign.get(f"{PATH}/{first}")).json()["adopted_version"] == 4
     said = (await campaign.get(f"{PATH}/{first}/report")).text
@@ -137,7 +138,7 @@ async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
     asked = (await campaign.post(PATH, json={"verifications": [made]})).json()["id"]
     failed, _ = await ended(campaign, asked)
     assert failed["status"] == "failed"
-    assert "came none" in failed["message"]
+    assert "got none" in failed["message"]
     assert "it is failed" in problem(await campaign.post(f"{PATH}/{asked}/adopt"), 409)["detail"]
     assert "it is failed" in problem(await campaign.get(f"{PATH}/{asked}/report"), 409)["detail"]
     assert "it is failed" in problem(await campaign.post(f"{PATH}/{asked}/cancel"), 409)["detail"]
@@ -209,7 +210,7 @@ def _to_come(observation):
 @pytest.mark.parametrize(
     ("stated", "status", "words"),
     [
-        ({}, 422, "came 0"),
+        ({}, 422, "got 0"),
         ({"verifications": [77]}, 404, "no verification 77"),
         ({"planned": [{"observations": []}]}, 422, "at least 1"),
         ({"planned": [{"observations": [{"time": "2026-07-01T00:00:00Z"}]}]}, 422, "planned.0.obs"),

@@ -173,7 +173,7 @@ async def test_what_is_no_finite_number_is_refused_everywhere(app, client, place
     last = {"measuring_lines_mm": "measuring_lines_mm.x.1", "state": "state.rpm"}
     assert error["field"].endswith(str(last.get(path[-1], path[-1])))
     assert error["message"].startswith("expected ")
-    assert ", came " in error["message"]
+    assert ", got " in error["message"]
     assert unit in error["message"]
 
 
@@ -413,8 +413,8 @@ COMPONENTS = {
     "lengths": (component(errors_um=[0, 1, 2]), "0.errors_um", "expected 2 values of EXX in µm"),
     "empty positions": (component(positions_mm=[]), "0.positions_mm", "mm"),
     "empty errors": (component(errors_um=[]), "0.errors_um", "µm"),
-    "positions missing": (component(positions_mm=None), "0.positions_mm", "mm, came none"),
-    "errors missing": (component(errors_um=None), "0.errors_um", "µm, came none"),
+    "positions missing": (component(positions_mm=None), "0.positions_mm", "mm, got none"),
+    "errors missing": (component(errors_um=None), "0.errors_um", "µm, got none"),
     "wrong unit": (
         [{"component": "EBX", "positions_mm": [0, 100], "errors_um": [0.0, 1.0]}],
         "0.errors_um",

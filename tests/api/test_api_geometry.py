@@ -443,5 +443,5 @@ async def test_kinds_of_machines_are_listed_and_an_unknown_one_is_refused(client
     ]
     answer = await client.get(f"{ROOM}/needed-components", params={"preset": "gantry"})
     assert (
-        "(horizontal-counterweight, large-gantry), came 'gantry'" in problem(answer, 404)["detail"]
+        "(horizontal-counterweight, large-gantry), got 'gantry'" in problem(answer, 404)["detail"]
     )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from app.api.schemas.compensation import CompensationAnswer
 from app.api.short_way import LARGEST_PLAIN_BODY, plain_answer
-from app.live.database_watch import Matter
+from app.live.database_watch import TroubleKind
 from tests.service_examples import client_of, furnish_database, running
 
 pytestmark = pytest.mark.anyio
@@ -85,7 +85,7 @@ async def test_what_is_remembered_does_not_outlive_the_model(both):
 
 async def test_it_steps_aside_while_the_database_is_away(app, both, clock):
     await both[0].post(PATH, json=BODIES["plain"])
-    app.state.context.live.database.is_in_trouble(Matter.AWAY, clock())
+    app.state.context.live.database.note_trouble(TroubleKind.AWAY, clock())
     answer = (await both[0].post(PATH, json=BODIES["plain"])).json()
     assert "the database has been away" in answer["warnings"][0]
 

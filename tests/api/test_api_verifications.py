@@ -88,6 +88,20 @@ async def test_what_was_stored_is_shown_as_it_came(client):
     assert listed == [{name: said for name, said in made.items() if name != "warnings"}]
 
 
+async def test_setups_are_kept_and_are_part_of_the_content(client):
+    stated = verification(
+        observation(setup="first clamping"), observation(), POINT | {"setup": "second, Straße 7"}
+    )
+    made = (await client.post(PATH, json=stated)).json()
+    shown = (await client.get(f"{PATH}/{made['id']}")).json()["observations"]
+    assert [one.get("setup") for one in shown] == ["first clamping", None, "second, Straße 7"]
+    assert (await client.post(PATH, json=stated)).status_code == 200
+    for other in (None, "second clamping"):
+        changed = [observation(setup=other), *stated["observations"][1:]]
+        problem(await client.post(PATH, json=stated | {"observations": changed}), 409)
+    problem(await client.post(PATH, json=verification(observation(setup=""))), 422)
+
+
 async def test_iso_names_and_signs_become_ours(client):
     stated = verification(
         {"time": iso(START), "component": "C0Y", "measured_um_per_m": 8.2},
@@ -138,19 +152,19 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         (
             verification(observation(position_mm=500.0001)),
             "observations.0.position_mm",
-            "came 500.0001 mm",
+            "got 500.0001 mm",
         ),
         (verification(observation(minutes=2)), "observations.0.time", "not in the future"),
         (
             verification(observation(minutes=2)),
             "observations.0.time",
-            f"came {iso(START + timedelta(minutes=2))}",
+            f"got {iso(START + timedelta(minutes=2))}",
         ),
-        (verification(observation(measured_um=True)), "observations.0.measured_um", "came true"),
+        (verification(observation(measured_um=True)), "observations.0.measured_um", "got true"),
         (
             verification(observation(state={"x" * 5000: "fast"})),
             f"observations.0.state.{'x' * 77}…",
-            "came 'fast'",
+            "got 'fast'",
         ),
         (
             verification(observation("SXY", position_mm=1.0)),
@@ -165,9 +179,9 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         (
             verification(observation(direction={"y": "+"})),
             "observations.0.direction",
-            "the approach of x alone for EXX, came y",
+            "the approach of x alone for EXX, got y",
         ),
-        (verification(observation(measured_um=None)), "observations.0.measured_um", "came none"),
+        (verification(observation(measured_um=None)), "observations.0.measured_um", "got none"),
         (
             verification(observation(), observation(measured_urad=1.0)),
             "observations.1.measured_urad",
@@ -193,7 +207,7 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         (verification(datum="second"), "datum", "'absolute'"),
         (verification(repeatability_um=0), "repeatability_um", "greater than 0"),
         ({"label": "none", "observations": []}, "observations", "at least 1"),
-        ({"observations": [observation()]}, "label", "came nothing"),
+        ({"observations": [observation()]}, "label", "got nothing"),
     ],
 )
 async def test_what_cannot_be_right_is_refused_and_nothing_stored(

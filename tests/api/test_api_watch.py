@@ -63,18 +63,18 @@ async def test_a_machine_as_its_model_says_stays_within_and_a_changed_one_is_not
         1.0,
         [],
     )
-    for number in range(4):
+    for number in range(8):
         judgement = await judged(room, visit(number))
         assert (judgement["status"], judgement["model_version"]) == ("within", 3)
         assert judgement["evidence"] < judgement["limit"] == 200.0
-    for number in range(4, 8):
+    for number in range(8, 12):
         judgement = await judged(room, visit(number, shift_um=10.0))
     assert judgement["status"] == "beyond"
     assert (judgement["beyond"][0]["component"], judgement["beyond"][0]["unit"]) == ("EXX", "µm")
     watch = (await room.get(f"{ROOM}/watch")).json()
     assert (watch["status"], watch["model_version"]) == ("beyond", 3)
-    assert iso(BEGIN + timedelta(minutes=4)) <= watch["beyond_since"] <= iso(START)
-    assert [v["label"] for v in watch["verifications"]] == [f"visit {i}" for i in range(8)]
+    assert iso(BEGIN + timedelta(minutes=8)) <= watch["beyond_since"] <= iso(START)
+    assert [v["label"] for v in watch["verifications"]] == [f"visit {i}" for i in range(12)]
     assert watch["verifications"][-1]["evidence"] == watch["evidence"] == judgement["evidence"]
     assert watch["numbers"][0]["component"] == "EXX"
     assert (await room.get(ROOM)).json()["watch"] == "beyond"

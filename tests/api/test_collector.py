@@ -10,7 +10,7 @@ import pytest
 from app.api import bodies, collector
 from app.api.collector import uncollected
 from app.api.routes import verifications
-from app.services.store_verification import store_verification
+from app.services.verifications import store_verification
 from tests.service_examples import ROOM, START, iso
 
 OBSERVATION = {"time": iso(START), "component": "EXX", "position_mm": 250.0}
@@ -68,9 +68,9 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
             super().__init__(request, body, what)
             said.append(weakref.ref(what.observations[0]))
 
-        def let_go(self):
+        def release(self):
             met["collects when let go"] = gc.isenabled()
-            super().let_go()
+            super().release()
 
     monkeypatch.setattr(verifications, "store_verification", store_the_first)
     monkeypatch.setattr(bodies, "_ReadRequest", Noting)

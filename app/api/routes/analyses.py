@@ -32,13 +32,16 @@ from app.api.schemas.models import ChangedModelAnswer
 from app.identification.plan.plan import Plan
 from app.pages.analysis_report import analysis_report
 from app.services.adopt_analysis import adopt_analysis, preview_adoption
-from app.services.cancel_analysis import cancel_analysis
-from app.services.delete_analysis import delete_analysis
-from app.services.plan_analysis import plan_analysis
-from app.services.report_analysis import report_analysis
-from app.services.request_analysis import request_analysis
+from app.services.analyses import (
+    cancel_analysis,
+    delete_analysis,
+    plan_analysis,
+    report_analysis,
+    request_analysis,
+    show_analyses,
+    show_analysis,
+)
 from app.services.run_analyses import AnalysisRunner
-from app.services.show_analyses import show_analyses, show_analysis
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/analyses", tags=["closing the loop"]

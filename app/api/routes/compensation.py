@@ -23,9 +23,8 @@ from app.errors import StorageUnavailable
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at
-from app.services.load_machine import load_machine
-from app.services.predict_errors import predict_errors
-from app.services.restore_past import lacks_reading, restore_past
+from app.services.load_machine import lacks_reading, load_machine, restore_past
+from app.services.predictions import predict_errors
 
 router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
 JSON = "application/json"

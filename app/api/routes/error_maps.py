@@ -14,9 +14,14 @@ from app.api.dependencies import (
 )
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
 from app.api.schemas.model_change import PreviewAnswer, change_fields
-from app.services.show_machines import show_error_map, show_error_maps
-from app.services.store_error_map import preview_error_map, remarks, store_error_map
-from app.services.withdraw_error_map import preview_withdrawal, withdraw_map
+from app.services.error_maps import (
+    preview_error_map,
+    preview_withdrawal,
+    remarks,
+    store_error_map,
+    withdraw_map,
+)
+from app.services.machines import show_error_map, show_error_maps
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/error-maps", tags=["error maps"]

@@ -34,11 +34,14 @@ from app.api.vectors import vectors_response
 from app.arrays import largest_length, rms_length
 from app.geometry.line_accuracy import line_accuracy
 from app.geometry.nonrigid_presets import NONRIGID_PRESETS
-from app.services.assess_accuracy import assess_accuracy, compare_levels
-from app.services.check_components import check_components
 from app.services.compute_grid import Grid, compute_grid, grid_for_tolerance
-from app.services.compute_rotary_error import compute_rotary_error
-from app.services.compute_volumetric_error import compute_volumetric_error
+from app.services.geometry import (
+    assess_accuracy,
+    check_components,
+    compare_levels,
+    compute_rotary_error,
+    compute_volumetric_error,
+)
 
 router = APIRouter(route_class=BodyRoute, tags=["geometry"])
 MACHINE = "/v1/machines/{machine}"
@@ -85,7 +88,7 @@ def post_volumetric_error(
         np.asarray(body.points_mm),
         outside_travel_allowed=body.outside_travel == "allow",
     )
-    head = head_of(found.asked, found.warnings)
+    head = head_of(found.answer, found.warnings)
     form = chosen_form(accept, [JSON, NPY, ARROW])
     if form == JSON:
         head["outside_travel"] = found.outside_travel
@@ -121,7 +124,7 @@ def post_accuracy(
 ) -> AccuracyAnswer:
     """Measure the work volume by the chapter's sums, definitions 1 and 2, diagonals and lines."""
     found = assess_accuracy(context, machine, body.question(), body.travels())
-    return AccuracyAnswer.of(head_of(found.asked, found.warnings), found.volume, found.accuracy)
+    return AccuracyAnswer.of(head_of(found.answer, found.warnings), found.volume, found.accuracy)
 
 
 @router.post("/v1/volumetric-accuracy/from-lines", summary="ELv and ELSv from measured lines")
@@ -141,7 +144,7 @@ def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) 
     """
     found = compare_levels(context, machine, body.question(), body.travels(), body.points_per_axis)
     return LevelsAnswer(
-        **head_of(found.asked, found.warnings),
+        **head_of(found.answer, found.warnings),
         volume=volume_of(found.volume),
         levels=[LevelAnswer.of(level) for level in found.levels],
     )
@@ -172,7 +175,7 @@ def post_rotary_error(
         for which, vectors in (("", found.errors_um), ("left_", found.left_um))
         for name, of in (("rms", rms_length), ("max", largest_length))
     }
-    fields = head_of(found.asked, list(found.asked.warnings)) | {
+    fields = head_of(found.answer, list(found.answer.warnings)) | {
         "errors_um": rounded(found.errors_um),
         "left_um": rounded(found.left_um),
         **lengths,
@@ -210,7 +213,7 @@ def get_nonrigid_presets() -> list[PresetAnswer]:
 
 def _grid_json(found: Grid) -> bytes:
     grid, difference = found.grid, found.difference
-    fields = head_of(found.asked, found.warnings) | {
+    fields = head_of(found.answer, found.warnings) | {
         "x_mm": grid.x_mm,
         "y_mm": grid.y_mm,
         "z_mm": grid.z_mm,

@@ -9,7 +9,7 @@ import app
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
 from app.api.schemas.health import HealthAnswer, ReadyAnswer
-from app.services.check_readiness import without_answer
+from app.services.machines import without_answer
 
 router = APIRouter(route_class=BodyRoute, tags=["health"])
 

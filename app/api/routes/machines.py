@@ -7,10 +7,13 @@ from fastapi import APIRouter, Response
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.schemas.machines import MachineAnswer, MachinePatch, MachineSettings
-from app.services.change_machine import change_machine
-from app.services.create_machine import create_machine
-from app.services.delete_machine import delete_machine
-from app.services.show_machines import show_machine, show_machines
+from app.services.machines import (
+    change_machine,
+    create_machine,
+    delete_machine,
+    show_machine,
+    show_machines,
+)
 
 router = APIRouter(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Depends, Query
 
-from app.api.bodies import BodyRoute
+from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import (
     AcceptLossesQuery,
     ContextDep,
@@ -27,6 +27,12 @@ from app.api.schemas.measurements.diagonals import (
     BodyDiagonalRequest,
     StepDiagonalAnswer,
     StepDiagonalRequest,
+)
+from app.api.schemas.measurements.drift import (
+    DriftStateAnswer,
+    DriftVerificationAnswer,
+    ThermalDriftAnswer,
+    ThermalDriftRequest,
 )
 from app.api.schemas.measurements.parts import (
     ComparisonAnswer,
@@ -49,16 +55,18 @@ from app.measurement.machined_part import evaluate_machined_part
 from app.measurement.positioning import evaluate_positioning
 from app.measurement.rotary_axis import measure_rotary_axis
 from app.measurement.six_dof import evaluate_six_dof
-from app.measurement.stated_axes import as_straightness
+from app.measurement.stated_runs import as_straightness
 from app.measurement.step_diagonal import step_diagonal
-from app.services.predict_part import predict_part
-from app.services.simulate_measurement import simulate_step_diagonal
-from app.services.store_measurement import (
+from app.measurement.thermal_drift import DriftTest, evaluate_thermal_drift
+from app.services.measurements import (
     Storing,
     measured_machine,
+    simulate_step_diagonal,
     store_measurement,
     travel_volume,
 )
+from app.services.predictions import predict_part
+from app.services.thermal_drift import Nest, keep_drift, running_of
 from app.thermal.machine import Travel
 
 router = APIRouter(
@@ -297,6 +305,71 @@ def post_rotary_axis(
             after_all_um=found.path.all_um.tolist(),
         ),
     )
+
+
+@router.post(
+    "/thermal-drift",
+    summary="Thermal drift by a nest of displacement sensors (ISO 230-3)",
+    response_model_exclude_unset=True,
+    openapi_extra=body_of_at_most(8),
+)
+def post_thermal_drift(
+    context: ContextDep,
+    machine: MachinePath,
+    body: ThermalDriftRequest,
+    storing: StoringDep,
+    store_verification: Annotated[
+        bool,
+        Query(
+            description="Whether the course is stored as a verification of one set-up, zeroed at "
+            "its first observation, with its temperatures as readings of the machine"
+        ),
+    ] = False,
+) -> ThermalDriftAnswer:
+    """Evaluate hours of displacements: figures, maps of thermal states, a verification.
+
+    `store` makes a map of each state, all of them or none; `store_verification` the
+    verification. Temperatures that are stored with it stay although its values are refused then
+    for an evidently wrong unit.
+    """
+    described = measured_machine(context, machine)
+    recorded = body.recorded()
+    running = None
+    if body.test is not DriftTest.ENVIRONMENT or body.running_from or body.running_to:
+        running = running_of(recorded, body.running_from, body.running_to)
+    drift = evaluate_thermal_drift(
+        described.chain,
+        body.test,
+        [one.time.timestamp() for one in recorded],
+        body.displacements_um(),
+        axis=body.axis,
+        positions_mm=body.positions_mm(),
+        sensor_distance_mm=body.sensor_distance_mm,
+        running_s=running,
+        point_mm=body.point_mm,
+        tool_offset_mm=body.tool_offset_mm,
+        components=body.components,
+        states_s=body.states_s(),
+        repeatability_um=body.repeatability_um,
+    )
+    kept = keep_drift(
+        context,
+        described,
+        body.header(),
+        drift,
+        Nest(None if body.point_mm is None else triple(body.point_mm), triple(body.tool_offset_mm)),
+        recorded,
+        storing,
+        as_verification=store_verification,
+    )
+    fields = answer_fields(kept.measured)
+    if body.measured_at is not None or body.temperatures_c:
+        fields["notes"].append(
+            "measured_at and temperatures_c of the whole were not used: each reading has its own."
+        )
+    if kept.verification is not None:
+        fields["verification"] = DriftVerificationAnswer.of(kept.verification)
+    return ThermalDriftAnswer(**fields, states=[DriftStateAnswer.of(one) for one in kept.states])
 
 
 @router.post("/step-diagonal/simulate", summary="What a laser would read on the step diagonals")

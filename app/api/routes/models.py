@@ -21,14 +21,15 @@ from app.api.schemas.models import (
     ModelCoverageAnswer,
     WaitingAssignmentAnswer,
 )
-from app.services.activate_model import activate_model, look_at_activation
-from app.services.assign_sensors import (
+from app.services.machines import show_coverage, show_model, show_models
+from app.services.models import (
+    activate_model,
     assign_sensors,
     correlate_sensors,
     preview_assignment,
+    preview_model_activation,
     sensor_assignment,
 )
-from app.services.show_machines import show_coverage, show_model, show_models
 
 router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["models"])
 
@@ -105,5 +106,5 @@ def post_activate(
     that is active: the next version is made of that.
     """
     if preview:
-        return PreviewAnswer.of(look_at_activation(context, machine, version))
+        return PreviewAnswer.of(preview_model_activation(context, machine, version))
     return ChangedModelAnswer.of_made(machine, activate_model(context, machine, version))

@@ -17,7 +17,7 @@ from app.pages.picture_page import picture_page
 from app.pages.plotly_script import INLINE
 from app.pictures.figure_json import figure_json
 from app.services.context import Context
-from app.services.picture_work_volume import picture_work_volume
+from app.services.geometry import picture_work_volume
 
 router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
 

@@ -18,9 +18,8 @@ from app.api.schemas.readings import (
 )
 from app.errors import FieldError, InvalidContent, list_names
 from app.services.context import Context
-from app.services.show_machines import show_readings, show_withdrawn_readings
-from app.services.store_readings import StoreOutcome, store_readings
-from app.services.withdraw_readings import withdraw_reading, withdraw_readings
+from app.services.machines import show_readings, show_withdrawn_readings
+from app.services.readings import StoreOutcome, store_readings, withdraw_reading, withdraw_readings
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"]
@@ -125,7 +124,7 @@ def delete_readings(
     raise InvalidContent.of_field(
         field,
         "expected the time of one reading, or from and to of a range (one without the other "
-        f"would mean all before or after it), came {list_names(stated)}",
+        f"would mean all before or after it), got {list_names(stated)}",
     )
 
 

@@ -23,8 +23,7 @@ from app.api.schemas.residuals import (
     ResidualsAnswer,
     ResidualsRequest,
 )
-from app.services.compare_models import compare_models
-from app.services.show_residuals import ShownResiduals, show_residuals
+from app.services.residuals import ShownResiduals, compare_models, show_residuals
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]

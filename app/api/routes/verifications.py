@@ -19,10 +19,14 @@ from app.api.schemas.verifications import (
 )
 from app.api.schemas.watch import WatchAnswer
 from app.api.table_json import OPTIONS
-from app.services.delete_verification import delete_verification
-from app.services.show_verifications import show_verification, show_verifications
-from app.services.show_watch import show_watch
-from app.services.store_verification import not_compared, store_verification
+from app.services.verifications import (
+    delete_verification,
+    not_compared,
+    show_verification,
+    show_verifications,
+    show_watch,
+    store_verification,
+)
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]

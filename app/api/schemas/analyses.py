@@ -157,7 +157,8 @@ class AdoptionRequest(Schema):
 
     effects: Annotated[list[Integer], Field(min_length=1, max_length=100)] | None = Field(
         None,
-        description="Places in the result's list of effects, from 0; all where it is left out",
+        description="Places in the result's list of effects, from 0, whatever is known of them; "
+        "where it is left out, those that help (`helps`)",
         examples=[[0, 1]],
     )
     onto_active: YesOrNo = Field(

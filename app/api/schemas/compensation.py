@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from app.answer import IN_ITS_UNIT
 from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
 from app.effects.valid import LearntIn
 
@@ -143,6 +144,18 @@ class ComponentCompensationAnswer(Schema):
     )
 
 
+class SurenessAnswer(Schema):
+    """How sure a learnt effect is of one component at this moment, in the component's unit."""
+
+    component: str = Field(description="Component code", examples=["EZZ"])
+    expected: float = Field(description=f"What was learnt {IN_ITS_UNIT}")
+    learnt_error: float = Field(description=f"Standard deviation of what was learnt {IN_ITS_UNIT}")
+    wander_error: float = Field(
+        description=f"Standard deviation of what no driver explains {IN_ITS_UNIT}"
+    )
+    factor: float = Field(description="Share of what was learnt that is in the table, 0 to 1")
+
+
 class EffectInTableAnswer(Schema):
     """An adopted effect of the model, and whether it is in the table."""
 
@@ -165,6 +178,11 @@ class EffectInTableAnswer(Schema):
     )
     measure_again: str = Field(
         "", description="Until when one that grows with time may be used, and what to measure then"
+    )
+    sureness: list[SurenessAnswer] = Field(
+        [],
+        description="Of one that is corrected only as far as it is sure: how sure it is now, for "
+        "each component; empty for others",
     )
 
 

@@ -128,7 +128,7 @@ class ComponentSchema(Schema):
         if stated is None:
             raise InvalidContent.of_field(
                 component.input_field,
-                f"expected the values of {component.code} in {component.unit.symbol}, came none",
+                f"expected the values of {component.code} in {component.unit.symbol}, got none",
             )
         if not component.is_table:
             return ComponentTable.make(
@@ -155,7 +155,7 @@ class ComponentSchema(Schema):
             raise InvalidContent.of_field(
                 other[0],
                 f"expected {component.input_field} [{component.unit.symbol}] for "
-                f"{component.code} ({component.kind}), came {', '.join(other)}",
+                f"{component.code} ({component.kind}), got {', '.join(other)}",
             )
 
 
@@ -254,7 +254,7 @@ class ErrorMapSchema(Schema):
             if table.component.code in tables:
                 raise InvalidContent.of_field(
                     f"components.{i}.component",
-                    f"expected each component once, came {table.component.code} again",
+                    f"expected each component once, got {table.component.code} again",
                 )
             tables[table.component.code] = table
         return ErrorMap(

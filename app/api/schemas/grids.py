@@ -47,7 +47,7 @@ class GridRequest(VolumeRequest):
             both = [name for name, nodes in stated.items() if nodes is not None]
             if both:
                 raise InvalidContent.of_field(
-                    both[0], "expected the nodes in mm or a tolerance_um in µm, came both"
+                    both[0], "expected the nodes in mm or a tolerance_um in µm, got both"
                 )
             return None
         if self.x_mm is None or self.y_mm is None or self.z_mm is None:
@@ -55,7 +55,7 @@ class GridRequest(VolumeRequest):
             raise InvalidContent.of_field(
                 lacking[0],
                 f"expected coordinates in mm ({', '.join(lacking)}), or a tolerance_um in µm, "
-                "came neither",
+                "got neither",
             )
         if self.volume:
             raise InvalidContent.of_field(

@@ -94,8 +94,8 @@ def _moved(error: ValidationError, first: int) -> list[InitErrorDetails]:
     moved: list[InitErrorDetails] = []
     for one in shown_errors(error):
         place, *more = one["loc"] or (0,)
-        said = PydanticCustomError(
+        problem = PydanticCustomError(
             one["type"], "{said}", {**one.get("ctx", {}), "said": one["msg"]}
         )
-        moved.append({"type": said, "loc": (first + place, *more), "input": one["input"]})
+        moved.append({"type": problem, "loc": (first + place, *more), "input": one["input"]})
     return moved

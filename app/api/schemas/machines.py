@@ -209,7 +209,7 @@ class MachinePatch(Schema):
         for field in self.model_fields_set:
             value = getattr(self, field)
             if value is None:
-                raise InvalidContent.of_field(field, "expected a value, came null")
+                raise InvalidContent.of_field(field, "expected a value, got null")
             if field == "axes":
                 merged = {**present["axes"], **{a.lower(): t for a, t in value.items()}}
                 value = {axis: travel for axis, travel in merged.items() if travel is not None}

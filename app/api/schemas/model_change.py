@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from app.compensation.table_difference import ComponentChange
     from app.effects.adopted.model_difference import ModelDifference, Part
     from app.services.change_model import MadeVersion, WaitedBefore
-    from app.services.preview_model import Preview
+    from app.services.models import Preview
 
 
 class CoverageAnswer(Schema):

@@ -150,6 +150,13 @@ class AdoptedEffectAnswer(Schema):
     valid: LearntIn | None = Field(
         description="Where it was learnt; null where an older version of this software adopted it"
     )
+    found_by: int | None = Field(
+        description="Number of the analysis that found it; null where an older version of this "
+        "software adopted it"
+    )
+    refitted_by: list[int] = Field(
+        description="Numbers of the analyses that have fitted it anew since, in their order"
+    )
     measure_again: str = Field(
         description="Until when one that grows with time may be used, and what to measure then"
     )
@@ -170,6 +177,8 @@ class AdoptedEffectAnswer(Schema):
             standard_errors=dict(effect.standard_errors),
             explanation=explain(effect),
             valid=effect.learnt_in,
+            found_by=effect.provenance.found_by if effect.provenance else None,
+            refitted_by=list(effect.provenance.refitted_by) if effect.provenance else [],
             measure_again=use_until(effect),
         )
 

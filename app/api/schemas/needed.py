@@ -10,7 +10,7 @@ from app.api.schemas.base import Schema
 
 if TYPE_CHECKING:
     from app.geometry.nonrigid_presets import NonrigidPreset
-    from app.services.check_components import NeededComponents
+    from app.services.geometry import NeededComponents
 
 
 class PresetAnswer(Schema):

@@ -23,7 +23,7 @@ from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, Component, parse_component
 
 if TYPE_CHECKING:
-    from app.services.predict_errors import AskedError
+    from app.services.predictions import ErrorQuestion
 
 
 class ObservationSchema(Schema):
@@ -42,9 +42,9 @@ class ObservationSchema(Schema):
     tool_offset_mm: Point = Field([0.0, 0.0, 0.0], description="Tool offset X, Y, Z [mm]")
     state: MachineState
 
-    def to_observation(self) -> AskedError:
+    def to_observation(self) -> ErrorQuestion:
         """Make the observation; InvalidContent unless it is one component or one point."""
-        from app.services.predict_errors import AskedError
+        from app.services.predictions import ErrorQuestion
 
         if (self.component is None) == (self.point_mm is None):
             raise InvalidContent.of_field(
@@ -54,7 +54,7 @@ class ObservationSchema(Schema):
         if self.point_mm is not None:
             x, y, z = self.point_mm
             tx, ty, tz = self.tool_offset_mm
-            return AskedError(
+            return ErrorQuestion(
                 self.time,
                 point_mm=(x, y, z),
                 tool_offset_mm=(tx, ty, tz),
@@ -67,10 +67,10 @@ class ObservationSchema(Schema):
             raise InvalidContent.of_field("component", error.detail) from None
         if component.is_table and self.position_mm is None:
             raise InvalidContent.of_field(
-                "position_mm", f"expected a position of {component.code} in mm, came none"
+                "position_mm", f"expected a position of {component.code} in mm, got none"
             )
         self._refuse_what_it_cannot_have(component)
-        return AskedError(
+        return ErrorQuestion(
             self.time,
             component.code,
             self.position_mm,
@@ -85,7 +85,7 @@ class ObservationSchema(Schema):
             for field in ("position_mm", "direction"):
                 if getattr(self, field) is not None:
                     raise InvalidContent.of_field(
-                        field, f"expected none of {component.code}, which has no position, came one"
+                        field, f"expected none of {component.code}, which has no position, got one"
                     )
         stated = self.direction or {}
         of_all = len(stated) == len(LINEAR_LETTERS) and len(set(stated.values())) == 1
@@ -93,7 +93,7 @@ class ObservationSchema(Schema):
         if others and not of_all:
             raise InvalidContent.of_field(
                 "direction",
-                f"expected the approach of {component.axis} alone for {component.code}, came "
+                f"expected the approach of {component.axis} alone for {component.code}, got "
                 f"{list_names(sorted(stated))}",
             )
 
@@ -117,7 +117,7 @@ class PredictionRequest(Schema):
     model_version: Integer | None = Field(None, description="Version; the active one if not stated")
     missing_components: MissingComponents
 
-    def to_observations(self) -> list[AskedError]:
+    def to_observations(self) -> list[ErrorQuestion]:
         """Make the observations; InvalidContent names the one that is wrong."""
         found = []
         for i, stated in enumerate(self.observations):

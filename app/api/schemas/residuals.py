@@ -16,8 +16,7 @@ from app.identification.residuals.summary import Summary
 
 if TYPE_CHECKING:
     from app.identification.analysis.residual_report import ResidualReport
-    from app.services.compare_models import ComparedVersion
-    from app.services.show_residuals import ShownResiduals
+    from app.services.residuals import ComparedVersion, ShownResiduals
 
 MOST_ROWS: Final = 10_000
 
@@ -52,8 +51,9 @@ class ResidualRow(Schema):
     measured: Number = Field(description=f"Measured {IN_ITS_UNIT}")
     predicted: Micro = Field(description=f"Predicted, adopted effects included {IN_ITS_UNIT}")
     residual: Micro = Field(
-        description="Measured minus predicted, without the unknown zero of a datum that is not "
-        f"absolute {IN_ITS_UNIT}"
+        description="Measured minus predicted: from its set-up's first observation where the "
+        "instrument was zeroed there, less the mean of a zero that nobody knows "
+        f"{IN_ITS_UNIT}"
     )
 
 

@@ -43,7 +43,7 @@ def read_uncertainty(
     if getattr(stated, beside) is None and (errors, covariance) != (None, None):
         raise InvalidContent.of_field(
             names[errors is None],
-            f"expected {beside} of {component.code} beside it, came none",
+            f"expected {beside} of {component.code} beside it, got none",
         )
     if isinstance(errors, float):
         errors = [errors]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
@@ -18,7 +18,7 @@ from app.search.rows import Datum
 from app.thermal.error_map import VALUE_LIMIT
 
 if TYPE_CHECKING:
-    from app.services.predict_errors import AskedError
+    from app.services.predictions import ErrorQuestion
     from app.storage.records import StoredVerification
 
 MOST_OBSERVATIONS: Final = 100_000
@@ -39,24 +39,34 @@ OneOrThree = Annotated[
 """The error of a component, or x, y and z of the error at a point."""
 
 
-def _observed(
-    asked: AskedError, values: Sequence[float], state: Mapping[str, float]
-) -> Observation:
-    """Set a measured value, in the sign in which it was stated, beside where and when."""
-    has_place = asked.component is not None and COMPONENTS[asked.component].is_table
-    return Observation(
-        time_s=asked.time.timestamp(),
-        measured=tuple(asked.sign * value for value in values),
-        component=asked.component,
-        position_mm=asked.position_mm if has_place else None,
-        point_mm=asked.point_mm,
-        tool_offset_mm=asked.tool_offset_mm,
-        directions=asked.directions,
-        state=state,
+class WithSetup(ObservationSchema):
+    """An observation that may state its set-up."""
+
+    setup: Name | None = Field(
+        None,
+        description="Set-up within the verification, any text: observations with one share its "
+        "zero and its tilt; without any the verification is one set-up",
+        examples=["Tuesday, second clamping"],
     )
 
 
-class MeasuredObservation(ObservationSchema):
+def _observed(question: ErrorQuestion, values: Sequence[float], stated: WithSetup) -> Observation:
+    """Set a measured value, in the sign in which it was stated, beside where and when."""
+    has_place = question.component is not None and COMPONENTS[question.component].is_table
+    return Observation(
+        time_s=question.time.timestamp(),
+        measured=tuple(question.sign * value for value in values),
+        component=question.component,
+        position_mm=question.position_mm if has_place else None,
+        point_mm=question.point_mm,
+        tool_offset_mm=question.tool_offset_mm,
+        directions=question.directions,
+        state=stated.state,
+        setup=stated.setup,
+    )
+
+
+class MeasuredObservation(WithSetup):
     """What an instrument read once: of one component, or at a point of the work volume.
 
     `measured_um` takes the value in the component's own unit, as predictions give it; the
@@ -79,9 +89,9 @@ class MeasuredObservation(ObservationSchema):
 
     def to_measured(self) -> Observation:
         """Make the observation, in our components and signs; InvalidContent if it cannot be."""
-        asked = self.to_observation()
-        component = None if asked.component is None else COMPONENTS[asked.component]
-        return _observed(asked, self._values(component), self.state)
+        question = self.to_observation()
+        component = None if question.component is None else COMPONENTS[question.component]
+        return _observed(question, self._values(component), self)
 
     def _values(self, component: Component | None) -> Sequence[float]:
         stated = [name for name in _VALUES if getattr(self, name) is not None]
@@ -89,11 +99,11 @@ class MeasuredObservation(ObservationSchema):
         fitting = {"measured_um", f"measured_{unit}"}
         if len(stated) != 1 or stated[0] not in fitting:
             what = "a point" if component is None else component.code
-            came = " and ".join(stated) or "none"
+            got = " and ".join(stated) or "none"
             raise InvalidContent.of_field(
                 "measured_um" if not stated else stated[-1],
                 f"expected one measured value of {what}, as {' or '.join(sorted(fitting))}, "
-                f"came {came}",
+                f"got {got}",
             )
         value = getattr(self, stated[0])
         values = value if isinstance(value, list) else [value]
@@ -101,14 +111,14 @@ class MeasuredObservation(ObservationSchema):
             expected = "x, y and z" if component is None else "one number"
             raise InvalidContent.of_field(
                 stated[0],
-                f"expected {expected}, came {'a list' if isinstance(value, list) else 'one'}",
+                f"expected {expected}, got {'a list' if isinstance(value, list) else 'one'}",
             )
         symbol = "µm" if component is None else component.unit.symbol
         too_large = [v for v in values if abs(v) > VALUE_LIMIT]
         if too_large:
             raise InvalidContent.of_field(
                 stated[0],
-                f"expected an error within ±{VALUE_LIMIT:g} {symbol}, came {too_large[0]:g}",
+                f"expected an error within ±{VALUE_LIMIT:g} {symbol}, got {too_large[0]:g}",
             )
         return values
 
@@ -117,6 +127,7 @@ class MeasuredObservation(ObservationSchema):
         """Show an observation as it may be posted again, without what it does not state."""
         o = observation
         shown: dict[str, Any] = {"time": time}
+        shown |= {} if o.setup is None else {"setup": o.setup}
         signs = {a: "+" if d > 0 else "-" for a, d in zip("xyz", o.directions, strict=True) if d}
         if o.point_mm is not None:
             shown |= {"point_mm": o.point_mm, "tool_offset_mm": o.tool_offset_mm}
@@ -131,13 +142,13 @@ class MeasuredObservation(ObservationSchema):
         return shown | {f"measured_{component.unit}": o.measured[0], "state": o.state}
 
 
-class PlannedObservation(ObservationSchema):
+class PlannedObservation(WithSetup):
     """What is to be measured: of one component, or at a point of the work volume."""
 
     def to_planned(self) -> Observation:
         """Make an observation whose measured value nobody looks at."""
-        asked = self.to_observation()
-        return _observed(asked, [0.0] if asked.point_mm is None else [0.0] * 3, self.state)
+        question = self.to_observation()
+        return _observed(question, [0.0] if question.point_mm is None else [0.0] * 3, self)
 
 
 class VerificationHead(Schema):

@@ -10,7 +10,7 @@ from app.api.schemas.base import Number, Schema, UtcTime
 from app.identification.watch.watching import FALSE_ALARM, LIMIT, Followed
 
 if TYPE_CHECKING:
-    from app.services.show_watch import Watch
+    from app.services.verifications import Watch
 
 
 class JudgedVerification(Schema):
