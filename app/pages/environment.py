@@ -20,6 +20,7 @@ from app.pages.report_parts.words import (
     origins_text,
     percent_text,
     sentence,
+    zeros_text,
 )
 
 _ENVIRONMENT: Final = Environment(
@@ -37,6 +38,7 @@ _ENVIRONMENT.filters |= {
     "percent": percent_text,
     "sentence": sentence,
     "origins": origins_text,
+    "zeros": zeros_text,
     "counted": counted,
     "component_name": component_name,
     "chapter_name": chapter_name,
@@ -59,15 +61,9 @@ def render(
 
     Parameters
     ----------
-    template
-        Its name in `templates`.
     plotly_js
         `inline`: plotly's JavaScript, some 5 MB, becomes part of the page, which then needs
         nothing else; or the address from which the page is to load it.
-    config
-        plotly's.
-    shown
-        What the template names.
 
     Returns
     -------

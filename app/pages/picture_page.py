@@ -41,18 +41,6 @@ ON_PAGE: Final = {
 def picture_page(figure: Figure, *, plotly_js: str) -> str:
     """Write a complete page around a picture of the work volume.
 
-    Parameters
-    ----------
-    figure
-        What `work_volume_picture` drew.
-    plotly_js
-        As for `render`.
-
-    Returns
-    -------
-    str
-        HTML. The same figure gives the same page.
-
     Raises
     ------
     InvalidContent
@@ -78,13 +66,13 @@ def picture_page(figure: Figure, *, plotly_js: str) -> str:
     )
 
 
-def _drawing(figure: Figure, told: str) -> Drawing:
+def _drawing(figure: Figure, alt_text: str) -> Drawing:
     """The figure without the texts that the page has around it."""
     drawn = _in_page_colours(json.loads(figure_json(figure)))
     layout = drawn["layout"]
     layout |= {"title": {}, "annotations": [], "meta": {}}
     layout["margin"] = {**layout.get("margin", {}), "t": 30, "b": 40}
-    return Drawing(FIGURE_ID, "", told, drawn["data"], layout)
+    return Drawing(FIGURE_ID, "", alt_text, drawn["data"], layout)
 
 
 def _in_page_colours(part: Any) -> Any:

@@ -23,11 +23,6 @@ def plotly_script(plotly_js: str) -> Markup:
     plotly_js
         `inline`, or the address from which the page is to load it.
 
-    Returns
-    -------
-    Markup
-        A script element.
-
     Raises
     ------
     InvalidContent
@@ -39,6 +34,6 @@ def plotly_script(plotly_js: str) -> Markup:
         return Markup(f"<script>{get_plotlyjs()}</script>")
     if not _ADDRESS.fullmatch(plotly_js):
         raise InvalidContent.of_field(
-            "plotly_js", f"expected `{INLINE}` or the address of plotly.min.js, came {plotly_js!r}"
+            "plotly_js", f"expected `{INLINE}` or the address of plotly.min.js, got {plotly_js!r}"
         )
     return Markup('<script src="{}" charset="utf-8"></script>').format(plotly_js)

@@ -30,8 +30,6 @@ def points_along_axes(volume: WorkVolume, usual: int) -> Counts:
 
     Parameters
     ----------
-    volume
-        The work volume.
     usual
         Points along each axis of a cube, at least 2.
 
@@ -92,10 +90,6 @@ def face_lines(volume: WorkVolume, field: ErrorField, counts: Counts) -> list[Fl
     ----------
     volume
         The work volume; a flat one has one face.
-    field
-        Errors whose tables' nodes the lines pass.
-    counts
-        Points along each axis of the lattice on whose planes the lines lie.
 
     Returns
     -------

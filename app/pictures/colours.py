@@ -44,13 +44,6 @@ def length_axis(largest_um: float, *, shown: bool) -> dict[str, Any]:
     ----------
     largest_um
         Length of the largest error [µm].
-    shown
-        Whether its bar stands beside the picture.
-
-    Returns
-    -------
-    dict
-        plotly's `coloraxis`.
     """
     steps = len(LENGTH_SCALE) - 1
     return {

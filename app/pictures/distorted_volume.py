@@ -54,10 +54,6 @@ class DistortedVolume:
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
-    volume
-        The work volume.
     tool_offset_mm : ndarray, shape (3,) [mm]
         Tool offset T.
     exaggeration
@@ -87,14 +83,8 @@ class DistortedVolume:
 
         Parameters
         ----------
-        field, volume, exaggeration
-            As for `work_volume_picture`.
         tool_offset_mm : array-like, shape (3,) [mm]
             Tool offset T.
-
-        Returns
-        -------
-        DistortedVolume
 
         Raises
         ------
@@ -107,7 +97,7 @@ class DistortedVolume:
         tool = _one_tool_offset(tool_offset_mm)
         if volume.diagonal_mm == 0:
             raise InvalidContent.of_field(
-                "volume", "expected a range in mm along at least one axis, came a point"
+                "volume", "expected a range in mm along at least one axis, got a point"
             )
         worst_point_mm, largest_um = _worst(field, volume, tool)
         if exaggeration is None:
@@ -132,10 +122,6 @@ class DistortedVolume:
         ----------
         points_mm : ndarray, shape (n, 3) [mm]
             Nominal positions.
-
-        Returns
-        -------
-        DrawnPoints
         """
         errors_um, _ = self.field.at(points_mm, self.tool_offset_mm)
         drawn_mm = points_mm + self.exaggeration * errors_um / UM_PER_MM
@@ -147,7 +133,7 @@ def _one_tool_offset(tool_offset_mm: ArrayLike) -> FloatArray:
     if tool.shape != (3,):
         raise InvalidContent.of_field(
             "tool_offset_mm",
-            f"expected one tool offset of 3 coordinates in mm, came an array of shape {tool.shape}",
+            f"expected one tool offset of 3 coordinates in mm, got an array of shape {tool.shape}",
         )
     return tool
 

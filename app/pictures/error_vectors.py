@@ -35,12 +35,8 @@ def error_vectors(distorted: DistortedVolume, counts: Counts, rounding: Rounding
 
     Parameters
     ----------
-    distorted
-        The volume with its errors.
     counts
         Points of the lattice along each axis, the volume's ends included.
-    rounding
-        Decimals.
 
     Returns
     -------

@@ -59,17 +59,8 @@ def checked_exaggeration(exaggeration: float, largest_um: float, volume: WorkVol
 
     Parameters
     ----------
-    exaggeration
-        How many times larger errors are to be drawn.
     largest_um
         Length of the largest error in the volume [µm].
-    volume
-        The work volume.
-
-    Returns
-    -------
-    float
-        The same factor.
 
     Raises
     ------
@@ -84,7 +75,7 @@ def checked_exaggeration(exaggeration: float, largest_um: float, volume: WorkVol
     """
     if not (math.isfinite(exaggeration) and exaggeration > 0):
         raise InvalidContent.of_field(
-            "exaggeration", f"expected a finite factor above 0, came {exaggeration:g}"
+            "exaggeration", f"expected a finite factor above 0, got {exaggeration:g}"
         )
     most_um = MOST_DIAGONALS * volume.diagonal_mm * UM_PER_MM
     if not exaggeration * largest_um <= most_um:
@@ -92,7 +83,7 @@ def checked_exaggeration(exaggeration: float, largest_um: float, volume: WorkVol
             "exaggeration",
             f"expected a factor that draws the largest error, {largest_um:.3g} µm, no longer "
             f"than {MOST_DIAGONALS:g} diagonals of {volume.diagonal_mm:g} mm, "
-            f"came {exaggeration:g}",
+            f"got {exaggeration:g}",
         )
     return exaggeration
 

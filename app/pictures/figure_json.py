@@ -11,11 +11,6 @@ if TYPE_CHECKING:
 def figure_json(figure: Figure) -> str:
     """Write a picture as plotly's JSON.
 
-    Parameters
-    ----------
-    figure
-        What `work_volume_picture` drew.
-
     Returns
     -------
     str

@@ -60,17 +60,7 @@ class Remarks:
 
 @dataclass(frozen=True, slots=True)
 class Texts:
-    """What stands around a picture, as plain text.
-
-    Parameters
-    ----------
-    title, subtitle
-        As for `work_volume_picture`.
-    drawn
-        What is drawn, and how much larger.
-    remarks
-        What is to be said against the errors that are drawn.
-    """
+    """What stands around a picture, as plain text."""
 
     title: str
     subtitle: str
@@ -81,24 +71,7 @@ class Texts:
 def layout(
     distorted: DistortedVolume, traces: Sequence[Trace], texts: Texts, rounding: Rounding
 ) -> Json:
-    """Lay out a picture.
-
-    Parameters
-    ----------
-    distorted
-        The volume with its errors.
-    traces
-        All that is drawn.
-    texts
-        What stands around it.
-    rounding
-        Decimals.
-
-    Returns
-    -------
-    dict
-        plotly's `layout`.
-    """
+    """Lay out a picture."""
     title = wrapped(texts.title, TITLE_LETTERS)
     subtitle = [*wrapped(texts.subtitle, SUBTITLE_LETTERS), *_warnings(texts.remarks)]
     box = scene(distorted.volume, _all_points(traces))

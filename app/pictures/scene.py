@@ -41,8 +41,6 @@ def scene(volume: WorkVolume, drawn_mm: FloatArray) -> Json:
 
     Parameters
     ----------
-    volume
-        The work volume.
     drawn_mm : ndarray, shape (n, 3) [mm]
         All points that are drawn.
 

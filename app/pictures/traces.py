@@ -41,10 +41,6 @@ class Rounding:
 
     Parameters
     ----------
-    mm
-        Decimals of coordinates.
-    um
-        Decimals of errors.
     shown_um
         Decimals of errors where people read them.
     """
@@ -59,14 +55,8 @@ class Rounding:
 
         Parameters
         ----------
-        volume
-            The work volume.
         largest_um
             Length of the largest error in it [µm].
-
-        Returns
-        -------
-        Rounding
 
         Examples
         --------
@@ -87,10 +77,6 @@ def plain_lines(lines: Sequence[FloatArray], rounding: Rounding, width_px: float
     ----------
     lines
         Each an ndarray of shape (n, 3) [mm].
-    rounding
-        Decimals.
-    width_px
-        Width of the lines [pixels].
 
     Returns
     -------
@@ -113,10 +99,6 @@ def error_lines(lines: Sequence[DrawnPoints], rounding: Rounding, width_px: floa
     ----------
     lines
         Points of each line in their order.
-    rounding
-        Decimals.
-    width_px
-        Width of the lines [pixels].
 
     Returns
     -------
@@ -136,13 +118,6 @@ def error_lines(lines: Sequence[DrawnPoints], rounding: Rounding, width_px: floa
 def rows_of(points: DrawnPoints, rounding: Rounding) -> list[list[float]]:
     """Write down what hovering over points shows.
 
-    Parameters
-    ----------
-    points
-        Points and their real errors.
-    rounding
-        Decimals.
-
     Returns
     -------
     list of list of float
@@ -156,13 +131,6 @@ def rows_of(points: DrawnPoints, rounding: Rounding) -> list[list[float]]:
 
 def hover(rows: Sequence[Sequence[float]], rounding: Rounding) -> Trace:
     """Say what is shown at each vertex under the mouse.
-
-    Parameters
-    ----------
-    rows
-        What `rows_of` wrote of each vertex.
-    rounding
-        Decimals.
 
     Returns
     -------

@@ -12,20 +12,7 @@ from app.pictures.traces import Rounding
 
 
 def drawn_sentence(distorted: DistortedVolume, rounding: Rounding) -> str:
-    """Say what is drawn: the factor, and the largest error.
-
-    Parameters
-    ----------
-    distorted
-        The volume with its errors.
-    rounding
-        Decimals.
-
-    Returns
-    -------
-    str
-        Plain text.
-    """
+    """Say what is drawn: the factor, and the largest error."""
     if not distorted.has_errors:
         return "No errors in this work volume (factor 1): the nominal box is the real one."
     errors_um = distorted.worst.errors_um[0]
@@ -43,13 +30,6 @@ def drawn_sentence(distorted: DistortedVolume, rounding: Rounding) -> str:
 def largest_words(distorted: DistortedVolume, rounding: Rounding) -> str:
     """Write the largest error's length with its unit.
 
-    Parameters
-    ----------
-    distorted
-        The volume with its errors.
-    rounding
-        Decimals.
-
     Returns
     -------
     str
@@ -66,10 +46,6 @@ def place_words(point_mm: FloatArray) -> str:
     point_mm : ndarray, shape (3,) [mm]
         Nominal position.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> import numpy as np
@@ -82,13 +58,6 @@ def place_words(point_mm: FloatArray) -> str:
 
 def wrapped(text: str, letters: int) -> list[str]:
     """Break a user's text into lines that plotly shows letter by letter.
-
-    Parameters
-    ----------
-    text
-        Any text.
-    letters
-        The most in one line.
 
     Returns
     -------

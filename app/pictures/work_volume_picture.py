@@ -49,8 +49,6 @@ def work_volume_picture(
 
     Parameters
     ----------
-    field
-        The errors at one thermal state.
     volume
         The work volume; axes that the machine does not have are without length.
     tool_offset_mm : array-like, shape (3,) [mm]
@@ -111,7 +109,7 @@ def _check_arrows(arrows_per_axis: int) -> None:
         raise InvalidContent.of_field(
             "arrows_per_axis",
             f"expected 2 to {MOST_ARROWS_PER_AXIS} error vectors along an axis, "
-            f"came {arrows_per_axis}",
+            f"got {arrows_per_axis}",
         )
 
 

@@ -29,7 +29,7 @@ HEAD = ResidualsHead(
 
 
 def size(component, rms=2.0, unit="µm", **changes):
-    plain = Size(component, unit, 40, -0.5, rms, 2 * rms, 1.0, "declared", 0.6)
+    plain = Size(component, unit, 40, -0.5, rms, 2 * rms, 1.0, "declared", 0.6, "absolute")
     return replace(plain, **changes)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from app.effects.registry import kind_of
 from app.errors import list_names
 from app.identification.analysis.analysis import EffectCurve, FoundEffect
 from app.pages.report_parts.component_names import component_name
@@ -27,10 +28,6 @@ def effect_drawings(number: int, effect: FoundEffect, curve: EffectCurve) -> lis
 
     Parameters
     ----------
-    number
-        The effect's number in the report.
-    effect
-        As the analysis describes it.
     curve
         Its arrays: driver, before, after, explained, direction, components.
 
@@ -53,37 +50,26 @@ def effect_drawings(number: int, effect: FoundEffect, curve: EffectCurve) -> lis
         after = which == "after"
         trace = {**pointing(markers(x, values, after=after), sides, after=after), **names}
         data = [trace] if after else [trace, _says(x, curve.explained)]
-        told = (
+        alt_text = (
             f"Residuals of {subjects} in {curve.unit} over {curve.over}, {which} this "
             f"effect: within ±{largest([values]):.3g} {curve.unit}, {len(x)} values"
         )
         title = f"{which.capitalize()} this effect"
-        drawings.append(Drawing(f"effect-{number}-{which}", title, told, data, layout))
+        drawings.append(Drawing(f"effect-{number}-{which}", title, alt_text, data, layout))
     return drawings
 
 
 def caption(effect: FoundEffect) -> str:
-    """Say how to read an effect's two figures, as plain text.
-
-    Parameters
-    ----------
-    effect
-        As the analysis describes it.
-
-    Returns
-    -------
-    str
-    """
+    """Say how to read an effect's two figures, as plain text."""
     shapes = (
         "Triangles point the way of approach: up for plus, down for minus. Open"
         if _is_reversing(effect)
         else "Rings"
     )
-    late = " Late minus present: what the sensor read some time ago, less what it reads now."
+    note = kind_of(effect.kind).driver_note
     return (
         f"{shapes}: measured minus predicted without this effect, all others taken off. Crosses: "
-        "what this effect says. Filled: what is left with it."
-        + (late if effect.kind == "thermal-lag" else "")
+        "what this effect says. Filled: what is left with it." + (f" {note}" if note else "")
     )
 
 

@@ -17,18 +17,7 @@ MOST_LABELS: Final = 12
 
 
 def head_facts(head: ReportHead, result: Analysis) -> Mapping[str, str]:
-    """Say what was analysed.
-
-    Parameters
-    ----------
-    head, result
-        The analysis.
-
-    Returns
-    -------
-    dict
-        Names to plain text.
-    """
+    """Say what was analysed."""
     return {
         "machine": f"{head.machine_id} ({head.chain})",
         "model": sentence(_model(head)),
@@ -57,19 +46,12 @@ def _adopted(head: ReportHead) -> str:
 def effect_facts(effect: FoundEffect, decimals: int) -> Mapping[str, str]:
     """Say what an effect is and how sure it is.
 
-    Parameters
-    ----------
-    effect
-        The effect.
-    decimals
-        Of its sizes.
-
     Returns
     -------
     dict
         Names to plain text, empty where there is nothing to say.
     """
-    sizes = [figure_text(rms, decimals) for rms in (effect.before_rms_um, effect.after_rms_um)]
+    sizes = [figure_text(rms, decimals) for rms in (effect.before_rms, effect.after_rms)]
     evidence = effect.evidence
     drivers = [*effect.sensors, *effect.states]
     variant = f", {effect.variant}" if effect.variant else ""
@@ -101,13 +83,13 @@ def _by_chance(probability: float | None) -> str:
 def _held_out(evidence: Evidence) -> str:
     """Say what visits say that took no part in finding it."""
     slope, error = evidence.calibration_slope, evidence.calibration_slope_error
-    told = "could not say anything"
+    words = "could not say anything"
     if slope is not None:
         size = figure_text(slope, 2) + (f" ± {figure_text(error, 2)}" if error else "")
-        told = f"show {size} of what it predicts (1 is right, 0 is nothing)"
+        words = f"show {size} of what it predicts (1 is right, 0 is nothing)"
     forward, again = evidence.forward_slope, evidence.found_again_share
     if forward is not None:
-        told += f"; the last visits, from the earlier ones: {figure_text(forward, 2)}"
+        words += f"; the last visits, from the earlier ones: {figure_text(forward, 2)}"
     if again is not None:
-        told += f"; found again in {100.0 * again:.0f} % of the splits"
-    return told
+        words += f"; found again in {100.0 * again:.0f} % of the splits"
+    return words

@@ -7,6 +7,7 @@ from itertools import groupby, zip_longest
 from statistics import median
 from typing import Final
 
+from app.effects.registry import kind_of
 from app.identification.analysis.analysis import (
     Analysis,
     ComponentFigures,
@@ -21,7 +22,6 @@ from app.pages.plotly_script import INLINE
 from app.pages.report_parts.drawing import Drawing, largest
 from app.pages.report_parts.effect_names import (
     MARKS,
-    SHARES,
     VERDICTS,
     explanation_name,
     parameter_text,
@@ -38,22 +38,7 @@ MOST_RIVALS: Final = 6
 
 
 def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLINE) -> str:
-    """Write the page of an analysis.
-
-    Parameters
-    ----------
-    head
-        Which analysis.
-    result
-        What it found.
-    plotly_js
-        As for `render`.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Write the page of an analysis."""
     effects = list(_with_drawings(result))
     visits = visit_drawings(result)
     return render(
@@ -62,7 +47,7 @@ def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLI
         head=head,
         result=result,
         head_facts=head_facts(head, result).items(),
-        decimals=decimals_for(result.noise_um),
+        decimals=decimals_for(result.noise),
         by_unit=list(_by_unit(result.components)),
         all_held_out=all(c.is_held_out for c in result.components),
         effects=effects,
@@ -81,7 +66,7 @@ def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLI
         untested_together=untested_together,
         MARKS=MARKS,
         MOST_RIVALS=MOST_RIVALS,
-        SHARES=SHARES,
+        kind_of=kind_of,
         VERDICTS=VERDICTS,
     )
 
@@ -102,7 +87,7 @@ def _by_unit(
     ordered = sorted(components, key=lambda c: order.index(c.unit))
     for unit, together in groupby(ordered, lambda c: c.unit):
         own = list(together)
-        reach = largest((*c.shown_rms, c.noise_floor) for c in own)
+        reach = largest((*c.shown_rms, c.floor or c.noise) for c in own)
         yield unit, own, decimals_for(median(c.noise for c in own)), 1.05 * reach or 1.0
 
 

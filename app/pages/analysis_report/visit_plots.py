@@ -1,4 +1,4 @@
-"""Residuals over time: each visit's mean, before and after, beside what visits scatter."""
+"""Residuals over time: each visit's mean, before and after, beside what visits and maps scatter."""
 
 from __future__ import annotations
 
@@ -28,11 +28,6 @@ STANDARD_DEVIATIONS: Final = 2.0
 
 def visit_drawings(result: Analysis) -> list[Drawing]:
     """Draw the means by visit of the components that have most to say.
-
-    Parameters
-    ----------
-    result
-        The analysis' answer.
 
     Returns
     -------
@@ -64,7 +59,7 @@ def _drawing(
     number: int, curve: VisitMeans, figures: ComponentFigures, is_changed: bool
 ) -> Drawing:
     x = dates(curve.time_s)
-    expected = _expected(curve.count, figures)
+    expected = _expected(curve, figures)
     data: list[Json] = [
         _band(x, expected),
         pointing(markers(x, curve.before, after=False), curve.direction, after=False),
@@ -73,27 +68,28 @@ def _drawing(
         data.append(pointing(markers(x, curve.after, after=True), curve.direction, after=True))
     unit, name = curve.unit, component_name(curve.component)
     extent = largest([curve.before, curve.after, [STANDARD_DEVIATIONS * max(expected)]])
-    told = (
+    alt_text = (
         f"Means by visit of the residuals of {name} in {unit} over time, {len(x)} visits: within "
         f"±{largest([curve.before]):.3g} {unit} before"
         + (f", ±{largest([curve.after]):.3g} {unit} after" if is_changed else "")
     )
     layout = layout_of("", f"mean [{unit}]", extent, over_time=True)
-    return Drawing(f"visits-{number}", name, told, data, layout)
+    return Drawing(f"visits-{number}", name, alt_text, data, layout)
 
 
 def _largest_surprise(curve: VisitMeans, figures: ComponentFigures) -> float:
     """Give the largest mean for what it is expected to scatter."""
-    expected = _expected(curve.count, figures)
+    expected = _expected(curve, figures)
     means: Sequence[float] = curve.before
     return max(abs(mean) / max(e, 1e-12) for mean, e in zip(means, expected, strict=True))
 
 
-def _expected(counts: Sequence[int], figures: ComponentFigures) -> list[float]:
-    """Standard deviation of each visit's mean: repeatability, and what set-ups add to the floor."""
-    noise = figures.noise
-    setup = max((figures.floor or noise) ** 2 - noise**2, 0.0)
-    return [sqrt(noise**2 / count + setup) for count in counts]
+def _expected(curve: VisitMeans, figures: ComponentFigures) -> Sequence[float]:
+    """Standard deviation of each visit's mean; in older results without what the maps add."""
+    if curve.expected:
+        return curve.expected
+    setup = max((figures.floor or figures.noise) ** 2 - figures.noise**2, 0.0)
+    return [sqrt(figures.noise**2 / count + setup) for count in curve.count]
 
 
 def _band(x: Sequence[str], expected: Sequence[float]) -> Json:

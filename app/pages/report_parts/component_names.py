@@ -13,10 +13,6 @@ def component_name(name: str) -> str:
     name
         A component's code, or `points x`, `points y`, `points z`.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> component_name("EXX"), component_name("points y"), component_name("all components")
@@ -28,15 +24,6 @@ def component_name(name: str) -> str:
 
 def chapter_name(name: str) -> str:
     """Give the chapter's notation of a component; empty where there is none.
-
-    Parameters
-    ----------
-    name
-        A component's code, or anything else.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

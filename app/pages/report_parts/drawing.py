@@ -45,34 +45,19 @@ class Drawing:
 
     Parameters
     ----------
-    id
-        Of its place in the page.
-    title, told
+    title, alt_text
         What stands above it, and what is read out where it cannot be seen; plain text.
-    data, layout
-        plotly's.
     """
 
     id: str
     title: str
-    told: str
+    alt_text: str
     data: Sequence[Json]
     layout: Json
 
 
 def figures_json(drawings: Sequence[Drawing]) -> str:
-    """Write all figures as the JSON that the page's script draws.
-
-    Parameters
-    ----------
-    drawings
-        The figures.
-
-    Returns
-    -------
-    str
-        A script element that no text in it can end.
-    """
+    """Write all figures as the JSON that the page's script draws."""
     figures = {d.id: {"data": d.data, "layout": d.layout} for d in drawings}
     written = json.dumps(figures, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     return f'<script type="application/json" id="figures">{written}</script>'
@@ -83,16 +68,8 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
 
     Parameters
     ----------
-    x_title, y_title
-        Of the axes, with their units.
     extent
         Largest size to be shown, in the unit of y.
-    over_time
-        Whether x are times.
-
-    Returns
-    -------
-    dict
     """
     axis = {
         "gridcolor": FAINT,
@@ -133,20 +110,7 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
 
 
 def markers(x: Sequence[Any], y: Sequence[float], *, after: bool) -> Json:
-    """Draw residuals: rings before, filled after.
-
-    Parameters
-    ----------
-    x, y
-        Where.
-    after
-        Which of the two.
-
-    Returns
-    -------
-    dict
-        plotly's trace.
-    """
+    """Draw residuals: rings before, filled after."""
     ring = {"color": BEFORE, "symbol": "circle-open", "size": 7, "line": {"width": 1.4}}
     filled = {"color": AFTER, "symbol": "circle", "size": 5, "opacity": 0.85}
     return {
@@ -164,17 +128,8 @@ def pointing(trace: Json, directions: Sequence[float], *, after: bool) -> Json:
 
     Parameters
     ----------
-    trace
-        Of `markers`.
     directions
         +1, −1 or 0 of each mark; where all are 0 the trace stays as it is.
-    after
-        Which of the two it is.
-
-    Returns
-    -------
-    dict
-        plotly's trace.
     """
     if not any(directions):
         return trace
@@ -191,10 +146,6 @@ def dates(times_s: Sequence[float]) -> list[str]:
     times_s
         Seconds since 1970-01-01 UTC.
 
-    Returns
-    -------
-    list of str
-
     Examples
     --------
     >>> dates([0.0])
@@ -206,15 +157,6 @@ def dates(times_s: Sequence[float]) -> list[str]:
 def largest(columns: Iterable[Sequence[float]]) -> float:
     """Give the largest size in some columns; 0 of none.
 
-    Parameters
-    ----------
-    columns
-        Numbers.
-
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> largest([[1.0, -3.0], []]), largest([])
@@ -224,18 +166,7 @@ def largest(columns: Iterable[Sequence[float]]) -> float:
 
 
 def hover_texts(names: Sequence[str]) -> Mapping[str, Any]:
-    """Say under the mouse what a mark belongs to.
-
-    Parameters
-    ----------
-    names
-        Plain text for each mark.
-
-    Returns
-    -------
-    dict
-        Of plotly's trace.
-    """
+    """Say under the mouse what a mark belongs to."""
     return {
         "text": [escaped(name) for name in names],
         "hovertemplate": "%{text}<br>%{x}<br>%{y}<extra></extra>",

@@ -17,14 +17,15 @@ VERDICTS: Final = {
     "effects-found": "Effects found",
     "nothing-found": "Nothing found",
     "unexplained": "Something unexplained",
+    "not-judged": "Not judged",
 }
 STATUSES: Final = {
     "confirmed": "confirmed on held-out visits",
-    "suspected": "suspected, not confirmed on held-out visits",
+    "suspected": "suspected: held-out visits, or what it leaves, do not confirm its name",
     "not-confirmable": "not confirmable: the held-out visits do not show it",
 }
 MARKS: Final = {
-    **{"effects-found": "✓", "nothing-found": "–", "unexplained": "?"},
+    **{"effects-found": "✓", "nothing-found": "–", "unexplained": "?", "not-judged": "?"},
     **{"confirmed": "✓", "suspected": "?", "not-confirmable": "–"},
 }
 """So that neither a verdict nor a status is told by colour alone."""
@@ -40,12 +41,6 @@ TESTS: Final = {
 }
 """Which test says that structure is left."""
 
-SHARES: Final = {
-    "thermal-lag": "of what the tables say: 1 follows late as a whole, 0 at once",
-    "other-sensor": "of what the tables say: 1 follows the other sensor alone, 0 the assigned one",
-}
-"""What a parameter `share` of a kind is a share of."""
-
 _UNIX_TIME: Final = "_unix_s"
 _PARAMETER: Final = re.compile(
     r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|k)(_per_(?P<per>\w+))?"
@@ -60,10 +55,6 @@ def parameter_name(name: str) -> str:
     ----------
     name
         As the effect has it; it ends in its unit.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -81,15 +72,6 @@ def parameter_name(name: str) -> str:
 
 def parameter_unit(name: str) -> str:
     """Read a parameter's unit off its name; empty for a pure number.
-
-    Parameters
-    ----------
-    name
-        As the effect has it.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -111,16 +93,10 @@ def parameter_text(name: str, value: float, error: float | None) -> str:
 
     Parameters
     ----------
-    name
-        As the effect has it.
     value
         In the unit that the name ends in.
     error
         One standard deviation, where one is known.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -137,15 +113,6 @@ def parameter_text(name: str, value: float, error: float | None) -> str:
 def kind_name(kind: str) -> str:
     """Write an effect's kind as words.
 
-    Parameters
-    ----------
-    kind
-        Such as `thermal-lag`.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> kind_name("thermal-lag")
@@ -156,11 +123,6 @@ def kind_name(kind: str) -> str:
 
 def learnt_words(valid: LearntIn | None) -> str:
     """Say in which ranges an effect was learnt: beyond them it is held at the edge.
-
-    Parameters
-    ----------
-    valid
-        The ranges; None where they are not known.
 
     Returns
     -------
@@ -194,11 +156,6 @@ def untested_together(
 ) -> list[tuple[str, str, str]]:
     """Say each reason once for all kinds of effects that could not be tested for it.
 
-    Parameters
-    ----------
-    not_testable
-        As the analysis, or a plan, lists them: kind, on and reason of each.
-
     Returns
     -------
     list of tuple of str
@@ -206,9 +163,9 @@ def untested_together(
 
     Examples
     --------
-    >>> few = ("EBX", "needs 8 visits, came 6")
+    >>> few = ("EBX", "needs 8 visits, got 6")
     >>> untested_together([NotTested("drift", *few), NotTested("thermal-lag", *few)])
-    [('drift, thermal lag', 'EBX', 'needs 8 visits, came 6')]
+    [('drift, thermal lag', 'EBX', 'needs 8 visits, got 6')]
     """
     together: dict[tuple[str, str], list[str]] = {}
     for one in not_testable:
@@ -218,15 +175,6 @@ def untested_together(
 
 def explanation_name(explanation: Named) -> str:
     """Name an explanation: its kind, what it acts on, what drives it.
-
-    Parameters
-    ----------
-    explanation
-        An effect or an alternative, with kind, components, sensors and states.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -242,15 +190,6 @@ def explanation_name(explanation: Named) -> str:
 def status_words(status: str, evidence: Evidence) -> str:
     """Say in words how far an effect is confirmed.
 
-    Parameters
-    ----------
-    status, evidence
-        Of the effect.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> status_words("confirmed", Evidence())
@@ -265,15 +204,6 @@ def status_words(status: str, evidence: Evidence) -> str:
 
 def rival_name(effect: Named, rival: Named) -> str:
     """Name a rival of an effect; a kind may have several forms with the same drivers.
-
-    Parameters
-    ----------
-    effect, rival
-        Each with kind, components, sensors and states.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

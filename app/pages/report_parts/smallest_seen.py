@@ -22,18 +22,7 @@ class Seen(Protocol):
 
 
 def units_of(seen: Sequence[Seen]) -> list[str]:
-    """List the units of some effects, lengths first.
-
-    Parameters
-    ----------
-    seen
-        Effects.
-
-    Returns
-    -------
-    list of str
-        Symbols.
-    """
+    """List the units of some effects, lengths first."""
     found = {one.unit for one in seen}
     return [unit.symbol for unit in Unit if unit.symbol in found]
 
@@ -43,16 +32,8 @@ def size_range(seen: Sequence[Seen], unit: str, decimals: int) -> str:
 
     Parameters
     ----------
-    seen
-        Effects.
     unit
         Symbol of the unit; effects in others are passed over.
-    decimals
-        How many.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

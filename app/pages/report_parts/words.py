@@ -25,15 +25,6 @@ _NEGATIVE: Final = re.compile(r"(?<![\w.)])-(?=\d)")
 def escaped(text: object) -> str:
     """Write any text so that plotly, which reads some markup, shows it letter by letter.
 
-    Parameters
-    ----------
-    text
-        What a user, or a user's file, may have written.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> escaped("<b>night & day</b>")
@@ -45,15 +36,6 @@ def escaped(text: object) -> str:
 def sentence(text: str) -> str:
     """Write one of the analysis' sentences, negative numbers with a true minus.
 
-    Parameters
-    ----------
-    text
-        Plain text.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> sentence("z-column 2 falls by -3.7 µm")
@@ -62,17 +44,26 @@ def sentence(text: str) -> str:
     return _NEGATIVE.sub("−", text)
 
 
+ZEROS: Final = {
+    "absolute": "Figures count from the model's own zero.",
+    "first": "Figures count from each set-up's first observation, at which the instrument was "
+    "zeroed.",
+    "removed": "The mean of whatever shares a zero that nobody knows is taken off.",
+}
+
+
+def zeros_text(found: Iterable[str | None]) -> str:
+    """Say what figures are relative to, each once; of older results nothing is known.
+
+    >>> zeros_text(["first", "first", None])
+    "Figures count from each set-up's first observation, at which the instrument was zeroed."
+    """
+    occurring = set(found)
+    return " ".join(words for zero, words in ZEROS.items() if zero in occurring)
+
+
 def origins_text(found: Iterable[str]) -> str:
     """Explain where the scatter of one observation comes from, as far as it occurs.
-
-    Parameters
-    ----------
-    found
-        Origins that occur.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -80,8 +71,8 @@ def origins_text(found: Iterable[str]) -> str:
     'Scatter of one observation – residuals: from what is left within the visits.'
     """
     occurring = set(found)
-    told = [f"{origin}: {words}" for origin, words in ORIGINS.items() if origin in occurring]
-    return f"Scatter of one observation – {'; '.join(told)}."
+    origins = [f"{origin}: {words}" for origin, words in ORIGINS.items() if origin in occurring]
+    return f"Scatter of one observation – {'; '.join(origins)}."
 
 
 def decimals_for(noise: float | None) -> int:
@@ -110,17 +101,6 @@ def decimals_for(noise: float | None) -> int:
 def figure_text(value: float | None, decimals: int) -> str:
     """Write a figure with a true minus; a dash where there is none.
 
-    Parameters
-    ----------
-    value
-        The figure [any unit].
-    decimals
-        How many.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> figure_text(-1.456, 2), figure_text(-0.001, 2), figure_text(None, 2)
@@ -138,10 +118,6 @@ def chance_text(probability: float) -> str:
     ----------
     probability
         From 0 to 1.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -162,10 +138,6 @@ def percent_text(share: float) -> str:
     share
         From 0 to 1.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> percent_text(0.5)
@@ -176,15 +148,6 @@ def percent_text(share: float) -> str:
 
 def duration_text(seconds: float) -> str:
     """Write a span of time in hours or days.
-
-    Parameters
-    ----------
-    seconds
-        How long [s].
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -202,10 +165,6 @@ def true_minus(number: str) -> str:
     ----------
     number
         Such as `-1.2`.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -27,14 +27,6 @@ class Block:
 
     Parameters
     ----------
-    place
-        Its id in the page.
-    size
-        The component's size.
-    drawings
-        Its plots, in order.
-    beyond
-        How many single values lie outside of them.
     is_open
         Whether it is shown without being asked for.
     """
@@ -62,18 +54,18 @@ class Block:
         return self.drawings[MOST_OPEN:]
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """How large the residuals are, as plain text."""
         size = self.size
         decimals = decimals_for(size.repeatability)
         sizes = (size.mean, size.rms, size.repeatability)
         mean, rms, noise = (figure_text(one, decimals) for one in sizes)
-        told = f"{counted(size.count, 'value')}: RMS {rms} {size.unit}, mean {mean}"
-        told += f", repeatability {noise}." if size.repeatability else "."
+        text = f"{counted(size.count, 'value')}: RMS {rms} {size.unit}, mean {mean}"
+        text += f", repeatability {noise}." if size.repeatability else "."
         if not any(trace["name"] == "single values" for d in self.drawings for trace in d.data):
-            return f"{told} They are too many to be drawn one by one."
+            return f"{text} They are too many to be drawn one by one."
         outside = f"{counted(self.beyond, 'value')} outside the plots." if self.beyond else ""
-        return f"{told} {outside}".rstrip()
+        return f"{text} {outside}".rstrip()
 
 
 def component_blocks(figures: ResidualFigures, curves: Sequence[ComponentCurves]) -> list[Block]:
@@ -81,8 +73,6 @@ def component_blocks(figures: ResidualFigures, curves: Sequence[ComponentCurves]
 
     Parameters
     ----------
-    figures
-        The residuals.
     curves
         Of each component, and of all lengths: component and curves.
 

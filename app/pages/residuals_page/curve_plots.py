@@ -42,11 +42,6 @@ DIGITS: Final = 5
 def movement(curve: ResidualCurve) -> float:
     """Say how far the means move along a quantity, without what single values' scatter moves them.
 
-    Parameters
-    ----------
-    curve
-        With its bins.
-
     Returns
     -------
     float
@@ -71,13 +66,6 @@ def movement(curve: ResidualCurve) -> float:
 def extent_of(curves: Sequence[ResidualCurve], size: Size) -> float:
     """Choose how far up and down all plots of a component reach.
 
-    Parameters
-    ----------
-    curves
-        Its curves.
-    size
-        Its size.
-
     Returns
     -------
     float
@@ -96,20 +84,8 @@ def curve_drawing(
 
     Parameters
     ----------
-    place
-        Id of its place in the page.
-    curve
-        What is drawn.
-    size
-        The component's size.
     extent
         How far the plot reaches up and down [the residuals' unit].
-    moved
-        How far its means move [the same].
-
-    Returns
-    -------
-    Drawing
     """
     over, unit = curve.over, size.unit
     over_time, over_direction = over == TIME, over.startswith(DIRECTION)
@@ -128,11 +104,11 @@ def curve_drawing(
     if curve.at:
         data.insert(0, _single(_places(curve.at, over_time, over_direction), curve.residual))
     figure = figure_text(moved, decimals_for(size.repeatability))
-    told = (
+    alt_text = (
         f"Residuals of {component_name(size.component)} in {unit} over {name}, mean and scatter "
         f"in {len(curve.bins)} ranges: the means move by {figure} {unit}"
     )
-    return Drawing(place, f"{name}: {figure} {unit}", told, data, layout)
+    return Drawing(place, f"{name}: {figure} {unit}", alt_text, data, layout)
 
 
 def _spread(one: Bin) -> float:

@@ -19,8 +19,8 @@ BY_NOISE: Final = 0.32
 
 DATUMS: Final = {
     "absolute": "absolute (the instrument's zero is the model's zero)",
-    "first": "first (zeroed at the first observation: a constant of each component is taken off)",
-    "free": "free (the zero is not known: a constant of each component is taken off)",
+    "first": "first (zeroed at the first observation: what was left there is taken off)",
+    "free": "free (the zero is not known: the mean of each component is taken off)",
 }
 
 
@@ -30,14 +30,8 @@ class ResidualsHead:
 
     Parameters
     ----------
-    machine_id, machine_name
-        The machine.
     chain
         Order of its axes, such as `XYFZ`.
-    model_version
-        The version that was held against them.
-    verifications
-        Label and datum of each.
     first_s, last_s
         When the first and the last value were measured [s since 1970-01-01 UTC].
     """
@@ -52,17 +46,7 @@ class ResidualsHead:
 
 
 def size_sentence(figures: ResidualFigures) -> str:
-    """Say how large the residuals are, as plain text.
-
-    Parameters
-    ----------
-    figures
-        The residuals.
-
-    Returns
-    -------
-    str
-    """
+    """Say how large the residuals are, as plain text."""
     size = figures.overall
     if size is None:
         measured = counted(figures.count, "value")
@@ -72,36 +56,23 @@ def size_sentence(figures: ResidualFigures) -> str:
     if size.count == 1:
         return f"The one residual that is a length is {figure_text(size.mean, decimals)} {unit}."
     most = f"{percent_text(0.95)} of them within ±{p95} {unit}"
-    told = f"The residuals are {rms} {unit} (root mean square), {most}"
+    text = f"The residuals are {rms} {unit} (root mean square), {most}"
     if size.share_above_repeatability is None:
-        return f"{told}."
+        return f"{text}."
     noise = figure_text(size.repeatability, decimals)
     share = percent_text(size.share_above_repeatability)
     return (
-        f"{told}; {share} exceed the repeatability of {noise} {unit}, as {percent_text(BY_NOISE)} "
+        f"{text}; {share} exceed the repeatability of {noise} {unit}, as {percent_text(BY_NOISE)} "
         "would if there were nothing else."
     )
 
 
 def head_facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str, str]]:
-    """Say what was held against what.
-
-    Parameters
-    ----------
-    head
-        Whose residuals.
-    figures
-        The residuals.
-
-    Returns
-    -------
-    list of tuple of str
-        Names with what they say, plain text.
-    """
+    """Say what was held against what."""
     values = figures.count
     labels = [label for label, _ in head.verifications]
     datums = Counter(datum for _, datum in head.verifications)
-    told = [
+    text = [
         DATUMS.get(datum, datum) + (f" in {count}" if len(datums) > 1 else "")
         for datum, count in datums.items()
     ]
@@ -110,7 +81,7 @@ def head_facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str,
         ("machine", f"{head.machine_id} ({head.chain})"),
         ("model", f"version {head.model_version}, its adopted effects included"),
         ("verifications", list_names(labels, MOST_LABELS)),
-        ("datum", "; ".join(told)),
+        ("datum", "; ".join(text)),
         ("measured", first if first == last else f"{first} to {last}"),
         ("values", f"{values} of {counted(len(figures.components), 'component')}"),
     ]

@@ -25,24 +25,7 @@ def residuals_page(
     *,
     plotly_js: str = INLINE,
 ) -> str:
-    """Write the page of residuals.
-
-    Parameters
-    ----------
-    head
-        Whose residuals.
-    figures
-        The residuals.
-    curves
-        Of each component, and of all lengths.
-    plotly_js
-        As for `render`.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Write the page of residuals."""
     blocks = component_blocks(figures, curves)
     drawn = {block.size.component for block in blocks}
     few = [c.component for c in figures.components if c.component not in drawn]
