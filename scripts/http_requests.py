@@ -63,7 +63,7 @@ class CurlRequest:
         if stated is None or name != "curl" or curl.url is None or unknown:
             raise ValueError(
                 "expected `# STATUS: words` above one curl command with no options but "
-                f"-X, -H, -d and -o, came\n{text}"
+                f"-X, -H, -d and -o, got\n{text}"
             )
         return cls(
             text=text,
@@ -129,7 +129,7 @@ def requests_by_route(
         if route in found and route != list(found)[-1]:
             raise ValueError(
                 f"expected all requests of {route[0].upper()} {route[1]} one after the other, "
-                f"came apart from them\n{request.text}"
+                f"got apart from them\n{request.text}"
             )
         found.setdefault(route, []).append(request)
     return found

@@ -34,6 +34,30 @@ curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/compensation \
      -H "Content-Type: application/json" \
      -d '{"temperatures_c": {"x-middle": 24.1, "y-front": 23.9, "z-column": 27.3}}'
 
+# 200: which controllers' files there are
+curl http://127.0.0.1:8000/v1/controllers
+
+# 200: now, as LinuxCNC's compensation files
+curl -X POST "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/export?controller=linuxcnc" \
+     -H "Content-Type: application/json" -d '{}'
+
+# 200: as Siemens' tables over a range of temperatures [°C], in a zip
+curl -X POST "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/export?controller=siemens-cec" \
+     -H "Content-Type: application/json" -H "Accept: application/zip" -o tables.zip \
+     -d '{"options": {"sign": "error"}, "bands": {
+          "from_c": {"x-middle": 20.5, "y-front": 20.4, "z-column": 21.0},
+          "to_c": {"x-middle": 24.1, "y-front": 23.9, "z-column": 27.3}, "largest_step_um": 10}}'
+
+# 200: what a controller's file holds
+curl -X POST http://127.0.0.1:8000/v1/controllers/linuxcnc/parse \
+     -H "Content-Type: application/json" \
+     -d '{"files": [{"name": "x.comp", "content": "0 0 0\n250 -0.004 -0.003\n"}]}'
+
+# 200: against what it should hold now
+curl -X POST "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/compare?controller=linuxcnc" \
+     -H "Content-Type: application/json" \
+     -d '{"files": [{"name": "x.comp", "content": "0 0 0\n250 -0.004 -0.003\n"}]}'
+
 # 200: the oldest three, at most one a minute
 curl "http://127.0.0.1:8000/v1/machines/mcfv5050/readings?every_s=60&limit=3"
 
@@ -158,6 +182,17 @@ curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/measurements/drilled-pla
                     {"nominal_mm": [200, 0], "measured_mm": [200.004, 0]},
                     {"nominal_mm": [0, 100], "measured_mm": [0.001, 100]},
                     {"nominal_mm": [200, 100], "measured_mm": [200.005, 100]}]}'
+
+# 200: looked at, not stored
+curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/measurements/thermal-drift \
+     -H "Content-Type: application/json" \
+     -d '{"test": "spindle", "point_mm": [250, 200, 200], "tool_offset_mm": [0, 0, 160],
+          "readings": [{"time": "2026-03-01T06:00:00Z", "x_um": 0.2, "y_um": -0.1, "z_um": 0.0,
+                        "temperatures_c": {"x-middle": 20.1, "y-front": 20.0, "z-column": 20.3}},
+                       {"time": "2026-03-01T06:30:00Z", "x_um": 1.1, "y_um": 2.4, "z_um": 9.3,
+                        "temperatures_c": {"x-middle": 20.4, "y-front": 20.2, "z-column": 23.9}},
+                       {"time": "2026-03-01T07:00:00Z", "x_um": 1.6, "y_um": 3.9, "z_um": 14.2,
+                        "temperatures_c": {"x-middle": 20.9, "y-front": 20.5, "z-column": 26.1}}]}'
 
 # 200: looked at, not stored
 curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/measurements/rotary-axis \
@@ -288,8 +323,10 @@ curl http://127.0.0.1:8000/v1/machines/practice/analyses/1
 # 200 when it is done, 409 before
 curl http://127.0.0.1:8000/v1/machines/practice/analyses/1/report -o analysis.html
 
-# 200 when it is done, 409 before: tables have both directions of EXX from now on
-curl -X POST http://127.0.0.1:8000/v1/machines/practice/analyses/1/adopt
+# 200 when it is done, 409 before: stated, as one short visit cannot show that it helps
+curl -X POST http://127.0.0.1:8000/v1/machines/practice/analyses/1/adopt \
+     -H "Content-Type: application/json" \
+     -d '{"effects": [0]}'
 
 # 204: the model version that was made of it stays
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/analyses/1

@@ -14,8 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from app.api.bodies import LIMIT_NAME, MEGABYTE, USUAL_LIMIT
 from app.main import create_app
-from app.settings import Settings
+from app.settings import LARGEST_BODY, Settings
 from scripts.http_requests import (
     CurlRequest,
     requests_by_route,
@@ -25,15 +26,21 @@ from scripts.http_requests import (
 
 PAGE = Path(__file__).parent.parent / "docs" / "http.md"
 
-HEAD = """# HTTP reference
+_USUAL, _LARGEST = USUAL_LIMIT // MEGABYTE, LARGEST_BODY // MEGABYTE
+
+HEAD = f"""# HTTP reference
 
 Written by `scripts/write_http_reference.py` from the service's OpenAPI document, which
 the service serves at `/openapi.json` and shows at `/docs`.
 
 Base path `/v1`, JSON throughout, times UTC ISO 8601. Units are in the fields' names.
 Refusals are `application/problem+json` (`Problem`). Fields marked * are required.
-There are no keys, no streams and no files in a controller's own format: whoever wants the table
-as it changes asks for it, and with `If-None-Match` is told 304 where it has not.
+There are no keys and no streams: whoever wants the table as it changes asks for it, and with
+`If-None-Match` is told 304 where it has not.
+
+A body may have {_USUAL} MiB, or what its route states below; no route takes more than
+THERMAP_MAX_BODY_BYTES, which is {_LARGEST} MiB unless the operator sets it. A longer one is refused
+with 413: send it in parts.
 
 Every route has a request to copy. They work in the order in which they stand here, against
 `thermap demo` on a new database; the number above each is its answer's status. What is looked
@@ -76,7 +83,9 @@ def _route(operation: dict[str, Any]) -> Iterator[str]:
         yield f"- `{parameter['name']}` ({parameter['in']}): {words}"
     body = operation.get("requestBody", {}).get("content", {}).get("application/json")
     if body:
-        yield f"- body: {_kind(body['schema'])}"
+        limit = operation.get(LIMIT_NAME)
+        most = f", up to {limit // MEGABYTE} MiB" if limit else ""
+        yield f"- body: {_kind(body['schema'])}{most}"
     for status, answer in sorted(operation["responses"].items()):
         if not status.startswith(("4", "5")):
             content = answer.get("content", {}).get("application/json", {})

@@ -362,14 +362,17 @@ def test_every_route_has_its_method(service):
             "settings": {}, "changes": {}, "error_map": {}, "assignment": {}, "observations": [],
             "temperatures_c": {}, "question": {}, "lines": {}, "measurement": {}, "plan": {},
             "verification": {}, "verification_id": 7, "analysis_id": 7, "verifications": [],
-            "versions": [], "time": 0, "since": 0, "until": 0,
+            "versions": [], "controller": "CONTROLLER", "time": 0, "since": 0, "until": 0,
         }  # fmt: skip
         needed = inspect.signature(method).parameters
         with suppress(UnexpectedAnswerError):
             method(**{k: v for k, v in given.items() if k in needed})
     client.close()
     spoken = {
-        f"{r.method} {r.url.path}".replace("MACHINE", "{}").replace("7", "{}") for r in requests
+        f"{r.method} {r.url.path}".replace("MACHINE", "{}")
+        .replace("CONTROLLER", "{}")
+        .replace("7", "{}")
+        for r in requests
     }
     assert spoken == described
 

@@ -40,6 +40,9 @@ class AlternativeAnswer(Shape):
     tied: bool
     """Whether these observations cannot tell the two apart"""
 
+    with_offset: bool
+    """Whether it comes so close only with a constant beside it"""
+
     separating_measurement: str | None
     """What would tell them apart"""
 
@@ -129,6 +132,83 @@ class BinAnswer(Shape):
 
     share_above_repeatability: float | None
     """Share that exceeds the repeatability in size"""
+
+
+class CauseAnswer(Shape):
+    """What the observations say of one cause among many that drive an effect together."""
+
+    claim: Literal["kind", "driver", "tie", "amount"]
+    """`kind`: whether a kind of causes takes part; `driver`: one that nothing stands in for; `tie`:
+    some that stand in for each other; `amount`: by how much the component moves
+    """
+
+    names: list[str]
+    """Sensors and states that it is about; empty where it is about all or none"""
+
+    sentence: str
+    """One plain sentence"""
+
+    two_ln_bayes_factor: float | None
+    """Evidence that is lost without it: above 6 it is strong, above 10 very strong"""
+
+    value: float | None
+    """The amount after the longest time that is stated [µm; angular components µrad, squareness
+    µm/m]
+    """
+
+    error: float | None
+    """Its standard deviation, the larger one of posterior and jackknife [µm; angular components
+    µrad, squareness µm/m]
+    """
+
+
+class CheckAnswer(Shape):
+    """One move that shows whether the sign is right."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    axis: str
+    """Axis that is moved"""
+
+    position_mm: float
+    """Where to [mm]"""
+
+    direction: str
+    """Coming in which direction, `+` or `-`"""
+
+    moved_axis: str
+    """Axis that then stands elsewhere than before"""
+
+    expected_movement_um: float
+    """By how much, + in that axis' direction [µm]"""
+
+
+class ComparedComponentAnswer(Shape):
+    """How far a component in the files is from what should be there."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    state: Literal["both", "missing", "unknown"]
+    """`both`; `missing`: the files lack it, which counts as 0; `unknown`: the files hold it, and
+    the model has nothing of it
+    """
+
+    largest: float
+    """Largest difference of the errors: in the files minus as they should be, in `unit`"""
+
+    rms: float
+    """Root mean square of the difference along the axis, in `unit`"""
+
+    unit: str
+    """Unit of both"""
+
+    position_mm: float | None
+    """Where it is largest [mm]"""
+
+    direction: str
+    """In which direction of approach, `+` or `-`"""
 
 
 class ComparisonAnswer(Shape):
@@ -319,9 +399,20 @@ class ComponentFiguresAnswer(Shape):
     """`declared`, `replicates` or `residuals`"""
 
     floor: float | None
-    """What repeatability and set-up scatter alone would leave [µm; angular components µrad,
-    squareness µm/m]
+    """What noise alone would leave, as repeats within two minutes and the scatter of set-ups show
+    it [µm; angular components µrad, squareness µm/m]; null where too little was repeated
     """
+
+    floor_unknown: str | None
+    """Why there is no floor; null where there is one"""
+
+    setup_scatter: float | None
+    """Standard deviation by which set-ups differ, as these residuals were fitted [µm; angular
+    components µrad, squareness µm/m]; null where nothing could be held out
+    """
+
+    zero: Literal["absolute", "first", "removed"] | None
+    """What its figures are relative to, as for the figures over all"""
 
 
 class CoverageAnswer(Shape):
@@ -352,6 +443,44 @@ class CoverageAnswer(Shape):
 
     text: str
     """The same in words"""
+
+
+class DriftStateAnswer(Shape):
+    """One thermal state of the test: changes since its first reading, at their temperatures."""
+
+    label: str | None
+    """The map's name"""
+
+    after_min: float
+    """Time after the first reading [min]"""
+
+    time: AwareDatetime
+    """When it was, UTC"""
+
+    temperatures_c: dict[str, float]
+    """The sensors at that time, interpolated between readings [°C]"""
+
+    components: list[ComponentAnswer]
+    """Changes of the components since the first reading"""
+
+    map_id: int | None
+    """The number of the map that was made of it"""
+
+
+class DriftVerificationAnswer(Shape):
+    """The course of the test as a verification."""
+
+    id: int
+    """The verification's number"""
+
+    observations: int
+    """How many observations it has"""
+
+    components: list[str]
+    """What was observed: component codes, and `points`"""
+
+    stored_readings: int
+    """Readings of temperatures that are new"""
 
 
 class EffectCurve(Shape):
@@ -430,6 +559,24 @@ class ExcludedAnswer(Shape):
     """How many values"""
 
 
+class ExportedFileAnswer(Shape):
+    """One file of an export."""
+
+    name: str
+    """Name, with its band's folder"""
+
+    role: Literal["table", "settings", "check"]
+    """`table`, `settings` that go into the controller's own, or `check`: what to look at after
+    loading
+    """
+
+    axis: str | None
+    """Axis whose own file it is"""
+
+    content: str
+    """Its text"""
+
+
 class FiguresAnswer(Shape):
     """Size of residuals over all lengths, or over all values where none is a length."""
 
@@ -446,6 +593,12 @@ class FiguresAnswer(Shape):
 
     holdout_rms_ci95_um: list[float] | None
     """Its 95 % confidence interval, over visits [µm]"""
+
+    zero: Literal["absolute", "first", "removed"] | None
+    """What they are relative to: the model's zero (`absolute`); wherever an instrument's zero is
+    another, each set-up's first observation, at which it was zeroed (`first`), or the mean of what
+    shares a zero that nobody knows (`removed`); null in older results
+    """
 
 
 class FollowedNumber(Shape):
@@ -656,6 +809,11 @@ class MeasuredObservation(Shape):
     state: dict[str, float] = {}
     """Any numbers that the shop knows of the machine's state"""
 
+    setup: str | None = None
+    """Set-up within the verification, any text: observations with one share its zero and its tilt;
+    without any the verification is one set-up
+    """
+
     measured_um: float | list[float] | None = None
     """Measured error, actual minus nominal [µm; angular errors µrad, squareness µm/m]; three
     numbers x, y, z at a point
@@ -726,6 +884,22 @@ class NeededComponent(Shape):
     """Whether the active model's maps have it"""
 
 
+class NotHeldAnswer(Shape):
+    """What the controller does not hold."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    largest: float
+    """Largest displacement that it makes in the work volume at these temperatures, in `unit`"""
+
+    unit: str
+    """Its unit"""
+
+    why: str
+    """Why not"""
+
+
 class NotTestedAnswer(Shape):
     """What these observations cannot show."""
 
@@ -737,6 +911,55 @@ class NotTestedAnswer(Shape):
 
     reason: str
     """Why"""
+
+
+class OptionAnswer(Shape):
+    """One option of a format."""
+
+    name: str
+    """Name"""
+
+    description: str
+    """What it says"""
+
+    required: bool
+    """Whether it has to be stated"""
+
+    default: Any
+    """What holds where it is not stated; null where nothing does"""
+
+
+class ParsedComponentAnswer(Shape):
+    """What files hold of one component."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    axis: str | None
+    """Axis of the positions, null for a single value"""
+
+    unit: str
+    """Unit of the values"""
+
+    positions_mm: list[float] | None
+    """Positions [mm]; null for a single value"""
+
+    errors: list[float]
+    """Errors, actual minus nominal, in `unit`"""
+
+    compensation: list[float]
+    """Minus the errors, in `unit`"""
+
+    backward_errors: list[float] | None = None
+    """Errors in the negative direction where they differ, in `unit`"""
+
+    backward_compensation: list[float] | None = None
+    """Minus these, in `unit`"""
+
+    endless: bool
+    """Whether the values are a straight line that goes on beyond the positions; else the end values
+    hold
+    """
 
 
 class PathErrorsAnswer(Shape):
@@ -754,6 +977,28 @@ class PathErrorsAnswer(Shape):
     """Following the axis that was found: all its errors compensated [µm]. At the points that showed
     them; at others it may be more
     """
+
+
+class PlannedPlaceAnswer(Shape):
+    """One observation to be made, as planning takes it."""
+
+    time: str
+    """When, at the moment of the record that stands for it, UTC"""
+
+    component: str | None
+    """Component code; null at a point"""
+
+    position_mm: float | None
+    """Position on its axis [mm]"""
+
+    point_mm: list[Any] | None
+    """Nominal point x, y, z [mm]; null of a component"""
+
+    tool_offset_mm: list[Any]
+    """Tool offset X, Y, Z [mm]"""
+
+    direction: dict[str, Literal["+", "-"]] | None
+    """Axis to its direction of approach"""
 
 
 class PlannedRivalAnswer(Shape):
@@ -776,6 +1021,22 @@ class PlannedRivalAnswer(Shape):
 
     separating_measurement: str | None
     """What would tell them apart"""
+
+
+class PlannedVisitAnswer(Shape):
+    """A visit to be made: one of the `planned` of a plan."""
+
+    label: str
+    """What the plan calls it"""
+
+    datum: str
+    """`absolute`, `first` or `free`, as in the visits before"""
+
+    repeatability_um: float | None
+    """Standard deviation of one length, where it is known [µm]"""
+
+    observations: list[PlannedPlaceAnswer]
+    """In their order"""
 
 
 class PredictionAnswer(Shape):
@@ -853,6 +1114,58 @@ class ReadyAnswer(Shape):
     """Machines whose model is in memory"""
 
 
+class RefittedEffectAnswer(Shape):
+    """What becomes of an effect that the model has, if the effects that help are adopted."""
+
+    effect: dict[str, Any]
+    """The effect as the model has it"""
+
+    becomes: dict[str, Any] | None
+    """What adoption stores in its place; null where it is dropped or left"""
+
+    outcome: Literal["refitted", "dropped", "left"]
+    """`refitted` together with the effects that were found and help; `dropped`, because it no
+    longer pays beside them; `left` as it is
+    """
+
+    is_changed: bool
+    """Whether it is dropped, or moves by more than its parameters are unsure by"""
+
+    explanation: str
+    """What it was and what it becomes, or why it stays, in one plain sentence"""
+
+    kind: str
+    """Kind of effect"""
+
+    components: list[str]
+    """Components that it acts on"""
+
+    parameters: dict[str, float]
+    """Parameters as the model has them; the unit ends each name [µm; …]"""
+
+    refitted_parameters: dict[str, float] | None
+    """Parameters as they become [µm; …]; null where it is dropped or left"""
+
+    refitted_standard_errors: dict[str, float] | None
+    """One standard deviation of each [µm; …]; null where it is dropped or left"""
+
+
+class ResamplingAnswer(Shape):
+    """What spacing and rounding add to a component."""
+
+    component: str
+    """ISO 230-1 code"""
+
+    largest_deviation: float
+    """Largest difference of the controller's curve from the table anywhere, in `unit`"""
+
+    position_mm: float | None
+    """Where [mm]; null for a single value"""
+
+    unit: str
+    """Its unit"""
+
+
 class ResidualRow(Shape):
     """One number that was measured, held against the model."""
 
@@ -890,8 +1203,8 @@ class ResidualRow(Shape):
     """Predicted, adopted effects included [µm; angular components µrad, squareness µm/m]"""
 
     residual: float
-    """Measured minus predicted, without the unknown zero of a datum that is not absolute [µm;
-    angular components µrad, squareness µm/m]
+    """Measured minus predicted: from its set-up's first observation where the instrument was zeroed
+    there, less the mean of a zero that nobody knows [µm; angular components µrad, squareness µm/m]
     """
 
 
@@ -1002,6 +1315,9 @@ class SizeAnswer(Shape):
     share_above_repeatability: float | None
     """Share that exceeds it in size; noise alone: 0.32"""
 
+    zero: Literal["absolute", "first", "removed"]
+    """What its figures are relative to, as in an analysis"""
+
 
 class SmallestSeenAnswer(Shape):
     """The smallest effect of one kind on one component that would have been seen."""
@@ -1096,6 +1412,26 @@ class SummaryAnswer(Shape):
 
     bins: list[BinAnswer]
     """In the order of the quantity"""
+
+
+class SurenessAnswer(Shape):
+    """How sure a learnt effect is of one component at this moment, in the component's unit."""
+
+    component: str
+    """Component code"""
+
+    expected: float
+    """What was learnt [µm; angular components µrad, squareness µm/m]"""
+
+    learnt_error: float
+    """Standard deviation of what was learnt [µm; angular components µrad, squareness µm/m]"""
+
+    wander_error: float
+    """Standard deviation of what no driver explains [µm; angular components µrad, squareness µm/m]
+    """
+
+    factor: float
+    """Share of what was learnt that is in the table, 0 to 1"""
 
 
 class TargetAnswer(Shape):
@@ -1259,6 +1595,11 @@ class VisitMeans(Shape):
 
     after: list[float]
     """Means with all effects [µm; …], in `unit`"""
+
+    expected: list[float]
+    """Standard deviation that each mean has by repeatability, set-up scatter and the maps' own
+    uncertainty [µm; …], in `unit`; empty in older results
+    """
 
 
 class WaitingMapAnswer(Shape):
@@ -1440,8 +1781,65 @@ class AdoptedEffectAnswer(Shape):
     valid: ValidAnswer | None
     """Where it was learnt; null where an older version of this software adopted it"""
 
+    found_by: int | None
+    """Number of the analysis that found it; null where an older version of this software adopted it
+    """
+
+    refitted_by: list[int]
+    """Numbers of the analyses that have fitted it anew since, in their order"""
+
     measure_again: str
     """Until when one that grows with time may be used, and what to measure then"""
+
+
+class BandAnswer(Shape):
+    """One band of temperatures."""
+
+    folder: str
+    """Folder of its files"""
+
+    from_c: dict[str, float]
+    """Where it begins [°C]"""
+
+    to_c: dict[str, float]
+    """Where it ends [°C]"""
+
+    at_c: dict[str, float]
+    """Temperatures of its tables [°C]"""
+
+    check: list[CheckAnswer]
+    """Moves that show whether the sign is right"""
+
+
+class CompareAnswer(Shape):
+    """What a controller holds against what it should hold."""
+
+    machine: str
+    """The machine's id"""
+
+    model_version: int
+    """Version of the model"""
+
+    computed_at: AwareDatetime
+    """When it was computed, UTC"""
+
+    temperatures_c: dict[str, float]
+    """Temperatures that were used [°C]"""
+
+    controller: str
+    """Format"""
+
+    complete: bool
+    """Whether the compensation table is complete"""
+
+    warnings: list[str]
+    """All that is to be known, in sentences"""
+
+    components: list[ComparedComponentAnswer]
+    """The largest difference first"""
+
+    not_held: list[NotHeldAnswer]
+    """What the format cannot hold, and is not compared"""
 
 
 class ComparedVersionAnswer(Shape):
@@ -1623,6 +2021,54 @@ class ComponentCompensationAnswer(TableEntry):
     """
 
 
+class ControllerAnswer(Shape):
+    """One controller's file format."""
+
+    name: str
+    """Name by which it is asked for"""
+
+    title: str
+    """What it is"""
+
+    sign: Literal["error", "compensation"] | None
+    """What its values are, `error` (actual minus nominal) or `compensation` (minus that); null
+    where no source says: then the option `sign` has to be stated
+    """
+
+    units: str
+    """Units of positions and values"""
+
+    spacing: str
+    """What it wants of positions"""
+
+    limits: str
+    """What limits it"""
+
+    status: str
+    """How surely all this is known: `verified on the running controller`, `source-verified`,
+    `manual-verified`, `seed example` or `ours`
+    """
+
+    holds: list[str]
+    """Components that it can hold"""
+
+    squareness_in_straightness: bool
+    """Whether squareness is folded into straightness, because it has no table for it"""
+
+    both_directions: bool
+    """Whether it holds both directions of approach"""
+
+    options: list[OptionAnswer]
+    """What it can be told"""
+
+
+class ControllersAnswer(Shape):
+    """Every format."""
+
+    controllers: list[ControllerAnswer]
+    """Formats"""
+
+
 class EffectInTableAnswer(Shape):
     """An adopted effect of the model, and whether it is in the table."""
 
@@ -1655,6 +2101,54 @@ class EffectInTableAnswer(Shape):
     measure_again: str = ""
     """Until when one that grows with time may be used, and what to measure then"""
 
+    sureness: list[SurenessAnswer] = Field([], validate_default=True)
+    """Of one that is corrected only as far as it is sure: how sure it is now, for each component;
+    empty for others
+    """
+
+
+class ExportAnswer(Shape):
+    """A controller's files, and everything that is to be said of them."""
+
+    machine: str
+    """The machine's id"""
+
+    model_version: int
+    """Version of the model"""
+
+    computed_at: AwareDatetime
+    """When it was computed, UTC"""
+
+    temperatures_c: dict[str, float]
+    """Temperatures that were used [°C]"""
+
+    controller: str
+    """Format"""
+
+    complete: bool
+    """Whether the compensation table is complete"""
+
+    warnings: list[str]
+    """All that is to be known, in sentences"""
+
+    sign: Literal["error", "compensation"]
+    """What the values in the files are"""
+
+    files: list[ExportedFileAnswer]
+    """Files"""
+
+    not_held: list[NotHeldAnswer]
+    """What the controller does not hold, largest first"""
+
+    resampling: list[ResamplingAnswer]
+    """What spacing and rounding add"""
+
+    check: list[CheckAnswer]
+    """Moves that show whether the sign is right; with bands each has its own"""
+
+    bands: list[BandAnswer] | None = None
+    """Bands of temperatures, where they were asked for"""
+
 
 class FoundEffectAnswer(Shape):
     """One effect that the model lacks."""
@@ -1674,10 +2168,23 @@ class FoundEffectAnswer(Shape):
     """Unit of the two: lengths where any is one"""
 
     status: str
-    """What held-out visits say: `confirmed`, `suspected` or `not-confirmable`"""
+    """How sure its name is: `confirmed`, `suspected` or `not-confirmable`"""
+
+    helps: bool
+    """Whether visits that took no part in finding it get better with it, and none markedly worse:
+    adopted unless effects are named
+    """
+
+    why_not: str | None
+    """Why nobody can say that it helps; null where it does"""
 
     is_proxy: bool
     """Whether unexplained structure remains beside it"""
+
+    doubts: list[str]
+    """In what the measured values differ from it, more than noise would: its name is then not
+    `confirmed`; empty where they do not
+    """
 
     evidence: EvidenceAnswer
     """How sure it is"""
@@ -1699,6 +2206,9 @@ class FoundEffectAnswer(Shape):
 
     measure_again: str | None
     """Until when one that grows with time may be used, and what to measure"""
+
+    causes: list[CauseAnswer]
+    """What can be said of its causes, where many drive it together; empty of other effects"""
 
     kind: str
     """Kind of effect"""
@@ -1912,6 +2422,44 @@ class NeededAnswer(Shape):
 
     warnings: list[str]
     """What to know beside it"""
+
+
+class NextVisitAnswer(Shape):
+    """The visit that would tell most next."""
+
+    sentence: str
+    """What to measure, when, and what for"""
+
+    like_time: AwareDatetime
+    """When the machine was like that, UTC"""
+
+    temperatures_c: dict[str, float]
+    """Its sensors' temperatures then [°C]"""
+
+    states: dict[str, float]
+    """Its state then"""
+
+    planned: PlannedVisitAnswer
+    """What to hand on to planning"""
+
+
+class ParseAnswer(Shape):
+    """What files hold."""
+
+    controller: str
+    """Format"""
+
+    sign: Literal["error", "compensation"]
+    """As what the values were read"""
+
+    machine: str | None
+    """Machine that the files name, null where they do not"""
+
+    components: list[ParsedComponentAnswer]
+    """One for each component"""
+
+    warnings: list[str]
+    """All that is to be known, in sentences"""
 
 
 class PlannedEffectAnswer(Shape):
@@ -2135,8 +2683,10 @@ class WaitingAssignmentAnswer(Shape):
 class AnalysisResult(Shape):
     """What an analysis found; `plots` are the arrays of its report."""
 
-    verdict: Literal["effects-found", "nothing-found", "unexplained"]
-    """`unexplained` where structure remains that no effect fits"""
+    verdict: Literal["effects-found", "nothing-found", "unexplained", "not-judged"]
+    """`unexplained` where structure remains that no effect fits; `not-judged` where residuals are
+    larger than the noise and too few set-ups were made to say why
+    """
 
     summary: str
     """Two plain sentences"""
@@ -2151,7 +2701,9 @@ class AnalysisResult(Shape):
     """Standard deviation of one observation [µm]; see `unit`"""
 
     floor_um: float | None
-    """What repeatability and set-up scatter alone would leave [µm]; see `unit`"""
+    """What noise alone would leave, as repeats and the scatter of set-ups show it [µm]; null where
+    a component has too few repeats; see `unit`
+    """
 
     before: FiguresAnswer
     """Residuals of the model as it was"""
@@ -2175,7 +2727,10 @@ class AnalysisResult(Shape):
     """By component, largest first"""
 
     effects: list[FoundEffectAnswer]
-    """Effects that the model lacks"""
+    """Effects that the model lacks; numbered from 0, as adoption, report and terminal do"""
+
+    refitted: list[RefittedEffectAnswer]
+    """Effects that it has already, and what becomes of them when those that help are adopted"""
 
     unexplained: list[UnexplainedAnswer]
     """What no effect explains"""
@@ -2194,6 +2749,12 @@ class AnalysisResult(Shape):
 
     plots: Plots
     """Arrays of the report's plots"""
+
+    floor_unknown: str | None
+    """Why there is no floor; null where there is one"""
+
+    next_visit: NextVisitAnswer | None
+    """The visit that would tell most next; null where none can be proposed"""
 
 
 class ChangedModelAnswer(ModelAnswer):
@@ -2511,6 +3072,16 @@ class StepDiagonalAnswer(MeasurementAnswer):
     """For x, y, z and each interval: what the four diagonals contradict each other by, the
     measurement's own noise [µm]; null with three diagonals
     """
+
+
+class ThermalDriftAnswer(MeasurementAnswer):
+    """The figures of ISO 230-3's tests in `figures`; `components` are those of the last state."""
+
+    states: list[DriftStateAnswer]
+    """Thermal states, in order of time"""
+
+    verification: DriftVerificationAnswer | None = None
+    """The stored verification, where one was asked for"""
 
 
 class BodyDiagonalAnswer(MeasurementAnswer):

@@ -109,4 +109,4 @@ def _plain(value: Any) -> Any:
         return dict(value)
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return list(value)
-    raise TypeError(f"expected something that JSON can carry, came {type(value).__name__}")
+    raise TypeError(f"expected something that JSON can carry, got {type(value).__name__}")

@@ -20,33 +20,30 @@ from pydantic import BaseModel
 from thermap.answers import (
     AccuracyAnswer,
     AnswerHead,
-    BodyDiagonalAnswer,
     ChangedModelAnswer,
+    CompareAnswer,
     CompensationAnswer,
+    ControllersAnswer,
     CorrelationAnswer,
     CurrentCompensationAnswer,
-    DrilledPlateAnswer,
     ErrorMapAnswer,
+    ExportAnswer,
     GridAnswer,
     HealthAnswer,
     LevelsAnswer,
     LinesAnswer,
     MachineAnswer,
-    MachinedPartAnswer,
-    MeasurementAnswer,
     ModelAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
-    PositioningAnswer,
+    ParseAnswer,
     PredictionAnswer,
     PresetAnswer,
     PreviewAnswer,
     ReadingSchema,
     ReadyAnswer,
-    RotaryAxisAnswer,
     RotaryErrorAnswer,
     SimulatedStepDiagonal,
-    StepDiagonalAnswer,
     StoredReadings,
     WaitingAssignmentAnswer,
     WithdrawnReadingAnswer,
@@ -74,11 +71,15 @@ PREVIEW: Final = {"preview": "true"}
 
 @dataclass(frozen=True, slots=True)
 class Storing:
-    """What is to become of a measurement: nothing, a preview of storing it, or a map."""
+    """What is to become of a measurement: nothing, a preview of storing it, or a map.
+
+    Of a drift test its course may be kept as a verification too.
+    """
 
     store: bool = False
     accept_losses: bool = False
     preview: bool = False
+    verification: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,6 +334,43 @@ def compensation(
     return Call("POST", of_machine(machine_id, "compensation"), reader_of(CompensationAnswer), body)
 
 
+def controllers() -> Call[ControllersAnswer]:
+    """GET /v1/controllers."""
+    return Call("GET", "/v1/controllers", reader_of(ControllersAnswer))
+
+
+def export_compensation(
+    machine_id: str, controller: str, question: Content | None
+) -> Call[ExportAnswer]:
+    """POST …/compensation/export."""
+    return Call(
+        "POST",
+        of_machine(machine_id, "compensation/export"),
+        reader_of(ExportAnswer),
+        question or {},
+        query={"controller": controller},
+    )
+
+
+def compare_compensation(
+    machine_id: str, controller: str, question: Content
+) -> Call[CompareAnswer]:
+    """POST …/compensation/compare."""
+    return Call(
+        "POST",
+        of_machine(machine_id, "compensation/compare"),
+        reader_of(CompareAnswer),
+        question,
+        query={"controller": controller},
+    )
+
+
+def parse_controller_files(controller: str, question: Content) -> Call[ParseAnswer]:
+    """POST /v1/controllers/{controller}/parse."""
+    path = f"/v1/controllers/{quote(controller, safe='')}/parse"
+    return Call("POST", path, reader_of(ParseAnswer), question)
+
+
 def current_table(machine_id: str, etag: str | None) -> Call[TaggedTable | None]:
     """GET …/compensation; 304 is the answer None."""
     return Call(
@@ -417,68 +455,21 @@ def picture(machine_id: str, question: Content) -> Call[dict[str, Any]]:
 # -- measurements --------------------------------------------------------------------------
 
 
-def measure_step_diagonal(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[StepDiagonalAnswer]:
-    """POST …/measurements/step-diagonal."""
-    return _measure(machine_id, "step-diagonal", StepDiagonalAnswer, measurement, storing)
-
-
-def measure_body_diagonal(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[BodyDiagonalAnswer]:
-    """POST …/measurements/body-diagonal."""
-    return _measure(machine_id, "body-diagonal", BodyDiagonalAnswer, measurement, storing)
-
-
-def measure_positioning(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[PositioningAnswer]:
-    """POST …/measurements/positioning."""
-    return _measure(machine_id, "positioning", PositioningAnswer, measurement, storing)
-
-
-def measure_six_dof(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[MeasurementAnswer]:
-    """POST …/measurements/six-dof."""
-    return _measure(machine_id, "six-dof", MeasurementAnswer, measurement, storing)
-
-
-def measure_machined_part(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[MachinedPartAnswer]:
-    """POST …/measurements/machined-part."""
-    return _measure(machine_id, "machined-part", MachinedPartAnswer, measurement, storing)
-
-
-def measure_drilled_plate(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[DrilledPlateAnswer]:
-    """POST …/measurements/drilled-plate."""
-    return _measure(machine_id, "drilled-plate", DrilledPlateAnswer, measurement, storing)
-
-
-def measure_rotary_axis(
-    machine_id: str, measurement: Content, storing: Storing
-) -> Call[RotaryAxisAnswer]:
-    """POST …/measurements/rotary-axis."""
-    return _measure(machine_id, "rotary-axis", RotaryAxisAnswer, measurement, storing)
+def measure(
+    machine_id: str, method: str, answer: type[Answer], measurement: Content, storing: Storing
+) -> Call[Answer]:
+    """POST …/measurements/{method}, which answers with its own shape."""
+    path = of_machine(machine_id, "measurements", method)
+    query = {"store": "true" if storing.store else "false"} | accepting(storing.accept_losses)
+    query |= PREVIEW if storing.preview else {}
+    query |= {"store_verification": "true"} if storing.verification else {}
+    return Call("POST", path, reader_of(answer), measurement, query=query)
 
 
 def simulate_step_diagonal(machine_id: str, plan: Content) -> Call[SimulatedStepDiagonal]:
     """POST …/measurements/step-diagonal/simulate."""
     path = of_machine(machine_id, "measurements", "step-diagonal", "simulate")
     return Call("POST", path, reader_of(SimulatedStepDiagonal), plan)
-
-
-def _measure(
-    machine_id: str, method: str, answer: type[Answer], measurement: Content, storing: Storing
-) -> Call[Answer]:
-    path = of_machine(machine_id, "measurements", method)
-    query = {"store": "true" if storing.store else "false"} | accepting(storing.accept_losses)
-    query |= PREVIEW if storing.preview else {}
-    return Call("POST", path, reader_of(answer), measurement, query=query)
 
 
 def accepting(accept_losses: bool) -> dict[str, str]:
@@ -493,7 +484,7 @@ def of_machine(machine_id: str, *further: str | int) -> str:
     '/v1/machines/mill%203%2Fb/models/2'
     """
     if not machine_id:
-        raise ValueError("expected a machine's id, came an empty one")
+        raise ValueError("expected a machine's id, got an empty one")
     return "/".join(["/v1/machines", quote(machine_id, safe=""), *map(str, further)])
 
 

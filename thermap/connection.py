@@ -33,7 +33,7 @@ def service_url(base_url: str | None) -> httpx.URL:
     except httpx.InvalidURL:
         url = httpx.URL()
     if url.scheme not in ("http", "https") or not url.host:
-        raise ValueError(f"expected a URL such as {DEFAULT_URL}, came {stated!r}")
+        raise ValueError(f"expected a URL such as {DEFAULT_URL}, got {stated!r}")
     return url
 
 

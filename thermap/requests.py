@@ -3,7 +3,7 @@
 Written by `scripts/write_client.py` from the service's OpenAPI document.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
@@ -20,7 +20,9 @@ class AdoptionRequest(Shape):
     """Which of the effects that an analysis found go into the model."""
 
     effects: list[int] | None = None
-    """Places in the result's list of effects, from 0; all where it is left out"""
+    """Places in the result's list of effects, from 0, whatever is known of them; where it is left
+    out, those that help (`helps`)
+    """
 
     onto_active: bool = False
     """Whether to add them to the active version where that is no longer the one that was analysed:
@@ -52,6 +54,19 @@ class BallSchema(Shape):
 
     position_mm: list[float]
     """The ball's x, y, z [mm]"""
+
+
+class BandsRequest(Shape):
+    """A range of temperatures over which a set of tables is wanted."""
+
+    from_c: dict[str, float]
+    """Temperatures at one end [°C]"""
+
+    to_c: dict[str, float]
+    """Temperatures of the same sensors at the other end [°C]"""
+
+    largest_step_um: float
+    """So much a component may change from one table to the next [µm; angles µrad]"""
 
 
 class ComparisonRequest(Shape):
@@ -167,6 +182,16 @@ class ComponentSchema(Shape):
     """Covariance of the backward errors [square of the errors' unit]"""
 
 
+class ControllerFileSchema(Shape):
+    """One file of a controller."""
+
+    name: str
+    """Its name"""
+
+    content: str
+    """Its text"""
+
+
 class DiagonalRunsSchema(Shape):
     """Readings along one body diagonal."""
 
@@ -178,6 +203,27 @@ class DiagonalRunsSchema(Shape):
 
     backward_um: list[float] | list[list[float]] | None = None
     """The same on the way back [µm]"""
+
+
+class ExportRequest(Shape):
+    """What is to be exported: at which temperatures, with which options, over which bands."""
+
+    temperatures_c: dict[str, float] | None = None
+    """Temperatures by sensor [°C]; those of the latest reading if left out"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
+    """Tool offset X, Y, Z [mm] at which angular errors are sized"""
+
+    options: dict[str, Any] = {}
+    """Options of the format, as `GET /v1/controllers` lists them"""
+
+    bands: BandsRequest | None = None
+    """A set of tables over a range of temperatures, for a controller that cannot ask a service;
+    other sensors keep `temperatures_c`
+    """
 
 
 class HoleSchema(Shape):
@@ -237,6 +283,37 @@ class MachinedPartRequest(Shape):
     """Tool offset with which it was cut [mm]"""
 
 
+class NestReading(Shape):
+    """What the nest, the temperature sensors and the control said at one time."""
+
+    time: AwareDatetime
+    """When, with a zone"""
+
+    position_mm: float | None = None
+    """Where the moving axis stood [mm]; of the test linear-axis alone"""
+
+    x_um: float | None = None
+    """Displacement of the tool against the workpiece along X, from any zero [µm]"""
+
+    y_um: float | None = None
+    """The same along Y [µm]"""
+
+    z_um: float | None = None
+    """The same along Z [µm]"""
+
+    x2_um: float | None = None
+    """Along X, read sensor_distance_mm further along Z than x_um [µm]"""
+
+    y2_um: float | None = None
+    """Along Y, as far from y_um [µm]"""
+
+    temperatures_c: dict[str, float] = {}
+    """Temperatures by sensor at that time [°C]; leave a failed sensor out"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+
 class ObservationSchema(Shape):
     """Where and when: one component at a position, or a point of the work volume."""
 
@@ -263,6 +340,16 @@ class ObservationSchema(Shape):
     """Any numbers that the shop knows of the machine's state"""
 
 
+class ParseRequest(Shape):
+    """Files that are to be read."""
+
+    files: list[ControllerFileSchema]
+    """All files of one controller"""
+
+    options: dict[str, Any] = {}
+    """Options of the format, as `GET /v1/controllers` lists them"""
+
+
 class PlannedObservation(Shape):
     """What is to be measured: of one component, or at a point of the work volume."""
 
@@ -287,6 +374,11 @@ class PlannedObservation(Shape):
 
     state: dict[str, float] = {}
     """Any numbers that the shop knows of the machine's state"""
+
+    setup: str | None = None
+    """Set-up within the verification, any text: observations with one share its zero and its tilt;
+    without any the verification is one set-up
+    """
 
 
 class PlannedVerification(Shape):
@@ -585,6 +677,71 @@ class StepDiagonalSimulation(Shape):
     """Of the noise: the same seed gives the same readings"""
 
 
+class ThermalDriftRequest(Shape):
+    """
+    A nest of displacement sensors over hours, with the machine's temperatures.
+
+    `measured_at` and `temperatures_c` of the whole are not used: each reading states its own.
+    """
+
+    label: str | None = None
+    """The map's name"""
+
+    measured_at: AwareDatetime | None = None
+    """When it was measured, with a zone"""
+
+    temperatures_c: dict[str, float] | None = None
+    """Every sensor's temperature at that time [°C]"""
+
+    instrument: str | None = None
+    """What measured"""
+
+    repeatability_um: float | None = None
+    """Standard deviation of one reading, where the readings do not show it [µm]"""
+
+    test: Literal["environment", "spindle", "linear-axis"]
+    """`environment` (nothing moves: ETVE), `spindle` (it turns), `linear-axis` (an axis runs
+    between targets)
+    """
+
+    readings: list[NestReading]
+    """Two or more, in order of time; all with the same displacements"""
+
+    axis: Literal["x", "y", "z"] | None = None
+    """The moving axis, of the test linear-axis"""
+
+    sensor_distance_mm: float | None = None
+    """How far along Z x2_um and y2_um are read from x_um and y_um, with its sign [mm]; with them
+    come the tilts A and B
+    """
+
+    running_from: AwareDatetime | None = None
+    """Since when the spindle turned or the axis moved; from the state spindle_rpm where left out,
+    else from the first reading
+    """
+
+    running_to: AwareDatetime | None = None
+    """Until when; as running_from"""
+
+    point_mm: list[float] | None = None
+    """Where the machine stood while the nest was read [mm]; tables and verifications of
+    displacements need it
+    """
+
+    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
+    """Offset, as a tool, of the place that x, y and z read [mm]"""
+
+    components: dict[str, str] = {}
+    """Displacement (x, y, z) or tilt (a, b) to the component as which it counts in maps and in the
+    verification; those of the moving axis, or of the axis that carries the spindle, where left out
+    """
+
+    states_min: list[float] | None = None
+    """Thermal states of which maps are made, after the first reading [min]; the first reading and
+    the end of running where left out
+    """
+
+
 class VerificationRequest(Shape):
     """Up to 100,000 observations of one machine, with one set-up or several."""
 
@@ -683,6 +840,25 @@ class BodyDiagonalRequest(Shape):
 
     volume: dict[str, TravelSchema] = Field({}, validate_default=True)
     """Range of each axis [mm]; its travel where it is left out"""
+
+
+class CompareRequest(Shape):
+    """Files that are compared with what they should hold, at which temperatures."""
+
+    temperatures_c: dict[str, float] | None = None
+    """Temperatures by sensor [°C]; those of the latest reading if left out"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
+    """Tool offset X, Y, Z [mm] at which angular errors are sized"""
+
+    options: dict[str, Any] = {}
+    """Options of the format, as `GET /v1/controllers` lists them"""
+
+    files: list[ControllerFileSchema]
+    """All files of one controller"""
 
 
 class DrilledPlateRequest(Shape):

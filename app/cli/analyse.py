@@ -15,16 +15,23 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications
-from app.cli.analyse_plan_view import plan_view
-from app.cli.analyse_view import analysis_view
+from app.cli.analyse_view import analysis_view, plan_view
 from app.cli.import_checks import naming
-from app.cli.model_change_view import preview_lines, waiting_lines
-from app.cli.options import MachineArgument, UrlOption, connect, expect_page, write_file
+from app.cli.models import preview_lines, waiting_lines
+from app.cli.options import (
+    MachineArgument,
+    NextVisitOption,
+    ReportOption,
+    UrlOption,
+    connect,
+    expect_page,
+    write_file,
+)
+from app.cli.planned_visit import write_next_visit
 from app.errors import ThermapError, list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
-from app.search.findings import Status
 from thermap import (
     DEFAULT_URL,
     FieldError,
@@ -79,7 +86,7 @@ def analyse(
         typer.Option(
             "--adopt",
             envvar="THERMAP_ADOPT",
-            help="Make a model version with the effects that held-out visits confirm.",
+            help="Make a model version with the effects that help visits that were held out.",
         ),
     ] = False,
     plan: Annotated[
@@ -91,16 +98,8 @@ def analyse(
             "no values, and nothing is stored.",
         ),
     ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            envvar="THERMAP_OUTPUT",
-            metavar="FILE.html",
-            help="Write the report, a page that needs no internet.",
-        ),
-    ] = None,
+    output: ReportOption = None,
+    next_visit: NextVisitOption = None,
     json: Annotated[
         bool, typer.Option("--json", envvar="THERMAP_JSON", help="Write the service's JSON.")
     ] = False,
@@ -110,7 +109,7 @@ def analyse(
 
     Example: `thermap analyse mcfv5050 --verification night-shift.csv -o report.html`
     """
-    _check_usage(output, plan=plan, adopt=adopt)
+    _check_usage(output, next_visit, plan=plan, adopt=adopt)
     files = read_verifications(verification or [], machine, is_planned=plan)
     with connect(url) as thermap:
         # An unknown machine is told before anything is stored.
@@ -120,7 +119,7 @@ def analyse(
             return
         stored: list[int] = []
         _expect_comparable(thermap, machine, files)
-        with _telling_what_stays(machine, stored):
+        with _naming_what_is_stored(machine, stored):
             _store(thermap, machine, files, stored)
             ids = stored or _all_stored(thermap, machine)
             question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
@@ -140,6 +139,8 @@ def analyse(
         if output is not None:
             write_file(output, thermap.analysis_report(machine, job.id))
             typer.echo(f"{output}: the report of analysis {job.id}", err=True)
+        if next_visit is not None:
+            write_next_visit(next_visit, machine, result.next_visit)
 
 
 def _result(content: bytes) -> Analysis:
@@ -151,7 +152,7 @@ def _result(content: bytes) -> Analysis:
 
 
 @contextmanager
-def _telling_what_stays(machine: str, stored: Sequence[int]) -> Iterator[None]:
+def _naming_what_is_stored(machine: str, stored: Sequence[int]) -> Iterator[None]:
     """Say of an analysis that came to nothing which verifications the service keeps."""
     try:
         yield
@@ -165,13 +166,14 @@ def _telling_what_stays(machine: str, stored: Sequence[int]) -> Iterator[None]:
         raise
 
 
-def _check_usage(output: Path | None, *, plan: bool, adopt: bool) -> None:
+def _check_usage(output: Path | None, next_visit: Path | None, *, plan: bool, adopt: bool) -> None:
     """Refuse before the work what would be refused after it."""
     if output is not None:
         expect_page(output)
-    if plan and (adopt or output is not None):
+    if plan and (adopt or output is not None or next_visit is not None):
         raise typer.BadParameter(
-            "a plan has no report and nothing to adopt: leave --adopt and --output away",
+            "a plan has no report, no next visit and nothing to adopt: leave --adopt, --output "
+            "and --next-visit away",
             param_hint="--plan",
         )
 
@@ -207,12 +209,12 @@ def _show_plan(
 
 def _refused(error: InvalidContentError, files: Sequence[VerificationFile]) -> ThermapError:
     """Name file, line and column of what the service refuses of planned observations."""
-    told = [
+    reason = [
         line
         for i, one in enumerate(files)
         for line in one.complaints(_inside(error.errors, f"planned.{i}."))
     ]
-    return NotAnalysed("\n".join(told) or error.sentence)
+    return NotAnalysed("\n".join(reason) or error.sentence)
 
 
 def _inside(errors: Iterable[FieldError], prefix: str) -> Iterator[FieldError]:
@@ -241,12 +243,12 @@ def _expect_comparable(
     lacking = sorted(observed - known, key=ORDER.__getitem__)
     if not lacking:
         return
-    told = f"{list_names(lacking)}: {_why_lacking(thermap, machine, covered, lacking)}"
+    reason = f"{list_names(lacking)}: {_why_lacking(thermap, machine, covered, lacking)}"
     if not known & observed and not any(one.has_points for one in files):
         raise NotAnalysed(
-            "nothing was sent, because there is nothing to compare it with: no table has " + told
+            "nothing was sent, because there is nothing to compare it with: no table has " + reason
         )
-    typer.echo(f"note: no table has, and nothing is compared with, {told}", err=True)
+    typer.echo(f"note: no table has, and nothing is compared with, {reason}", err=True)
 
 
 def _why_lacking(
@@ -295,9 +297,9 @@ def _store(
             except InvalidContentError as error:
                 if not (one.lines and error.errors):
                     raise
-                told = one.complaints(error.errors)
-                told += [f"not sent after it: {list_names(map(str, unsent))}"] if unsent else []
-                raise NotAnalysed("\n".join(told)) from error
+                reason = one.complaints(error.errors)
+                reason += [f"not sent after it: {list_names(map(str, unsent))}"] if unsent else []
+                raise NotAnalysed("\n".join(reason)) from error
         typer.echo(
             f"{one.file}: verification {stored.label!r}, number {stored.id}, "
             f"{stored.count} observations"
@@ -343,11 +345,11 @@ def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
 
 
 def _cancel(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
-    told = f"analysis {analysis_id} was told to stop"
+    outcome = f"analysis {analysis_id} was told to stop"
     with suppress(ThermapClientError):
         thermap.cancel_analysis(machine, analysis_id)
-        told = f"analysis {analysis_id} cancelled"
-    typer.echo(told, err=True)
+        outcome = f"analysis {analysis_id} cancelled"
+    typer.echo(outcome, err=True)
 
 
 def _expect_done(job: AnalysisAnswer) -> None:
@@ -357,17 +359,19 @@ def _expect_done(job: AnalysisAnswer) -> None:
 
 
 def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analysis) -> None:
-    """Adopt what held-out visits confirm; say what was left."""
-    confirmed = [i for i, e in enumerate(result.effects) if e.status == Status.CONFIRMED]
-    left = [e.explanation for e in result.effects if e.status != Status.CONFIRMED]
-    if left:
-        typer.echo(f"not adopted, because not confirmed: {list_names(left)}", err=True)
-    if not confirmed:
-        typer.echo("nothing was adopted: there is no confirmed effect", err=True)
+    """Adopt what helps; say what was left."""
+    for one in result.effects:
+        if not one.helps:
+            typer.echo(f"not adopted: {one.explanation}: {one.why_not}", err=True)
+    if not any(one.helps for one in result.effects) and not result.is_refit_due:
+        typer.echo("nothing was adopted: no effect is known to help", err=True)
         return
-    for line in preview_lines(thermap.preview_adoption(machine, analysis_id, confirmed)):
+    for moved in result.refitted:
+        if moved.outcome != "left":
+            typer.echo(moved.explanation, err=True)
+    for line in preview_lines(thermap.preview_adoption(machine, analysis_id)):
         typer.echo(line, err=True)
-    model = thermap.adopt_analysis(machine, analysis_id, confirmed)
+    model = thermap.adopt_analysis(machine, analysis_id)
     if model.active:
         typer.echo(f"adopted: model version {model.version} is active", err=True)
     for line in waiting_lines(model, machine):

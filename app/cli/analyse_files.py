@@ -33,12 +33,6 @@ class VerificationFile:
 
     Parameters
     ----------
-    file
-        The file.
-    body
-        Of the request that stores it.
-    remarks
-        What of it was not read.
     lines
         Line of each observation, where the file has lines.
     """

@@ -1,8 +1,9 @@
-"""What an analysis found, for a terminal: the verdict, before and after, effects, what next."""
+"""For a terminal: what an analysis found, and what planned observations could see."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import inf, isinf
 from typing import Final
 
 from rich.console import Group, RenderableType
@@ -11,17 +12,26 @@ from rich.table import Table
 from rich.text import Text
 
 from app.errors import counted
-from app.identification.analysis.analysis import Analysis, ComponentFigures, FoundEffect
+from app.identification.analysis.analysis import (
+    Analysis,
+    ComponentFigures,
+    FoundEffect,
+    RefittedEffect,
+)
+from app.identification.plan.plan import Plan, PlannedEffect
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import (
     VERDICTS,
+    kind_name,
     learnt_words,
     parameter_name,
     parameter_text,
     rival_name,
     status_words,
+    untested_together,
 )
-from app.pages.report_parts.words import decimals_for, figure_text
+from app.pages.report_parts.smallest_seen import size_range, units_of
+from app.pages.report_parts.words import decimals_for, figure_text, zeros_text
 
 COMPONENTS_SHOWN: Final = 12
 """Those that changed come first, then those that stand out most; the report has all."""
@@ -30,29 +40,40 @@ _STYLES: Final = {
     "effects-found": "bold green",
     "nothing-found": "bold",
     "unexplained": "bold yellow",
+    "not-judged": "bold yellow",
 }
+
+DECIMALS: Final = 2
+
+NO_LARGER: Final = 1.05
+"""A factor below this is none."""
 
 
 def analysis_view(result: Analysis) -> RenderableType:
-    """Lay out an analysis' answer.
-
-    Parameters
-    ----------
-    result
-        What was found.
-    """
+    """Lay out an analysis' answer."""
     parts: list[RenderableType] = [
         Text(VERDICTS[result.verdict], style=_STYLES[result.verdict]),
         Text(result.summary),
         Text(),
         _components(result),
+        *_about_figures(result),
         Text(),
         *_effects(result.effects),
-        *_remains(result),
+        *_refitted(result.refitted),
+        *_unexplained_lines(result),
         Text("next:", style="bold"),
         *(Padding(Text(step), (0, 0, 0, 2)) for step in result.what_next),
     ]
     return Group(*parts)
+
+
+def _about_figures(result: Analysis) -> Iterator[Text]:
+    """Say from where figures count, and why a floor is not known."""
+    zeros = zeros_text([result.before.zero, *(one.zero for one in result.components)])
+    if zeros:
+        yield Text(zeros)
+    if result.floor_unknown:
+        yield Text(f"floor unknown: {result.floor_unknown}")
 
 
 def _components(result: Analysis) -> Table:
@@ -65,13 +86,12 @@ def _components(result: Analysis) -> Table:
     components = sorted(result.components, key=_is_unchanged)
     for one in components[:COMPONENTS_SHOWN]:
         decimals = decimals_for(one.noise)
-        sizes = (*one.shown_rms, one.noise_floor)
-        cells = [figure_text(size, decimals) for size in sizes]
+        cells = [figure_text(size, decimals) for size in (*one.shown_rms, one.floor)]
         name = component_name(one.component)
         table.add_row(name, *cells, one.unit, str(one.count))
-    before, after = (one.shown_rms_um for one in (result.before, result.after))
-    decimals = decimals_for(result.noise_um)
-    cells = [figure_text(size, decimals) for size in (before, after, result.noise_floor_um)]
+    before, after = (one.shown_rms for one in (result.before, result.after))
+    decimals = decimals_for(result.noise)
+    cells = [figure_text(size, decimals) for size in (before, after, result.floor)]
     more = len(components) - COMPONENTS_SHOWN
     unit = result.unit
     name = f"all in {unit}" + (f" (and {more} more)" if more > 0 else "")
@@ -85,14 +105,22 @@ def _is_unchanged(component: ComponentFigures) -> bool:
 
 
 def _effects(effects: Sequence[FoundEffect]) -> Iterator[RenderableType]:
-    for number, effect in enumerate(effects, start=1):
+    for number, effect in enumerate(effects):
         yield Text(f"{number}. {effect.explanation}", style="bold")
-        for line in _told_of(effect):
+        for line in _effect_lines(effect):
             yield Padding(Text(line), (0, 0, 0, 3))
         yield Text()
 
 
-def _told_of(effect: FoundEffect) -> Iterator[str]:
+def _refitted(refitted: Sequence[RefittedEffect]) -> Iterator[RenderableType]:
+    """Say what becomes of the effects that the model has."""
+    if refitted:
+        yield Text("adopted before:", style="bold")
+        yield from (Padding(Text(one.explanation), (0, 0, 0, 2)) for one in refitted)
+        yield Text()
+
+
+def _effect_lines(effect: FoundEffect) -> Iterator[str]:
     evidence, seen = (
         effect.evidence.two_ln_bayes_factor,
         effect.evidence.seen_in_readings,
@@ -100,11 +128,20 @@ def _told_of(effect: FoundEffect) -> Iterator[str]:
     sure = f": {seen}" if seen else f"; evidence {figure_text(evidence, 0)}"
     proxy = "; a proxy: something unexplained remains beside it" if effect.is_proxy else ""
     yield f"{status_words(effect.status, effect.evidence)}{sure}{proxy}"
+    yield (
+        "helps visits that were held out"
+        if effect.helps
+        else f"not adopted unasked: {effect.why_not}"
+    )
+    yield from (cause.sentence for cause in effect.causes)
     errors = effect.standard_errors
     for name, value in effect.parameters.items():
         yield f"{parameter_name(name)}: {parameter_text(name, value, errors.get(name))}"
     for rival in effect.ties:
-        yield f"cannot be told from {rival_name(effect, rival)}"
+        beside = " with a constant beside it" if rival.with_offset else ""
+        yield f"cannot be told from {rival_name(effect, rival)}{beside}"
+    if effect.doubt:
+        yield effect.doubt
     if effect.leverage_warning:
         yield effect.leverage_warning
     if learnt := learnt_words(effect.valid):
@@ -113,17 +150,78 @@ def _told_of(effect: FoundEffect) -> Iterator[str]:
         yield f"{effect.measure_again}."
 
 
-def _remains(result: Analysis) -> Iterator[RenderableType]:
+def _unexplained_lines(result: Analysis) -> Iterator[RenderableType]:
     for part in result.unexplained:
-        leads = f"; it moves with {', '.join(part.leads)}" if part.leads else ""
-        decimals = decimals_for(part.noise_um)
-        sizes = [figure_text(size, decimals) for size in (part.rms_um, part.noise_um)]
+        moving = f"; it moves with {', '.join(part.moves_with)}" if part.moves_with else ""
+        decimals = decimals_for(part.noise)
+        sizes = [figure_text(size, decimals) for size in (part.rms, part.noise)]
         yield Text(
             f"unexplained in {component_name(part.component)}: {sizes[0]} {part.unit} RMS, "
-            f"where one observation scatters by {sizes[1]}{leads}",
+            f"where one observation scatters by {sizes[1]}{moving}",
             style="yellow",
         )
     for one in result.excluded:
         yield Text(f"left out: {counted(one.count, 'value')}, {one.reason}")
     if result.unexplained or result.excluded:
         yield Text()
+
+
+def plan_view(plan: Plan) -> RenderableType:
+    """Lay out what a plan could see."""
+    parts: list[RenderableType] = [Text(plan.summary), Text(), _smallest_seen(plan.effects), Text()]
+    parts += [Text(f"cannot be tested: {line}") for line in _not_testable(plan)]
+    parts += [Text(f"left out: {counted(o.count, 'value')}, {o.reason}") for o in plan.excluded]
+    parts += [Text(f"note: {note}") for note in plan.notes]
+    if plan.suggestions:
+        parts.append(Text("visits to add:", style="bold"))
+    parts += [Padding(Text(s.sentence), (0, 0, 0, 2)) for s in plan.suggestions]
+    return Group(*parts)
+
+
+def told_apart(seen: Sequence[PlannedEffect]) -> str:
+    """Say how much larger effects of a kind must typically be to be told from their rivals.
+
+    >>> from dataclasses import replace
+    >>> from app.identification.plan.plan import PlannedRival
+    >>> rival = PlannedRival("other-sensor", (), (), (), 0.9, None)
+    >>> one = PlannedEffect("step", "", ("EXX",), (), (), "µm", 0.2, 0.5, rival)
+    >>> told_apart([one])
+    '2.5 × (other sensor)'
+    >>> told_apart([replace(one, distinguishable_rms=None)])
+    'never (other sensor)'
+    """
+    factors = sorted((_factor(one), one.rival.kind) for one in seen if one.rival)
+    if not factors:
+        return "it has no rival"
+    factor, rival = factors[len(factors) // 2]
+    if isinf(factor):
+        return f"never ({kind_name(rival)})"
+    if factor < NO_LARGER:
+        return "no larger"
+    return f"{factor:.2g} × ({kind_name(rival)})"
+
+
+def _factor(one: PlannedEffect) -> float:
+    if one.distinguishable_rms is None:
+        return inf
+    return one.distinguishable_rms / max(one.smallest_rms, 1e-12)
+
+
+def _smallest_seen(seen: Sequence[PlannedEffect]) -> Table:
+    units = units_of(seen)
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    table.add_column("smallest seen (RMS)", no_wrap=True)
+    for unit in units:
+        table.add_column(unit, justify="right", no_wrap=True)
+    table.add_column("told from its rival")
+    for kind in dict.fromkeys(one.kind for one in seen):
+        own = [one for one in seen if one.kind == kind]
+        ranges = [size_range(own, unit, DECIMALS) for unit in units]
+        table.add_row(kind_name(kind), *ranges, told_apart(own))
+    return table
+
+
+def _not_testable(plan: Plan) -> Iterator[str]:
+    for kinds, on, reason in untested_together(plan.not_testable):
+        subject = f" of {on}" if on else ""
+        yield f"{kinds}{subject}: {reason}"

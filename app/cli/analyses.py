@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import facts, listing, or_nothing, show, show_view, when
+from app.cli.answers import facts, listing, or_nothing, show_of_machine, show_view, when
 from app.cli.options import (
     JsonOption,
     MachineOption,
+    ReportOption,
     UrlOption,
     YesOption,
     chosen_machine,
@@ -49,25 +49,14 @@ def list_analyses(
     """
     from thermap import loop_calls
 
-    with connect(url) as thermap:
-        call = loop_calls.analyses(chosen_machine(thermap, machine))
-        show(thermap, call, analyses_view, json=json)
+    show_of_machine(url, machine, loop_calls.analyses, analyses_view, json=json)
 
 
 @analyses.command("show")
 def show_analysis(
     number: NumberArgument,
     machine: MachineOption = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            envvar="THERMAP_OUTPUT",
-            metavar="FILE.html",
-            help="Write the report, a page that needs no internet.",
-        ),
-    ] = None,
+    output: ReportOption = None,
     json: JsonOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -106,9 +95,13 @@ def cancel_analysis(
     """
     from thermap import loop_calls
 
-    with connect(url) as thermap:
-        call = loop_calls.cancel_analysis(chosen_machine(thermap, machine), number)
-        show(thermap, call, lambda now: Text(f"analysis {now.id}: {now.status}"), json=json)
+    show_of_machine(
+        url,
+        machine,
+        lambda chosen: loop_calls.cancel_analysis(chosen, number),
+        lambda now: Text(f"analysis {now.id}: {now.status}"),
+        json=json,
+    )
 
 
 @analyses.command("delete")

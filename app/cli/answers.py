@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+from app.cli.options import chosen_machine, connect
+from app.errors import list_names
 
 if TYPE_CHECKING:
     from thermap import ThermapClient
@@ -29,12 +32,6 @@ def show(
 
     Parameters
     ----------
-    thermap
-        The client.
-    call
-        The call, of `thermap.calls` or `thermap.loop_calls`.
-    view
-        Makes what a person reads.
     json
         Write the service's JSON instead.
     """
@@ -42,6 +39,22 @@ def show(
         sys.stdout.write(thermap.content(call).decode() + "\n")
     else:
         show_view(view(thermap.send(call)))
+
+
+def show_of_machine(
+    url: str,
+    machine: str | None,
+    ask: Callable[[str], Call[Answer]],
+    view: Callable[[Answer], RenderableType],
+    *,
+    json: bool,
+) -> None:
+    """Ask something of the machine that is meant, and show the answer as `show` does.
+
+    `ask` makes the call for the machine's name.
+    """
+    with connect(url) as thermap:
+        show(thermap, ask(chosen_machine(thermap, machine)), view, json=json)
 
 
 def show_view(view: RenderableType) -> None:
@@ -68,6 +81,15 @@ def listing(*headings: str, right: str = "") -> Table:
 def or_nothing(table: Table, nothing: str) -> RenderableType:
     """Give a table, or a sentence where it has no rows."""
     return table if table.row_count else Text(nothing)
+
+
+def followed_sensors(assignment: Mapping[str, str], **limited: int) -> Table:
+    """Lay out which components follow which sensor; `limit` is that of `list_names`."""
+    table = listing("sensor", "is followed by")
+    for sensor in dict.fromkeys(assignment.values()):
+        components = [code for code, name in assignment.items() if name == sensor]
+        table.add_row(sensor, list_names(components, **limited))
+    return table
 
 
 def facts(*known: tuple[str, str]) -> Table:

@@ -41,6 +41,27 @@ COMMANDS: Final = {
         "compensate",
         "Show the compensation table: for these temperatures, or at the latest reading.",
     ),
+    "controllers": Home(
+        "controllers", "controllers", "List the controllers' file formats and their options."
+    ),
+    "export": Home(
+        "controllers",
+        "export",
+        "Write the compensation as a controller's files: at these temperatures, or as it is now.",
+    ),
+    "compare": Home(
+        "controllers",
+        "compare",
+        "Compare what a controller holds with what it should hold: stale, forgotten, foreign.",
+    ),
+    "program": Home(
+        "program",
+        "program",
+        "NC programs that move a machine through a measurement, and files for the readings.",
+    ),
+    "hal": Home(
+        "hal", "hal", "The live compensation in LinuxCNC: the motors follow the service's table."
+    ),
     "backup": Home(
         "backup", "backup", "Write everything in the database to a file, while the service runs."
     ),
@@ -81,7 +102,7 @@ COMMANDS: Final = {
     "simulate": Home(
         "simulate",
         "simulate",
-        "Simulated readings on a stored machine: for training, and to plan a measurement.",
+        "Simulated readings on a stored machine, or a whole machine with an undeclared effect.",
     ),
 }
 """Command to its home below `app.cli`."""

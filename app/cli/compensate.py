@@ -1,12 +1,26 @@
-"""thermap compensate: the table for stated temperatures, or at the latest reading."""
+"""thermap compensate: the table for stated temperatures, or at the latest reading.
+
+A person reads it grouped by what the numbers rest on: components that follow one sensor lie
+between the same maps with the same weight, so that this stands once above them. Of long
+tables a few evenly chosen positions are shown, both ends among them; the unit and the sign
+stand in every row.
+"""
 
 from __future__ import annotations
 
+import math
 import sys
-from typing import Annotated, Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import groupby, zip_longest
+from typing import Annotated, Any, Final, TypeAlias
 
+import numpy as np
 import typer
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from app.cli.options import (
     MachineArgument,
@@ -16,10 +30,29 @@ from app.cli.options import (
     in_options,
     read_named_numbers,
 )
-from app.cli.table_view import table_view
+from app.geometry.components import COMPONENTS
 from thermap import DEFAULT_URL, ThermapClient, calls
-from thermap.answers import CompensationAnswer
+from thermap.answers import (
+    CompensationAnswer,
+    ComponentCompensationAnswer,
+    CurrentCompensationAnswer,
+    SurenessAnswer,
+)
 from thermap.call import Call
+
+POSITIONS_SHOWN: Final = 5
+SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"
+_SIGN_ALONE: Final = "compensation: minus the error, added to the command"
+_PLAIN: Final = frozenset({"interpolated", "at-map"})
+_NAME, _CHAPTER, _WORD, _UNIT, _NUMBER = 7, 8, 12, 6, 7
+"""Widths of the columns, the same in every group; numbers may need more."""
+_HALF, _HALF_NUMBER, _GAP = 10, 6, 2
+"""Widths where two components share a row: of their words, of a number, between the two."""
+_LEAST_IN_HALVES: Final = 3
+"""Positions below which components do not share rows: straightness is zero at both ends."""
+
+_NumberColumns: TypeAlias = Sequence[Mapping[str, Any]]
+"""How rich is to make the columns of numbers."""
 
 
 def compensate(
@@ -73,3 +106,293 @@ def _table(
     tagged = thermap.current_table(machine)
     assert tagged is not None  # without an ETag there is always a table
     return tagged.table
+
+
+class Layout(Enum):
+    """How much a table shows, and thereby how many lines it takes."""
+
+    FULL = "errors and compensation, side by side where the width suffices"
+    COMPENSATION = "without the errors where they would take rows of their own"
+    PAIRED = "without the errors, rotations beside the displacements of their axis"
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentRow:
+    """One component in one direction of approach: what a row of the view is made of."""
+
+    code: str
+    chapter: str
+    unit: str
+    errors: Sequence[float]
+    compensation: Sequence[float]
+    remark: str = ""
+
+
+def evenly_chosen(count: int, shown: int) -> list[int]:
+    """Choose indices evenly, both ends among them.
+
+    >>> evenly_chosen(21, 5), evenly_chosen(3, 5), evenly_chosen(1, 5)
+    ([0, 5, 10, 15, 20], [0, 1, 2], [0])
+    """
+    chosen = np.linspace(0, count - 1, min(count, shown)).round()
+    return sorted({int(i) for i in chosen})
+
+
+def signed(value: float) -> str:
+    """Write a number with its sign and two decimals; nothing has no sign.
+
+    >>> signed(1.5), signed(-0.001), signed(-12)
+    ('+1.50', '0.00', '-12.00')
+    """
+    rounded = round(value, 2)
+    return f"{rounded:+.2f}" if rounded else "0.00"
+
+
+def table_view(
+    answer: CompensationAnswer,
+    width: int,
+    *,
+    layout: Layout = Layout.FULL,
+    tight: bool = False,
+    hint: str = "--json has all",
+) -> RenderableType:
+    """Lay a table out for a terminal.
+
+    Parameters
+    ----------
+    width
+        Columns of the terminal; where they suffice, errors and compensation stand
+        side by side, else one above the other.
+    layout
+        What may be left out, and whether components share rows.
+    tight
+        Leave out blank lines and the explanation of the sign.
+    hint
+        Where the positions are that are left out.
+    """
+    parts: list[RenderableType] = [_heading(answer)]
+    if isinstance(answer, CurrentCompensationAnswer):
+        parts.append(_sensors(answer))
+    parts.extend(Text(f"! {warning}", style="yellow") for warning in answer.warnings)
+    for effect in answer.effects:
+        if effect.in_table:
+            parts.append(Text(f"+ {effect.kind}: {effect.explanation}", style="dim"))
+            parts.extend(Text(f"  {_sure(one)}", style="dim") for one in effect.sureness)
+    blank = [] if tight else [Text()]
+    for entries in _by_origin(answer.components):
+        parts.extend([*blank, _origin(entries[0])])
+        for _, group in groupby(entries, key=lambda entry: (entry.axis, entry.positions_mm)):
+            parts.append(_numbers(list(group), width, layout))
+    if layout is Layout.PAIRED:
+        parts.append(Text(_SIGN_ALONE, style="dim"))
+    elif not tight:
+        parts.append(Text("\n" + SIGN + _left_out(answer, _shown(width), hint), style="dim"))
+    return Group(*parts)
+
+
+def _sure(one: SurenessAnswer) -> str:
+    """Say how sure a learnt effect is now, and how much of it is therefore in the table."""
+    symbol = COMPONENTS[one.component].unit.symbol
+    error = math.hypot(one.learnt_error, one.wander_error)
+    expected = f"{one.expected:+.1f} ± {error:.1f} {symbol}".replace("-", "−")
+    return f"{one.component}: {expected} expected now, {one.factor:.0%} of it in the table"
+
+
+def _by_origin(
+    components: Iterable[ComponentCompensationAnswer],
+) -> Iterable[list[ComponentCompensationAnswer]]:
+    """Put together what rests on the same sensor, maps and weight."""
+    groups: dict[tuple[object, ...], list[ComponentCompensationAnswer]] = {}
+    for entry in components:
+        maps = (entry.lower_map, entry.upper_map, entry.weight, entry.status)
+        followed = tuple(f.sensor for f in entry.follows or ())
+        groups.setdefault((entry.sensor, entry.stand_in_for, followed, *maps), []).append(entry)
+    return groups.values()
+
+
+def _heading(answer: CompensationAnswer) -> Text:
+    text = Text.assemble(
+        (answer.machine, "bold"),
+        f"  model version {answer.model_version}  "
+        f"computed {answer.computed_at:%Y-%m-%d %H:%M:%S} UTC  ",
+    )
+    text.append(*(("complete", "green") if answer.complete else ("not complete", "yellow")))
+    return text
+
+
+def _sensors(answer: CurrentCompensationAnswer) -> Text:
+    text = Text()
+    for sensor in answer.sensors:
+        value = "" if sensor.temperature_c is None else f" {sensor.temperature_c:.2f} °C"
+        state = "" if sensor.health == "ok" else f" ({sensor.health})"
+        text.append(f"{sensor.sensor}{value}{state}   ", "yellow" if state else "")
+    stale = ", stale" if answer.stale else ""
+    text.append(
+        f"reading {answer.reading_age_s:.1f} s old{stale}", "yellow" if answer.stale else "dim"
+    )
+    return text
+
+
+def _origin(entry: ComponentCompensationAnswer) -> Text:
+    if entry.sensor is None:
+        text = Text.assemble(("adopted effects alone", "bold"), ", no two maps have it")
+        return (
+            text if entry.status == "effects-only" else text.append(f", {entry.status}", "yellow")
+        )
+    stands_in = f" for {entry.stand_in_for}" if entry.stand_in_for else ""
+    text = Text.assemble(
+        (f"{entry.sensor} {entry.temperature_c:.2f} °C{stands_in}", "bold"),
+        _others_followed(entry),
+        f", {entry.lower_map} to {entry.upper_map}, weight {entry.weight:.2f}, "
+        if entry.weight is not None
+        else ", between several maps, ",
+    )
+    text.append(entry.status, "green" if entry.status in _PLAIN else "yellow")
+    return text
+
+
+def _others_followed(entry: ComponentCompensationAnswer) -> str:
+    """Name what else than its sensor a component follows, with the shares."""
+    others = (entry.follows or ())[1:]
+    shares = [f"{f.sensor} {f.temperature_c:.2f} °C by {f.share:.2f}" for f in others]
+    return f" ({', '.join(shares)})" if shares else ""
+
+
+def _numbers(entries: Sequence[ComponentCompensationAnswer], width: int, layout: Layout) -> Table:
+    """Lay a group's numbers out under their positions."""
+    in_halves = _shown_in_halves(entries, width)
+    if layout is Layout.PAIRED and in_halves >= _LEAST_IN_HALVES:
+        return _paired(entries, in_halves)
+    positions = entries[0].positions_mm or []
+    chosen = evenly_chosen(len(positions), _shown(width)) if positions else [0]
+    headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
+    rows = [row for entry in entries for row in _component_rows(entry, chosen)]
+    numbers = [signed(v) for row in rows for v in (*row.errors, *row.compensation)]
+    number_width = max(_NUMBER, *map(len, numbers), *map(len, headings))
+    enough = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
+    wide = enough and layout is not Layout.PAIRED
+    table = _empty_table()
+    table.show_header = bool(positions)
+    table.add_column(f"{entries[0].axis} in mm" if positions else "", width=_NAME)
+    add = _add_wide if wide else _add_tall if layout is Layout.FULL else _add_short
+    add(table, rows, [{"header": heading, "min_width": number_width} for heading in headings])
+    return table
+
+
+def _shown_in_halves(entries: Sequence[ComponentCompensationAnswer], width: int) -> int:
+    """Say how many positions fit where displacements and rotations share rows; 0: they cannot."""
+    if len({COMPONENTS[entry.component].is_rotation for entry in entries}) < 2:
+        return 0
+    everywhere = range(len(entries[0].positions_mm or []))
+    rows = [row for entry in entries for row in _component_rows(entry, everywhere)]
+    widths = [len(signed(value)) for row in rows for value in row.compensation]
+    beside = width - 2 * (_HALF + 1) - _GAP
+    return min(beside // (2 * (max(_HALF_NUMBER, *widths) + 1)), POSITIONS_SHOWN)
+
+
+def _paired(entries: Sequence[ComponentCompensationAnswer], shown: int) -> Table:
+    """Lay an axis' compensation out in two halves: displacements, and rotations beside them."""
+    positions = entries[0].positions_mm or []
+    chosen = evenly_chosen(len(positions), shown)
+    halves: tuple[list[list[str]], list[list[str]]] = ([], [])
+    for entry in entries:
+        for row in _component_rows(entry, chosen):
+            words = f"{row.code:5} {row.unit}"
+            halves[COMPONENTS[entry.component].is_rotation].append(
+                [words, *map(signed, row.compensation)]
+            )
+    table = _empty_table()
+    columns = [{"header": f"{positions[i]:g}", "min_width": _HALF_NUMBER} for i in chosen]
+    for gap in (0, _GAP):
+        table.add_column(" " * gap + f"{entries[0].axis} in mm", min_width=_HALF + gap)
+        _add_numbers(table, columns)
+    for displacement, rotation in zip_longest(*halves, fillvalue=[""] * (1 + len(chosen))):
+        table.add_row(*displacement, " " * _GAP + rotation[0], *rotation[1:])
+    return table
+
+
+def _empty_table() -> Table:
+    return Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+
+
+def _shown(width: int) -> int:
+    """Say how many positions fit beside the words of a row."""
+    beside = (width - (_CHAPTER + _WORD + _UNIT + 3)) // (_NUMBER + 1)
+    return min(max(beside, 2), POSITIONS_SHOWN)
+
+
+def _add_wide(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
+    """Errors to the left, compensation to the right."""
+    table.add_column("", width=_CHAPTER)
+    table.add_column("", width=_UNIT)
+    for _ in ("error", "comp."):
+        table.add_column("", width=5)
+        _add_numbers(table, numbers)
+    table.add_column("")
+    for row in rows:
+        errors, compensation = map(signed, row.errors), map(signed, row.compensation)
+        table.add_row(
+            row.code, row.chapter, row.unit, "error", *errors, "comp.", *compensation, row.remark
+        )
+
+
+def _add_tall(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
+    """Two rows a component."""
+    table.columns[0].width = _CHAPTER
+    table.add_column("", width=_WORD)
+    table.add_column("", width=_UNIT)
+    _add_numbers(table, numbers)
+    table.add_column("")
+    for row in rows:
+        table.add_row(row.code, "error", row.unit, *map(signed, row.errors), row.remark)
+        compensation = map(signed, row.compensation)
+        table.add_row(row.chapter, "compensation", row.unit, *compensation, style="cyan")
+
+
+def _add_short(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
+    """One row a component, without its errors."""
+    table.add_column("compensation", width=_WORD)
+    table.add_column("", width=_UNIT)
+    _add_numbers(table, numbers)
+    for row in rows:
+        table.add_row(row.code, row.chapter, row.unit, *map(signed, row.compensation))
+
+
+def _add_numbers(table: Table, numbers: _NumberColumns) -> None:
+    for column in numbers:
+        table.add_column(justify="right", no_wrap=True, **column)
+
+
+def _component_rows(
+    entry: ComponentCompensationAnswer, chosen: Sequence[int]
+) -> Iterator[ComponentRow]:
+    component = COMPONENTS[entry.component]
+    unit = component.unit.symbol
+    code, chapter = entry.component, entry.chapter
+    errors = getattr(entry, component.error_field)
+    compensation = getattr(entry, component.compensation_field)
+    if not component.is_table:
+        iso = f"ISO {entry.iso} {signed(entry.iso_error_urad or 0.0)} µrad" if entry.iso else ""
+        yield ComponentRow(code, chapter, unit, [errors], [compensation], iso)
+        return
+    backward = getattr(entry, f"backward_{component.error_field}")
+    forward_sign = "" if backward is None else " +"
+    yield ComponentRow(
+        code + forward_sign, chapter, unit, _at(errors, chosen), _at(compensation, chosen)
+    )
+    if backward is not None:
+        corrected = getattr(entry, f"backward_{component.compensation_field}")
+        yield ComponentRow(
+            f"{code} -", chapter, unit, _at(backward, chosen), _at(corrected, chosen)
+        )
+
+
+def _at(values: Sequence[float], chosen: Iterable[int]) -> list[float]:
+    return [values[i] for i in chosen]
+
+
+def _left_out(answer: CompensationAnswer, shown: int, hint: str) -> str:
+    most = max((len(entry.positions_mm or ()) for entry in answer.components), default=0)
+    if most <= shown:
+        return ""
+    return f". {shown} of {most} positions; {hint}"

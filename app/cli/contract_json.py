@@ -49,7 +49,7 @@ def read_contract_json(file: Path) -> list[Content]:
     document = read_json(file, problems)
     entries = document if isinstance(document, list) else [document]
     if not entries:
-        problems.add("expected a machine, an error map or readings, came an empty list")
+        problems.add("expected a machine, an error map or readings, got an empty list")
     found = []
     for i, entry in enumerate(entries):
         prefix = f"entry {i + 1}: " if isinstance(document, list) else ""
@@ -93,10 +93,10 @@ def _read_entry(entry: Any) -> Content:
         return _checked(ErrorMapSchema, entry, ErrorMapSchema.to_error_map)
     if isinstance(entry, dict) and "time" in entry:
         return _checked(ReadingSchema, entry, ReadingSchema.to_reading)
-    came = f"fields {', '.join(entry)}" if isinstance(entry, dict) else type(entry).__name__
+    got = f"fields {', '.join(entry)}" if isinstance(entry, dict) else type(entry).__name__
     raise _Refused(
         "expected a machine (with configuration), an error map (with components) or a reading "
-        f"(with time and temperatures_c), came {came}"
+        f"(with time and temperatures_c), got {got}"
     )
 
 

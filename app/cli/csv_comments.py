@@ -1,96 +1,187 @@
-"""The comment lines above an error map or a measurement: whose, when, at which temperatures."""
+"""The comment lines above a table: whose, when, at which temperatures, and a method's own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
 
+from app.cli.csv_columns import Named, named, symbol_of
 from app.cli.delimited_text import DelimitedText, Problems
 from app.cli.options import read_number
+from app.errors import ThermapError, list_names
 
 _KEYS: Final = "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"
+
+_OF_A_MAP: Final = {
+    "label": ("a label", "# label: Run #1", "--label"),
+    "measured_at": ("a time with its zone", "# measured_at: 2026-03-01T06:00:00Z", "--measured-at"),
+    "temperatures_c": (
+        "every sensor's temperature in °C",
+        "# temperature x-middle: 20.1",
+        "--temperature",
+    ),
+}
+"""What a map needs: in words, as a comment line, and as an option."""
+
+_SEPARATOR: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What the command line says of a map; it goes before what the file says."""
+    """What the command line says of a map; it takes precedence over what the file says."""
 
     label: str | None = None
     measured_at: str | None = None
     temperatures_c: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One `# key: value` line that a method reads.
+
+    Parameters
+    ----------
+    shape
+        Numbers in it; 0 for a word.
+    needed
+        Whether the method cannot do without.
+    word
+        Turns a word to what the method wants, or raises with what was expected.
+    """
+
+    thing: Named
+    shape: int
+    example: str
+    needed: bool = False
+    word: Callable[[str], Any] = str
+
+
+@dataclass(frozen=True, slots=True)
+class Comments:
+    """What the comment lines say.
+
+    Parameters
+    ----------
+    state
+        Label, time, temperatures, instrument and repeatability, as far as stated.
+    statements
+        Fields of the method, in our units.
+    """
+
+    state: dict[str, Any]
+    statements: dict[str, Any]
+    machine: str | None
+
+
 def read_comments(
-    text: DelimitedText, stated: Stated, remarks: list[str], complete: bool = True
-) -> dict[str, Any]:
-    """Read `# key: value` lines into an error map's fields, and complain of what is missing.
+    text: DelimitedText,
+    stated: Stated,
+    remarks: list[str],
+    known: Sequence[Statement] = (),
+    *,
+    complete: bool = True,
+    is_dated: bool = False,
+) -> Comments:
+    """Read `# key: value` lines, and complain of what is wrong or missing.
 
     Parameters
     ----------
     text
         The file; what is wrong or missing is noted in its problems.
     stated
-        What goes before the file's lines.
+        What takes precedence over the file's lines.
     remarks
         Takes up which lines are not read.
+    known
+        What a method reads beside label, time and temperatures.
     complete
-        Whether label, time and temperatures are needed.
+        Whether label, time and temperatures are needed, as for storing a map.
+    is_dated
+        Whether the table's lines state times and temperatures, so that a label is enough.
     """
-    problems = text.problems
+    statements: dict[str, Any] = {}
     facts: dict[str, Any] = {}
     temperatures_c: dict[str, float] = {}
+    empty: dict[str, int] = {}
+    also = f"; of this method: {list_names(one.thing.full for one in known)}" if known else ""
     for line, comment in text.comments:
         name, colon, value = (part.strip() for part in comment.partition(":"))
-        key, _, subject = name.partition(" ")
-        key, subject = key.lower(), subject.strip()
         if not colon:
             continue
-        if key in ("label", "machine", "instrument", "measured_at") and not subject:
-            facts[key] = value
-        elif key in ("temperature", "temperature_c") and subject:
-            number = read_number(value.removesuffix("C").removesuffix("°"))
-            if number is None:
-                problems.add(f"expected the temperature of {subject} in °C, came {value!r}", line)
-            else:
-                temperatures_c[subject] = number
-        elif key == "repeatability_um" and not subject:
-            facts[key] = read_number(value)
-            if facts[key] is None:
-                problems.add(f"expected a repeatability in µm, came {value!r}", line)
+        one = _statement_of(known, name)
+        if one is None:
+            if not _read_fact(text.problems, line, name, value, facts, temperatures_c, empty):
+                remarks.append(f"line {line}: {name!r} is not read; what is: {_KEYS}{also}")
+        elif one.thing.full in statements:
+            text.problems.add(f"expected {one.thing.full} once, came again", line)
         else:
-            remarks.append(f"line {line}: {name!r} is not read; what is: {_KEYS}")
+            statements[one.thing.full] = _value(text.problems, one, line, name, value)
+    for one in known:
+        if one.needed and one.thing.full not in statements:
+            text.problems.add(f"expected {one.thing.field}, got none: write `# {one.example}`")
     facts |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
     if temperatures_c or stated.temperatures_c:
         facts["temperatures_c"] = temperatures_c | dict(stated.temperatures_c)
     if complete:
-        _complain_of_missing(facts, problems)
+        wanted = ("label",) if is_dated else _OF_A_MAP
+        for sensor, line in empty.items():
+            if "temperatures_c" in wanted and sensor not in stated.temperatures_c:
+                text.problems.add(f"expected the temperature of {sensor} in °C, got none", line)
+        noted = {"temperatures_c": empty} if empty else {}
+        _complain_of_missing(facts | noted, text.problems, wanted)
     if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
-        problems.add(
+        text.problems.add(
             "expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
-            f"came {facts['measured_at']!r}"
+            f"got {facts['measured_at']!r}"
         )
-    return facts
+    machine = facts.pop("machine", None)
+    return Comments(facts, statements, machine)
 
 
-def _complain_of_missing(facts: Mapping[str, Any], problems: Problems) -> None:
-    wanted = {
-        "label": ("a label", "# label: Run #1", "--label"),
-        "measured_at": (
-            "a time with its zone",
-            "# measured_at: 2026-03-01T06:00:00Z",
-            "--measured-at",
-        ),
-        "temperatures_c": (
-            "every sensor's temperature in °C",
-            "# temperature x-middle: 20.1",
-            "--temperature",
-        ),
-    }
-    for key, (what, comment, option) in wanted.items():
+def _read_fact(
+    problems: Problems,
+    line: int,
+    name: str,
+    value: str,
+    facts: dict[str, Any],
+    temperatures_c: dict[str, float],
+    empty: dict[str, int],
+) -> bool:
+    """Read a line that every table may have; say whether it is one.
+
+    One that was not filled in states nothing; sensors' are put into `empty` with their line.
+    """
+    key, _, subject = name.partition(" ")
+    key, subject = key.lower(), subject.strip()
+    if key in ("label", "machine", "instrument", "measured_at") and not subject:
+        facts |= {key: value} if value else {}
+    elif key in ("temperature", "temperature_c") and subject and not value:
+        empty[subject] = line
+    elif key in ("temperature", "temperature_c") and subject:
+        number = read_number(value.removesuffix("C").removesuffix("°"))
+        if number is None:
+            problems.add(f"expected the temperature of {subject} in °C, got {value!r}", line)
+        else:
+            temperatures_c[subject] = number
+    elif key == "repeatability_um" and not subject:
+        facts[key] = read_number(value)
+        if facts[key] is None:
+            problems.add(f"expected a repeatability in µm, got {value!r}", line)
+    else:
+        return False
+    return True
+
+
+def _complain_of_missing(
+    facts: Mapping[str, Any], problems: Problems, wanted: Iterable[str]
+) -> None:
+    for key in wanted:
+        what, comment, option = _OF_A_MAP[key]
         if not facts.get(key):
-            problems.add(f"expected {what}, came none: write `{comment}` or give {option}")
+            problems.add(f"expected {what}, got none: write `{comment}` or give {option}")
 
 
 def _has_zone(text: str) -> bool:
@@ -98,3 +189,43 @@ def _has_zone(text: str) -> bool:
         return datetime.fromisoformat(text).tzinfo is not None
     except ValueError:
         return False
+
+
+def _statement_of(known: Sequence[Statement], key: str) -> Statement | None:
+    """Find the statement of a key; one in an unknown unit is found too, to be refused."""
+    match = named([one.thing for one in known], key)
+    for one in known:
+        if (match and one.thing == match[0]) or (not match and one.thing.fails_by_unit(key)):
+            return one
+    return None
+
+
+def _value(problems: Problems, one: Statement, line: int, key: str, value: str) -> Any:
+    """Read a value; what is wrong is noted and None is returned."""
+    if one.shape == 0:
+        try:
+            return one.word(value)
+        except ThermapError as error:
+            problems.add(error.detail, line)
+            return None
+    unit = one.thing.unit_in(key) or ""
+    if one.thing.known(unit) is None:
+        problems.add(one.thing.complaint(unit), line)
+        return None
+    numbers = [read_number(part) for part in _parts(value, one.shape)]
+    if len(numbers) != one.shape or None in numbers:
+        what = "a number" if one.shape == 1 else f"{one.shape} numbers"
+        such = f"{symbol_of(unit)} such as `# {one.example}`"
+        problems.add(f"expected {what} in {such}, got {value!r}", line)
+        return None
+    convert = one.thing.quantity.convert if one.thing.quantity else lambda number, _: number
+    ours = [convert(number, unit) for number in numbers if number is not None]
+    return ours[0] if one.shape == 1 else ours
+
+
+def _parts(value: str, count: int) -> list[str]:
+    """Part a list of numbers at semicolons, blanks, or commas where they are no decimal ones."""
+    if count == 1:
+        return [value]
+    parts = [part for part in _SEPARATOR.split(value.strip()) if part]
+    return value.split(",") if len(parts) == 1 else parts

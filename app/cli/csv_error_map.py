@@ -16,7 +16,6 @@ deviation), `backward_error_um` and `backward_standard_error_um`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -29,16 +28,18 @@ from pydantic import ValidationError
 
 from app.api.field_errors import field_error
 from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
-from app.cli.csv_comments import Stated, read_comments
-from app.cli.csv_measurements.quantities import (
+from app.cli.csv_columns import (
     LENGTH,
     POSITION,
     SMALL_ANGLE,
+    Column,
+    Columns,
     Named,
     Quantity,
-    normal_heading,
-    symbol_of,
+    by_field,
+    match_columns,
 )
+from app.cli.csv_comments import Stated, read_comments
 from app.cli.delimited_text import (
     DelimitedText,
     Problems,
@@ -51,23 +52,31 @@ from app.geometry.components import COMPONENTS, Component, parse_component
 from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
 from app.units import Unit
 
-_VALUE_COLUMN: Final = re.compile(
-    r"(?P<what>(backward_)?(standard_(?=error))?)"
-    r"(errors?|slopes?|values?)(_(?P<unit>.+))?"
-)
+_COMPONENT: Final = Named("component", None)
 _POSITION: Final = Named("position", POSITION)
-_SLOPE_OF_ANGLE: Final = Quantity("urad_per_m", {"urad_per_m": Decimal(1)})
+_SLOPE_OF_ANGLE: Final = "urad_per_m"
 _OWN_UNITS: Final = frozenset(str(unit) for unit in Unit)
 """In which the service has errors."""
 
-_HOLDS: Final[Mapping[str, tuple[Quantity, Sequence[Unit]]]] = {
-    **dict.fromkeys(LENGTH.factors, (LENGTH, (Unit.UM,))),
-    **dict.fromkeys(SMALL_ANGLE.factors, (SMALL_ANGLE, (Unit.URAD, Unit.UM_PER_M))),
-    "urad": (SMALL_ANGLE, (Unit.URAD,)),
-    **dict.fromkeys(("um_per_m", "mm_per_m"), (SMALL_ANGLE, (Unit.UM_PER_M,))),
-    "urad_per_m": (_SLOPE_OF_ANGLE, (Unit.URAD_PER_M,)),
+_OWN: Final = ""
+"""Stands for the unit of a column that states none: each component's own."""
+
+_VALUE: Final = Quantity(
+    "um",
+    {**LENGTH.factors, **SMALL_ANGLE.factors, _SLOPE_OF_ANGLE: Decimal(1)},
+    assumed=_OWN,
+)
+"""Of whatever component: a unit of lengths is none of angles, and so each converts in one way."""
+
+_COMPONENT_UNITS: Final[Mapping[str, Sequence[Unit]]] = {
+    **dict.fromkeys(LENGTH.factors, (Unit.UM,)),
+    **dict.fromkeys(SMALL_ANGLE.factors, (Unit.URAD, Unit.UM_PER_M)),
+    "urad": (Unit.URAD,),
+    **dict.fromkeys(("um_per_m", "mm_per_m"), (Unit.UM_PER_M,)),
+    _SLOPE_OF_ANGLE: (Unit.URAD_PER_M,),
+    _OWN: (),
 }
-"""Unit of a column to what it is, and whose components' unit it can be converted to."""
+"""Unit of a column to the units of the components that it can be converted to."""
 
 _ERROR: Final = ""
 _KINDS: Final = {
@@ -77,6 +86,18 @@ _KINDS: Final = {
     "backward_standard_": "backward standard error",
 }
 """What stands before the names of the columns, and what they hold."""
+
+_NAMES: Final = ("errors", "slope", "slopes", "value", "values")
+_VALUES: Final = {
+    kind: Named(
+        f"{kind}error",
+        _VALUE,
+        (f"{kind}errors",)
+        if kind.endswith("standard_")
+        else tuple(f"{kind}{name}" for name in _NAMES),
+    )
+    for kind in _KINDS
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,36 +110,15 @@ class CsvErrorMap:
 
 
 @dataclass(frozen=True, slots=True)
-class _ValueColumn:
-    index: int
-    unit: str | None
+class _Table:
+    """The columns `component` and `position`, and those of values by kind."""
+
+    columns: Columns
+    values: Mapping[str, Sequence[Column]]
 
     @property
-    def is_converted(self) -> bool:
-        """Whether its unit is another than those of components."""
-        return self.unit is not None and self.unit not in _OWN_UNITS
-
-    def holds(self, component: Component) -> bool:
-        """Whether its unit can be a component's."""
-        return self.unit is not None and component.unit in _HOLDS[self.unit][1]
-
-    def symbol(self, component: Component) -> str:
-        """Name the unit in which it states a component."""
-        return symbol_of(str(self.unit)) if self.is_converted else component.unit.symbol
-
-    def converted(self, value: float) -> float:
-        """Turn a number of it to the unit of the component that it holds."""
-        if self.unit is None or not self.is_converted:
-            return value
-        return _HOLDS[self.unit][0].convert(value, self.unit)
-
-
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    component: int
-    position: int | None
-    position_unit: str
-    values: Mapping[str, Sequence[_ValueColumn]]
+    def text(self) -> DelimitedText:
+        return self.columns.text
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,10 +135,8 @@ def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
 
     Parameters
     ----------
-    file
-        CSV, see above.
     stated
-        What goes before the file's own comment lines.
+        What takes precedence over the file's own comment lines.
 
     Raises
     ------
@@ -149,30 +147,29 @@ def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
     problems = Problems(file)
     text = read_delimited(file, problems)
     remarks: list[str] = []
-    facts = read_comments(text, stated, remarks)
+    comments = read_comments(text, stated, remarks)
     components = _read_components(text, remarks)
     problems.raise_if_any()
-    machine = facts.pop("machine", None)
-    error_map = _checked_map(facts | {"components": components}, problems)
-    return CsvErrorMap(error_map, machine, remarks)
+    error_map = _checked_map(comments.state | {"components": components}, problems)
+    return CsvErrorMap(error_map, comments.machine, remarks)
 
 
 def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentSchema]:
-    columns = _find_columns(text, remarks)
+    table = _find_columns(text, remarks)
     points: dict[str, list[_Point]] = {}
     names: dict[str, str] = {}
     for row in text.rows:
-        component = _component_of(text, row, columns)
+        component = _component_of(table, row)
         if component is None:
             continue
-        point = _read_point(text, row, columns, component)
+        point = _read_point(table, row, component)
         if point is not None:
             points.setdefault(component.code, []).append(point)
-            names.setdefault(component.code, row.cells[columns.component])
+            names.setdefault(component.code, table.columns.word(row, "component"))
     if not text.rows:
-        text.problems.add("expected lines of values, came none")
-    remarks.extend(_other_units(text, columns, names))
-    _expect_micrometres(text, columns, points)
+        text.problems.add("expected lines of values, got none")
+    remarks.extend(_other_units(table, names))
+    _expect_micrometres(table, points)
     return [
         made
         for code, found in points.items()
@@ -180,11 +177,9 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentS
     ]
 
 
-def _expect_micrometres(
-    text: DelimitedText, columns: _Columns, points: Mapping[str, Sequence[_Point]]
-) -> None:
+def _expect_micrometres(table: _Table, points: Mapping[str, Sequence[_Point]]) -> None:
     """Refuse a map whose lengths, said to be in µm, are all so small that they are in mm."""
-    plain = [column for column in columns.values[_ERROR] if column.unit in (None, Unit.UM)]
+    plain = [column for column in table.values[_ERROR] if column.unit in (_OWN, Unit.UM)]
     lengths = [
         value
         for code, found in points.items()
@@ -193,135 +188,127 @@ def _expect_micrometres(
         if (value := point.values[_ERROR]) is not None
     ]
     if plain and lengths:
-        for sentence in suspiciously_small(text.headings[plain[0].index], np.array(lengths)):
-            text.problems.add(
+        heading = table.text.headings[plain[0].index]
+        for sentence in suspiciously_small(heading, np.array(lengths)):
+            table.text.problems.add(
                 f"{sentence} Call the column error_mm if they are; a map that truly is so small "
                 "can be given as JSON"
             )
 
 
-def _find_columns(text: DelimitedText, remarks: list[str]) -> _Columns:
-    """Tell the columns apart by their names."""
-    plain = [normal_heading(heading) for heading in text.headings]
-    values = {
-        i: found
-        for i, name in enumerate(plain)
-        if (found := _VALUE_COLUMN.fullmatch(name))
-        and (not found["unit"] or found["unit"] in _HOLDS)
-    }
-    by_kind = {
-        kind: [_ValueColumn(i, v["unit"]) for i, v in values.items() if v["what"] == kind]
-        for kind in _KINDS
-    }
-    if "component" not in plain or not by_kind[_ERROR]:
+def _find_columns(text: DelimitedText, remarks: list[str]) -> _Table:
+    """Tell the columns apart by their names; several may hold values, each in its unit."""
+    matches = match_columns(text, (_COMPONENT, _POSITION, *_VALUES.values()))
+    found = by_field(text, [one for one in matches if one.thing in (_COMPONENT, _POSITION)])
+    values = {kind: [o for o in matches if o.thing is thing] for kind, thing in _VALUES.items()}
+    if "component" not in found or not values[_ERROR]:
         text.problems.add(
             "expected the columns component, position_mm and error_um (or error_mm, error_urad, "
-            f"slope_um_per_m, value_um_per_m …), came {', '.join(text.headings)}",
+            f"slope_um_per_m, value_um_per_m …), got {', '.join(text.headings)}",
             text.heading_line,
         )
-        text.problems.raise_if_any()
-    placed = {i: unit for i, name in enumerate(plain) if (unit := _POSITION.unit_in(name))}
-    position = next((i for i, unit in placed.items() if _POSITION.knows(unit)), None)
-    known = {plain.index("component"), position, *values}
-    unread = [heading for i, heading in enumerate(text.headings) if i not in known]
+    text.problems.raise_if_any()
+    read = {one.index for one in matches}
+    unread = [heading for i, heading in enumerate(text.headings) if i not in read]
     if unread:
         remarks.append(left_out(unread))
-    unit = POSITION.unit if position is None else placed[position]
-    return _Columns(plain.index("component"), position, unit, by_kind)
+    return _Table(Columns(text, found), values)
 
 
-def _component_of(text: DelimitedText, row: Row, columns: _Columns) -> Component | None:
+def _is_converted(column: Column) -> bool:
+    """Say whether a column's unit is another than those of components."""
+    return column.unit != _OWN and column.unit not in _OWN_UNITS
+
+
+def _fits(column: Column, component: Component) -> bool:
+    """Say whether a column's unit can be a component's."""
+    return component.unit in _COMPONENT_UNITS[column.unit]
+
+
+def _component_of(table: _Table, row: Row) -> Component | None:
     try:
-        return parse_component(row.cells[columns.component])[0]
+        return parse_component(table.columns.word(row, "component"))[0]
     except UnknownComponent as error:
-        text.complain(row, columns.component, error.detail)
+        table.columns.complain(row, "component", error.detail)
         return None
 
 
-def _read_point(
-    text: DelimitedText, row: Row, columns: _Columns, component: Component
-) -> _Point | None:
-    before = len(text.problems.found)
-    position_mm = _read_position(text, row, columns)
-    values = {kind: _read_value(text, row, columns, kind, component) for kind in _KINDS}
-    if len(text.problems.found) > before:
+def _read_point(table: _Table, row: Row, component: Component) -> _Point | None:
+    problems = table.text.problems
+    before = len(problems.found)
+    position_mm = table.columns.number(row, "position")
+    values = {kind: _read_value(table, row, kind, component) for kind in _KINDS}
+    if len(problems.found) > before:
         return None
     if values[_ERROR] is None:
-        forward = columns.values[_ERROR]
+        forward = table.values[_ERROR]
         column = (*_columns_for(forward, component), forward[0])[0]
-        text.complain(
+        table.text.complain(
             row,
             column.index,
-            f"expected the error of {component.code} in {component.unit.symbol}, came none",
+            f"expected the error of {component.code} in {component.unit.symbol}, got none",
         )
         return None
     if (position_mm is not None) != component.is_table:
-        _complain_of_position(text, row, columns.position, component)
+        _complain_of_position(table.columns, row, component)
         return None
     return _Point(row, position_mm, values)
 
 
-def _read_position(text: DelimitedText, row: Row, columns: _Columns) -> float | None:
-    """Read a position in mm; None where there is none."""
-    if columns.position is None:
-        return None
-    found = text.number(row, columns.position, symbol_of(columns.position_unit))
-    return None if found is None else POSITION.convert(found, columns.position_unit)
-
-
-def _complain_of_position(
-    text: DelimitedText, row: Row, column: int | None, component: Component
-) -> None:
-    if column is None:
-        text.problems.add(
-            f"expected a column position_mm for {component.code}, came none", text.heading_line
+def _complain_of_position(columns: Columns, row: Row, component: Component) -> None:
+    if "position" not in columns:
+        columns.text.problems.add(
+            f"expected a column position_mm for {component.code}, got none",
+            columns.text.heading_line,
         )
     elif component.is_table:
-        text.complain(row, column, f"expected a position of {component.code} in mm, came none")
+        columns.complain(
+            row, "position", f"expected a position of {component.code} in mm, got none"
+        )
     else:
-        text.complain(
+        columns.complain(
             row,
-            column,
+            "position",
             f"expected nothing, as {component.code} is one value without position, "
-            f"came {row.cells[column]!r}",
+            f"got {columns.word(row, 'position')!r}",
         )
 
 
-def _columns_for(columns: Sequence[_ValueColumn], component: Component) -> Sequence[_ValueColumn]:
+def _columns_for(columns: Sequence[Column], component: Component) -> Sequence[Column]:
     """Find the columns of a component's unit; the only column serves every unit."""
-    fitting = [column for column in columns if column.holds(component)]
-    if not fitting and len(columns) == 1 and not columns[0].is_converted:
+    fitting = [column for column in columns if _fits(column, component)]
+    if not fitting and len(columns) == 1 and not _is_converted(columns[0]):
         return columns
     return fitting
 
 
-def _read_value(
-    text: DelimitedText, row: Row, columns: _Columns, kind: str, component: Component
-) -> float | None:
+def _read_value(table: _Table, row: Row, kind: str, component: Component) -> float | None:
     """Read the one value of a kind in a row, and complain where it is in another unit's column."""
-    of_kind = columns.values[kind]
+    text, of_kind = table.text, table.values[kind]
     fitting = _columns_for(of_kind, component)
     filled = [column for column in of_kind if row.cells[column.index]]
     value = None
     for i, column in enumerate(filled):
-        came = row.cells[column.index]
+        got = row.cells[column.index]
         if kind.startswith("backward_") and not component.is_table:
             text.complain(
                 row,
                 column.index,
-                f"expected nothing, as {component.code} has no direction of approach, "
-                f"came {came!r}",
+                f"expected nothing, as {component.code} has no direction of approach, got {got!r}",
             )
             continue
         if column in fitting and i == 0:
-            value = text.number(row, column.index, column.symbol(component))
-            value = None if value is None else column.converted(value)
+            is_converted = _is_converted(column)
+            symbol = column.symbol if is_converted else component.unit.symbol
+            value = text.number(row, column.index, symbol)
+            if value is not None and is_converted:
+                value = _VALUE.convert(value, column.unit)
             if value is not None and abs(value) > LARGEST_UM:
                 text.complain(
                     row,
                     column.index,
                     f"expected errors within ±{LARGEST_UM:g} {component.unit.symbol}, "
-                    f"came {value:g} {component.unit.symbol}: is it in another unit, or is the "
+                    f"got {value:g} {component.unit.symbol}: is it in another unit, or is the "
                     "nominal position still in it?",
                 )
             elif value is not None and value < 0 and kind.endswith("standard_"):
@@ -329,7 +316,7 @@ def _read_value(
                     row,
                     column.index,
                     f"expected a standard error of {component.code} in {component.unit.symbol}, "
-                    f"which is not negative, came {came!r}",
+                    f"which is not negative, got {got!r}",
                 )
             continue
         names = [text.headings[c.index] for c in fitting] or [f"{kind}error_{component.unit}"]
@@ -337,21 +324,21 @@ def _read_value(
             row,
             column.index,
             f"expected {component.code} in {component.unit.symbol} once, in the column "
-            f"{' or '.join(names)}, came {came!r}",
+            f"{' or '.join(names)}, got {got!r}",
         )
     return value
 
 
-def _other_units(text: DelimitedText, columns: _Columns, names: Mapping[str, str]) -> Iterator[str]:
+def _other_units(table: _Table, names: Mapping[str, str]) -> Iterator[str]:
     """Say which components were read in another unit than the only column's name says."""
-    forward = columns.values[_ERROR]
+    forward = table.values[_ERROR]
     if len(forward) > 1:
         return
     only = forward[0]
     for unit in Unit:
         codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
-        if codes and only.unit is not None and unit not in _HOLDS[only.unit][1]:
-            heading = text.headings[only.index]
+        if codes and only.unit != _OWN and unit not in _COMPONENT_UNITS[only.unit]:
+            heading = table.text.headings[only.index]
             yield f"values of {list_names(codes)} in {heading} are read in {unit.symbol}"
 
 

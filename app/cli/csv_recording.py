@@ -12,20 +12,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, tzinfo
+from datetime import tzinfo
+from decimal import Decimal
 from pathlib import Path
 from typing import Final
 
 import typer
 
-from app.cli.delimited_text import DelimitedText, Problems, Row, plain_heading, read_delimited
+from app.cli.csv_columns import (
+    Column,
+    Columns,
+    Named,
+    Quantity,
+    by_field,
+    match_columns,
+    named,
+    normal_heading,
+)
+from app.cli.delimited_text import DelimitedText, Problems, Row, read_delimited
 from app.cli.options import read_number
 from app.errors import list_names
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
-SECONDS_IN: Final = {"time_s": 1.0, "time_min": SECONDS_PER_MIN, "time_h": SECONDS_PER_H}
-TIME_COLUMNS: Final = ("time", *SECONDS_IN)
-_NOT_CELSIUS: Final = ("k", "f", "degf", "kelvin", "fahrenheit")
+_COUNT: Final = Quantity(
+    "s", {"s": Decimal(1), "min": Decimal(SECONDS_PER_MIN), "h": Decimal(SECONDS_PER_H)}
+)
+_TIMES: Final = (Named("time", None), Named("time", _COUNT))
+"""A moment, or a count from the beginning."""
+
+TIME_COLUMNS: Final = ("time", *(f"time_{unit}" for unit in _COUNT.factors))
+
+_CELSIUS: Final = Quantity("c", dict.fromkeys(("c", "degc", "deg_c"), Decimal(1)), assumed="c")
+_NOT_CELSIUS: Final = frozenset({"k", "f", "degf", "kelvin", "fahrenheit"})
 _NO_VALUE: Final = frozenset({"nan", "null", "none", "-"})
 
 
@@ -61,10 +79,6 @@ def read_recording(
 
     Parameters
     ----------
-    file
-        CSV, see above.
-    sensors
-        Names of the machine's sensors.
     columns
         Column of the file to sensor, or to `time`, `time_s`, `time_min`, `time_h`,
         where the file calls it otherwise.
@@ -78,43 +92,45 @@ def read_recording(
     """
     problems = Problems(file)
     text = read_delimited(file, problems)
-    meaning = _meaning_of_columns(text, sensors, columns)
-    time_column = _time_column(text, meaning)
-    sensor_columns = {i: name for i, name in meaning.items() if name in sensors}
-    if not sensor_columns:
+    matches = _match_columns(text, sensors, columns)
+    time = _time_column(text, [one for one in matches if one.thing in _TIMES])
+    of_sensors = by_field(text, [one for one in matches if one.thing not in _TIMES])
+    if not of_sensors:
         problems.add(
-            f"expected columns named as the sensors {list_names(sensors)}, came "
+            f"expected columns named as the sensors {list_names(sensors)}, got "
             f"{list_names(text.headings)}; --column NAME=SENSOR says which is which",
             text.heading_line,
         )
     problems.raise_if_any()
+    table = Columns(text, {**of_sensors, "time": time})
+    names = {field: name for name in sensors if (field := normal_heading(name)) in of_sensors}
     found: dict[float, tuple[Row, dict[str, float]]] = {}
     for row in text.rows:
-        time_s = _read_time(text, row, time_column, meaning[time_column], zone)
-        values = _read_values(text, row, sensor_columns)
+        time_s = _read_time(table, row, zone)
+        values = _read_values(table, row, names)
         if time_s is None or not values:
             continue
         earlier, known = found.setdefault(time_s, (row, values))
         if known != values:
-            text.complain(
-                row, time_column, f"expected each time once, came the time of line {earlier.line}"
+            table.complain(
+                row, "time", f"expected each time once, got the time of line {earlier.line}"
             )
     if not found:
-        problems.add("expected lines with a time and temperatures, came none")
+        problems.add("expected lines with a time and temperatures, got none")
     problems.raise_if_any()
     times = sorted(found)
     return Recording(
         times,
         [found[time_s][1] for time_s in times],
-        meaning[time_column] == "time",
-        [heading for i, heading in enumerate(text.headings) if i not in meaning and heading],
+        time.thing.quantity is None,
+        [h for i, h in enumerate(text.headings) if h and i not in {one.index for one in matches}],
     )
 
 
-def _meaning_of_columns(
+def _match_columns(
     text: DelimitedText, sensors: Sequence[str], columns: Mapping[str, str]
-) -> dict[int, str]:
-    """Say for each column that is read which sensor or time it holds."""
+) -> list[Column]:
+    """Find the columns of times and sensors, by their names or as the command line says."""
     stated = {name.lower(): meaning for name, meaning in columns.items()}
     absent = stated.keys() - {heading.lower() for heading in text.headings}
     if absent:
@@ -123,52 +139,50 @@ def _meaning_of_columns(
             f"it has {list_names(text.headings)}",
             param_hint="--column",
         )
-    usual = {plain: name for name in sensors for plain in _usual_headings(name)}
-    usual |= {name: name for name in TIME_COLUMNS}
-    _expect_celsius(text, sensors, stated)
-    meaning = {
-        i: stated.get(heading.lower()) or usual.get(plain_heading(heading), "")
-        for i, heading in enumerate(text.headings)
-    }
-    return {i: name for i, name in meaning.items() if name}
-
-
-def _expect_celsius(text: DelimitedText, sensors: Sequence[str], stated: Mapping[str, str]) -> None:
-    """Refuse a sensor's column in another unit, which would be left out otherwise."""
-    others = {plain_heading(f"{name}_{unit}"): name for name in sensors for unit in _NOT_CELSIUS}
+    fields = sorted(map(normal_heading, sensors), key=len, reverse=True)
+    things = [*_TIMES, *(Named(field, _CELSIUS) for field in fields)]
+    _expect_celsius(text, dict(zip(map(normal_heading, sensors), sensors, strict=True)), stated)
+    by_index = {one.index: one for one in match_columns(text, things)}
     for i, heading in enumerate(text.headings):
-        plain = plain_heading(heading)
-        if plain in others and heading.lower() not in stated:
-            unit = plain.rpartition("_")[2]
-            text.problems.add(
-                f"expected {others[plain]} in °C, came the unit {unit!r}",
-                text.heading_line,
-                text.place(i),
-            )
+        match = named(things, stated.get(heading.lower(), ""))
+        if match:
+            by_index[i] = Column(*match, i)
+    return [by_index[i] for i in sorted(by_index)]
 
 
-def _usual_headings(sensor: str) -> tuple[str, str]:
-    return plain_heading(sensor), plain_heading(f"{sensor}_c")
+def _expect_celsius(
+    text: DelimitedText, sensors: Mapping[str, str], stated: Mapping[str, str]
+) -> None:
+    """Refuse a sensor's column in another unit, which would be left out otherwise."""
+    for i, heading in enumerate(text.headings):
+        for field, name in sensors.items():
+            unit = Named(field, _CELSIUS).unit_in(heading)
+            if unit in _NOT_CELSIUS and heading.lower() not in stated:
+                text.problems.add(
+                    f"expected {name} in °C, got the unit {unit!r}",
+                    text.heading_line,
+                    text.place(i),
+                )
 
 
-def _time_column(text: DelimitedText, meaning: Mapping[int, str]) -> int:
-    """Find the column of times; a number in `time` is a count whose unit is missing."""
-    found = [i for i, name in meaning.items() if name in TIME_COLUMNS]
+def _time_column(text: DelimitedText, found: Sequence[Column]) -> Column:
+    """Check the column of times; a number in `time` is a count whose unit is missing."""
     if len(found) != 1:
         text.problems.add(
-            f"expected one column of times ({', '.join(TIME_COLUMNS)}), came "
-            f"{list_names(text.headings[i] for i in found)}; --column NAME=time_s names another",
+            f"expected one column of times ({', '.join(TIME_COLUMNS)}), got "
+            f"{list_names(text.headings[one.index] for one in found)}; "
+            "--column NAME=time_s names another",
             text.heading_line,
         )
         text.problems.raise_if_any()
-    column = found[0]
-    first = text.rows[0].cells[column] if text.rows else ""
-    if meaning[column] == "time" and read_number(first) is not None:
-        heading = text.headings[column]
+    (column,) = found
+    first = text.rows[0].cells[column.index] if text.rows else ""
+    if column.thing.quantity is None and read_number(first) is not None:
+        heading = text.headings[column.index]
         text.complain(
             text.rows[0],
-            column,
-            f"expected a time such as 2026-03-01T06:00:00Z, came {first!r}; where it counts "
+            column.index,
+            f"expected a time such as 2026-03-01T06:00:00Z, got {first!r}; where it counts "
             f"seconds or minutes from the beginning, --column {heading}=time_s or "
             f"--column {heading}=time_min says so",
         )
@@ -176,40 +190,20 @@ def _time_column(text: DelimitedText, meaning: Mapping[int, str]) -> int:
     return column
 
 
-def _read_time(
-    text: DelimitedText, row: Row, column: int, meaning: str, zone: tzinfo | None
-) -> float | None:
-    if meaning in SECONDS_IN:
-        unit = meaning.removeprefix("time_")
-        count = text.number(row, column, unit)
-        if count is None and not row.cells[column]:
-            text.complain(row, column, f"expected a time in {unit}, came none")
-        return None if count is None else count * SECONDS_IN[meaning]
-    written = row.cells[column]
-    try:
-        moment = datetime.fromisoformat(written)
-    except ValueError:
-        text.complain(
-            row, column, f"expected a time such as 2026-03-01T06:00:00Z, came {written!r}"
-        )
-        return None
-    if moment.tzinfo is None:
-        if zone is None:
-            text.complain(
-                row,
-                column,
-                f"expected a time with its zone, such as {written}Z or {written}+01:00, came none; "
-                "--utc-offset +01:00 says it for all lines",
-            )
-            return None
-        moment = moment.replace(tzinfo=zone)
-    return moment.timestamp()
+def _read_time(columns: Columns, row: Row, zone: tzinfo | None) -> float | None:
+    time = columns.by_field["time"]
+    if time.thing.quantity is not None:
+        if not columns.word(row, "time"):
+            columns.complain(row, "time", f"expected a time in {time.unit}, got none")
+        return columns.number(row, "time")
+    moment = columns.moment(row, "time", zone, "; --utc-offset +01:00 says it for all lines")
+    return None if moment is None else moment.timestamp()
 
 
-def _read_values(text: DelimitedText, row: Row, columns: Mapping[int, str]) -> dict[str, float]:
+def _read_values(columns: Columns, row: Row, names: Mapping[str, str]) -> dict[str, float]:
     values = {
-        name: text.number(row, column, "°C")
-        for column, name in columns.items()
-        if row.cells[column].lower() not in _NO_VALUE
+        name: columns.number(row, field)
+        for field, name in names.items()
+        if columns.word(row, field).lower() not in _NO_VALUE
     }
     return {name: value for name, value in values.items() if value is not None}

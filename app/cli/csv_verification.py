@@ -13,24 +13,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from app.api.schemas.verifications import MOST_OBSERVATIONS
-from app.cli.csv_comments import Stated
-from app.cli.csv_measurements.columns import Columns, find_columns
-from app.cli.csv_measurements.comments import Comments, Statement, read_measurement_comments
-from app.cli.csv_measurements.formats import REPEATABILITY, choice_among
-from app.cli.csv_measurements.quantities import (
+from app.cli.csv_columns import (
     LENGTH,
     POSITION,
     SMALL_ANGLE,
+    Columns,
     Named,
+    find_columns,
+    names_after,
     symbol_of,
 )
+from app.cli.csv_comments import Comments, Stated, Statement, read_comments
+from app.cli.csv_measurements.formats import REPEATABILITY, choice_among
 from app.cli.delimited_text import DelimitedText, Row, read_delimited
 from app.cli.delimited_text import Problems as FileProblems
 from app.errors import UnknownComponent, list_names
@@ -57,6 +57,7 @@ _TIME: Final = Named("time", None)
 _COMPONENT: Final = Named("component", None)
 _POSITION: Final = Named("position", POSITION)
 _DIRECTION: Final = Named("direction", None)
+_SETUP: Final = Named("setup", None)
 _MEASURED: Final = Named("measured", LENGTH)
 _MEASURED_ANGLE: Final = Named("measured_angle", SMALL_ANGLE, ("measured",))
 _AT_POINTS: Final = tuple(
@@ -73,19 +74,7 @@ _POINT, _MEASURED_AT, _TOOL, _DIRECTIONS_AT = _AT_POINTS
 
 @dataclass(frozen=True, slots=True)
 class CsvVerification:
-    """A verification as it is to be sent, and where in the file each observation stands.
-
-    Parameters
-    ----------
-    body
-        Of the request.
-    machine
-        The machine that the file names.
-    remarks
-        What of the file was not read.
-    lines
-        Line of each observation.
-    """
+    """A verification as it is to be sent, and where in the file each observation stands."""
 
     body: Body
     machine: str | None
@@ -110,13 +99,13 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
     """
     text = read_delimited(file, FileProblems(file), MOST_OBSERVATIONS)
     remarks: list[str] = []
-    comments = read_measurement_comments(text, _STATEMENTS, Stated(), False, remarks)
+    comments = read_comments(text, Stated(), remarks, _STATEMENTS, complete=False)
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)
     if unread:
         remarks.append(f"comment lines that say nothing of a verification: {list_names(unread)}")
     columns, states = _find_columns(text, remarks, is_planned)
     if not text.rows:
-        text.problems.add("expected lines of observations, came none")
+        text.problems.add("expected lines of observations, got none")
     observations = [_observation(columns, states, row, is_planned) for row in text.rows]
     remarks += _check_sizes(text, observations)
     text.problems.raise_if_any()
@@ -142,7 +131,7 @@ def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> list[str]
             if any(abs(value) > LARGEST_UM for value in values):
                 unit = symbol_of(field.removeprefix("measured_"))
                 text.problems.add(
-                    f"expected errors within ±{LARGEST_UM:g} {unit}, came "
+                    f"expected errors within ±{LARGEST_UM:g} {unit}, got "
                     f"{max(values, key=abs):g} {unit}: is it in another unit, or is the nominal "
                     "position still in it?",
                     row.line,
@@ -171,31 +160,13 @@ def _find_columns(
     text: DelimitedText, remarks: list[str], is_planned: bool
 ) -> tuple[Columns, Mapping[int, str]]:
     """Tell the columns of states from the others, and these apart."""
-    names = {i: _state_name(heading) for i, heading in enumerate(text.headings)}
-    states = {i: name for i, name in names.items() if name}
-    twice = sorted(n for n in set(states.values()) if list(states.values()).count(n) > 1)
-    if twice:
-        text.problems.add(
-            f"expected each state in one column, came {list_names(twice)} again", text.heading_line
-        )
+    states = names_after(text, STATE)
     others = ["" if i in states else heading for i, heading in enumerate(text.headings)]
     optional = [*(one for group in _AT_POINTS for one in group)]
-    optional += [_COMPONENT, _POSITION, _DIRECTION, _MEASURED, _MEASURED_ANGLE]
+    optional += [_COMPONENT, _POSITION, _DIRECTION, _MEASURED, _MEASURED_ANGLE, _SETUP]
     columns = find_columns(replace(text, headings=others), [_TIME], optional, remarks)
     _expect_kind(text, columns, is_planned)
     return Columns(text, columns.by_field), states
-
-
-def _state_name(heading: str) -> str:
-    """Read the name of a state off a heading; empty where it is something else.
-
-    >>> _state_name("state spindle_rpm"), _state_name("State: coolant"), _state_name("statement")
-    ('spindle_rpm', 'coolant', '')
-    """
-    word, rest = heading[: len(STATE)], heading[len(STATE) :]
-    if word.lower() != STATE or not rest or rest[0].isalnum():
-        return ""
-    return rest.strip(" :._[]")
 
 
 def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> None:
@@ -208,7 +179,7 @@ def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> Non
         points = list_names(one.full for one in (*_POINT, *_MEASURED_AT))
         text.problems.add(
             "expected the columns component, position_mm and measured_um (or measured_urad), or "
-            f"at points {points}, came {list_names(text.headings)}",
+            f"at points {points}, got {list_names(text.headings)}",
             text.heading_line,
         )
         text.problems.raise_if_any()
@@ -216,9 +187,12 @@ def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> Non
 
 def _observation(columns: Columns, states: Mapping[int, str], row: Row, is_planned: bool) -> Body:
     """Read one line."""
-    found: Body = {"time": _time(columns, row), **_what(columns, row, is_planned)}
+    columns.moment(row, "time")  # the service reads it itself; what is wrong is noted here
+    found: Body = {"time": columns.word(row, "time"), **_what(columns, row, is_planned)}
     state = {name: columns.text.number(row, i) for i, name in states.items()}
     known = {name: value for name, value in state.items() if value is not None}
+    setup = columns.word(row, "setup")
+    found |= {"setup": setup} if setup else {}
     return found | ({"state": known} if known else {})
 
 
@@ -228,7 +202,7 @@ def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
         _expect_none(columns, row, _POINT + _MEASURED_AT, "a component or a point, and not both")
         return _of_component(columns, row, is_planned)
     if "point_x" not in columns:
-        columns.complain(row, "component", "expected a component such as EXX, came none")
+        columns.complain(row, "component", "expected a component such as EXX, got none")
         return {}
     found: Body = {"point_mm": [columns.needed(row, one.field) for one in _POINT]}
     if not is_planned:
@@ -256,7 +230,7 @@ def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
         found |= _measured(columns, row, component.unit)
     position = columns.number(row, "position")
     if position is None and component.is_table:
-        _complain(columns, row, "position", f"expected a position of {name} in mm, came none")
+        columns.complain(row, "position", f"expected a position of {name} in mm, got none")
     if position is not None:
         found["position_mm"] = position
     direction = _direction(columns, row, "direction")
@@ -276,9 +250,9 @@ def _measured(columns: Columns, row: Row, unit: Unit) -> Body:
     if unit is not Unit.UM and own is not None and own.unit == LENGTH.unit:
         value = columns.number(row, "measured")
     if value is None and not columns.word(row, field):
-        came = columns.by_field[other.field].symbol if columns.word(row, other.field) else ""
-        told = f"one in {came}" if came else "none"
-        _complain(columns, row, field, f"expected a measured value in {unit.symbol}, came {told}")
+        unit_read = columns.by_field[other.field].symbol if columns.word(row, other.field) else ""
+        got = f"one in {unit_read}" if unit_read else "none"
+        columns.complain(row, field, f"expected a measured value in {unit.symbol}, got {got}")
     return {"measured_um": value}
 
 
@@ -286,7 +260,7 @@ def _expect_none(columns: Columns, row: Row, others: Sequence[Named], expected: 
     """Refuse what would be left unread: nothing that was measured is dropped."""
     for one in others:
         if columns.word(row, one.field):
-            columns.complain(row, one.field, f"expected {expected}, came both")
+            columns.complain(row, one.field, f"expected {expected}, got both")
             return
 
 
@@ -296,30 +270,6 @@ def _direction(columns: Columns, row: Row, field: str) -> str | None:
     if not word:
         return None
     if word not in DIRECTIONS:
-        columns.complain(row, field, f"expected + or -, came {word!r}")
+        columns.complain(row, field, f"expected + or -, got {word!r}")
         return None
     return word
-
-
-def _time(columns: Columns, row: Row) -> str:
-    written = columns.word(row, "time")
-    try:
-        zone = datetime.fromisoformat(written).tzinfo
-    except ValueError:
-        columns.complain(
-            row, "time", f"expected a time such as 2026-03-01T06:00:00Z, came {written!r}"
-        )
-        return written
-    if zone is None:
-        columns.complain(
-            row, "time", f"expected a time with its zone, such as {written}Z, came {written!r}"
-        )
-    return written
-
-
-def _complain(columns: Columns, row: Row, field: str, message: str) -> None:
-    """Note a problem at a cell, or at the line where there is no such column."""
-    if field in columns:
-        columns.complain(row, field, message)
-    else:
-        columns.text.problems.add(message, row.line)

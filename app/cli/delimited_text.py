@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import codecs
 import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from app.cli.options import read_number
-from app.cli.workbook import OLD_WORKBOOK, WORKBOOK, NoTable, workbook_text
 from app.errors import ThermapError, counted, list_names
 
 SHOWN: Final = 8
@@ -28,6 +29,12 @@ _STATED_DELIMITER: Final = re.compile(r'"?sep=(.)"?[\s;,]*', re.I)
 """Excel's first line, which says what parts the columns."""
 
 _BYTE_ORDER_MARK: Final = "\N{ZERO WIDTH NO-BREAK SPACE}"
+
+WORKBOOK: Final = b"PK\x03\x04"
+"""How a workbook (.xlsx) begins, as every zip file does."""
+
+OLD_WORKBOOK: Final = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+"""How a workbook of Excel 97 to 2003 (.xls) begins."""
 
 
 class UnreadableFile(ThermapError):
@@ -94,7 +101,7 @@ class DelimitedText:
         found = read_number(text, decimal_comma=self.decimal_comma)
         if found is None:
             of_unit = f" in {unit}" if unit else ""
-            self.complain(row, column, f"expected a number{of_unit}, came {text!r}")
+            self.complain(row, column, f"expected a number{of_unit}, got {text!r}")
         return found
 
 
@@ -114,8 +121,6 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
 
     Parameters
     ----------
-    text
-        The whole file.
     problems
         Takes up what is wrong, under the file's name.
     most
@@ -139,10 +144,10 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
         elif written.strip(" \t;,"):
             contents.append((line, written))
     if not contents:
-        problems.add("expected a line of column names and lines of values, came none")
+        problems.add("expected a line of column names and lines of values, got none")
         problems.raise_if_any()
     if most is not None and len(contents) > most + 1:
-        problems.add(f"expected at most {most} lines of values, came {len(contents) - 1}")
+        problems.add(f"expected at most {most} lines of values, got {len(contents) - 1}")
         problems.raise_if_any()
     heading_line, first = contents[0]
     delimiter = stated or max(_DELIMITERS, key=_QUOTED.sub("", first).count)
@@ -180,16 +185,6 @@ def read_text(file: Path) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def plain_heading(heading: str) -> str:
-    """Write a column's name in one way: small letters, units in ASCII after an underscore.
-
-    >>> plain_heading("Error [µm]"), plain_heading("error_um/m"), plain_heading("Position (mm)")
-    ('error_um', 'error_um_per_m', 'position_mm')
-    """
-    ascii_units = heading.lower().replace("µ", "u").replace("μ", "u").replace("°", "")
-    return re.sub(r"[\s\[\]()]+", "_", ascii_units.replace("/", "_per_")).strip("_")
-
-
 def left_out(headings: Iterable[str]) -> str:
     """Say which columns are not read."""
     return f"columns that are not read: {list_names(headings)}"
@@ -213,7 +208,71 @@ def _evened(
         hint = "" if decimal_comma else "; decimal commas need semicolons between the columns"
         problems.add(
             f"expected {counted(len(headings), 'column')} as in line {heading_line}, "
-            f"came {len(row.cells)}{hint}",
+            f"got {len(row.cells)}{hint}",
             row.line,
         )
     return Row(row.line, row.cells[: len(headings)])
+
+
+class NoTable(ThermapError):
+    """A workbook holds no table that could be read."""
+
+
+def workbook_text(content: bytes) -> str:
+    """Write the sheet that holds values as text with tabs between the columns.
+
+    Returns
+    -------
+    str
+        A line for each row, as they are numbered in the sheet; formulas as their values.
+
+    Raises
+    ------
+    NoTable
+        If it is no workbook, or not exactly one sheet holds something.
+    """
+    if content.startswith(OLD_WORKBOOK):
+        raise NoTable("an old Excel workbook (.xls): save it as CSV or .xlsx")
+    from openpyxl import load_workbook
+
+    try:
+        book = load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+        all_rows = {s.title: [_cells(row) for row in s.values] for s in book.worksheets}
+    except Exception as error:  # openpyxl lets through whatever its XML and zip readers raise
+        raise NoTable(f"expected CSV or an Excel workbook (.xlsx), got neither: {error}") from None
+    sheets = {title: rows for title, rows in all_rows.items() if any(rows)}
+    if len(sheets) != 1:
+        got = f"{len(sheets)}: {list_names(sheets)}" if sheets else "none"
+        raise NoTable(
+            f"an Excel workbook: expected one sheet that holds values, got {got}; "
+            "keep one, or save the one that is meant as CSV"
+        )
+    (rows,) = sheets.values()
+    return "".join(_line(cells) for cells in rows)
+
+
+def _cells(row: Sequence[Any]) -> list[str]:
+    """Write a row's cells, without the empty ones at its end."""
+    cells = [_written(value) for value in row]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _written(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime):
+        return value.isoformat()
+    return " ".join(str(value).split())
+
+
+def _line(cells: Sequence[str]) -> str:
+    """Write one line; a comment may go over several cells."""
+    if cells and cells[0].startswith("#"):
+        return " ".join(cells) + "\n"
+    if not cells:
+        return "\n"
+    text = io.StringIO()
+    csv.writer(text, delimiter="\t", quoting=csv.QUOTE_ALL, lineterminator="\n").writerow(cells)
+    return text.getvalue()

@@ -14,6 +14,7 @@ from rich.live import Live
 
 from app.cli.demo_machine import reading_at, set_up
 from app.cli.demo_view import argument_view, live_view, short_line
+from app.cli.demo_week import loading_week, show_later, week_hint
 from app.cli.listening import (
     DEFAULT_HOST,
     DEFAULT_PORT,
@@ -22,16 +23,16 @@ from app.cli.listening import (
     PortOption,
     checked_settings,
     database_of,
-    leaving_on_signals,
+    exiting_on_signals,
     listening,
     make_service,
-    newness_of,
+    new_database_note,
     serving,
     url_of,
 )
 from app.cli.options import connect
-from app.demo.remaining_error import remaining_errors
 from app.settings import sqlite_url
+from app.simulation.example.remaining_error import remaining_errors
 from thermap import ThermapClient
 from thermap.answers import CurrentCompensationAnswer
 
@@ -62,6 +63,15 @@ def demo(
             help="Use the service that listens there already.",
         ),
     ] = False,
+    later: Annotated[
+        bool,
+        typer.Option(
+            "--later",
+            envvar="THERMAP_DEMO_LATER",
+            help="Send the demo that runs the two days after its week, and show what the model "
+            "leaves of them before and after an effect was adopted.",
+        ),
+    ] = False,
 ) -> None:
     """Run the service with a simulated machine that warms up and cools down.
 
@@ -69,9 +79,15 @@ def demo(
     other runs (µm, µm/m, µrad), then sends a reading every second (°C) and shows the
     compensation table as it changes. Everything about the machine is simulated.
 
+    A second machine, `mcfv5050-week`, has a week of readings, verifications, and an effect that
+    its model lacks: `thermap analyse mcfv5050-week --adopt` finds it.
+
     Example: `thermap demo --port 8001`
     """
-    with leaving_on_signals(), ExitStack() as running:
+    if later:
+        show_later(f"http://{host}:{port}")
+        return
+    with exiting_on_signals(), ExitStack() as running:
         if no_serve:
             url = f"http://{host}:{port}"
         else:
@@ -87,13 +103,19 @@ def demo(
             service = make_service(settings)
             running.enter_context(serving(service, opened, settings.log_level))
             typer.echo(f"thermap demo listens on {url}, to read and try: {url}/docs")
-            typer.echo(f"database {database_of(service)}{newness_of(service)}\n")
+            typer.echo(f"database {database_of(service)}{new_database_note(service)}\n")
         thermap = running.enter_context(connect(url))
         machine = set_up(thermap)
         console = Console(highlight=False)
         console.print(argument_view(remaining_errors()))
         console.print()
-        _show(_live_tables(thermap, machine), console)
+        console.print(week_hint(thermap.base_url))
+        console.print()
+        tables = _live_tables(thermap, machine)
+        first = next(tables)
+        # The first table stands before anything else is asked of the service.
+        running.enter_context(loading_week(url))
+        _show(first, tables, console)
 
 
 def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompensationAnswer]:
@@ -106,16 +128,19 @@ def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompen
         time.sleep(READING_EVERY_S - time.time() % READING_EVERY_S)
 
 
-def _show(tables: Iterator[CurrentCompensationAnswer], console: Console) -> None:
+def _show(
+    first: CurrentCompensationAnswer,
+    tables: Iterator[CurrentCompensationAnswer],
+    console: Console,
+) -> None:
     """On a terminal the table that changes; in a pipe the table once, then a line now and then."""
-    first = next(tables)
     if console.is_terminal:
         with Live(live_view(first, console), console=console, auto_refresh=False) as live:
             for table in tables:
                 live.update(live_view(table, console), refresh=True)
     console.print(live_view(first, console))
-    told = time.monotonic()
+    last_line_s = time.monotonic()
     for table in tables:
-        if time.monotonic() - told >= LINE_EVERY_S:
-            told += LINE_EVERY_S
+        if time.monotonic() - last_line_s >= LINE_EVERY_S:
+            last_line_s += LINE_EVERY_S
             typer.echo(short_line(table))

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 from app.api.schemas.machines import settings_of
 from app.api.schemas.readings import ReadingSchema
-from app.demo.error_maps import run_map
-from app.demo.machine import example_machine
-from app.demo.warm_up import temperatures_at
 from app.errors import Conflict
+from app.simulation.example.error_maps import run_map
+from app.simulation.example.machine import example_machine
+from app.simulation.example.warm_up import temperatures_at
 from app.thermal.error_map import ComponentTable
 from thermap import ConflictError, ThermapClient, UnknownThingError
 
@@ -22,11 +22,6 @@ HISTORY_SPACING_S: Final = 5
 
 def set_up(thermap: ThermapClient) -> str:
     """Make sure that the service has the simulated machine, its maps and some history.
-
-    Returns
-    -------
-    str
-        The machine's id.
 
     Raises
     ------

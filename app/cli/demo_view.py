@@ -11,8 +11,8 @@ from rich.segment import Segment, SegmentLines
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.table_view import Layout, signed, table_view
-from app.demo.remaining_error import RemainingError
+from app.cli.compensate import Layout, signed, table_view
+from app.simulation.example.remaining_error import RemainingError
 from thermap.answers import CurrentCompensationAnswer
 
 _LAYOUTS: Final = (

@@ -37,7 +37,7 @@ def _answer(status: HTTPStatus, title: str, detail: str, *headers: str) -> bytes
 _STOPPED: Final = _answer(
     HTTPStatus.REQUEST_TIMEOUT,
     "Request stopped half-way",
-    "expected the rest of the request, came nothing or next to nothing for too long",
+    "expected the rest of the request, got nothing or next to nothing for too long",
 )
 
 _ENDS: Final = _answer(

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import typer
 
 from app.cli.csv_comments import Stated
-from app.cli.model_change_view import preview_lines, waiting_lines
+from app.cli.models import preview_lines, waiting_lines
 from app.errors import Conflict, ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER, parse_component
 from thermap import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
 
 if TYPE_CHECKING:
     from app.api.schemas.machines import MachineSettings
-    from app.cli.model_change_view import ModelChange
+    from app.cli.models import ModelChange
     from thermap.answers import MachineAnswer, PreviewAnswer
 
 
@@ -27,12 +27,17 @@ class NotImported(ThermapError):
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
-    """What is to become of maps: shown only, stored, stored and used whatever is lost by it."""
+class ImportMode:
+    """What is to become of maps: shown only, stored, stored and used whatever is lost by it.
+
+    Of a drift test maps may be made, its course kept as a verification, or both.
+    """
 
     evaluate_only: bool = False
     preview: bool = False
     accept_losses: bool = False
+    as_maps: bool = True
+    as_verification: bool = False
 
     @property
     def store(self) -> bool:
@@ -41,14 +46,19 @@ class Wish:
 
     @property
     def makes_map(self) -> bool:
-        """Whether a map is made, be it for a look: it needs a label, a time and temperatures."""
+        """Whether something is made of it, be it for a look: it needs a label and a state."""
         return not self.evaluate_only
+
+    @property
+    def stores_map(self) -> bool:
+        """Whether a map is stored."""
+        return self.store and self.as_maps
 
 
 def expect_one_label(stated: Stated, files: Sequence[Path]) -> None:
     """Refuse one label for several maps; `files` are those that it would name."""
     if stated.label and len(files) > 1:
-        raise typer.BadParameter("names one map, came several files", param_hint="--label")
+        raise typer.BadParameter("names one map, got several files", param_hint="--label")
 
 
 def choose_machine(
@@ -63,10 +73,6 @@ def choose_machine(
 
     Parameters
     ----------
-    file, named
-        The file, and the machine that it names.
-    stated
-        Value of --machine.
     described
         Machines that are imported together with it.
     stated_as
@@ -79,7 +85,7 @@ def choose_machine(
     """
     if named and stated and named != stated:
         raise typer.BadParameter(
-            f"{file} says that it belongs to {named!r}, came {stated!r}", param_hint=stated_as
+            f"{file} says that it belongs to {named!r}, got {stated!r}", param_hint=stated_as
         )
     chosen = named or stated or (described[0] if len(described) == 1 else None)
     if not chosen:
@@ -138,7 +144,7 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
         )
 
 
-def say_what_became(
+def report_stored_map(
     thermap: ThermapClient,
     file: Path,
     machine: str,
@@ -171,7 +177,7 @@ def settings_of_stored(machine: MachineAnswer) -> MachineSettings:
     return MachineSettings.model_validate(stated)
 
 
-def say_what_follows_no_sensor(
+def note_unassigned_components(
     thermap: ThermapClient, machine: MachineSettings, components: Iterable[str]
 ) -> None:
     """Say once, before maps are stored, which of their components no table will have, and why.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -17,20 +17,23 @@ from app.cli.csv_comments import Stated
 from app.cli.csv_error_map import read_csv_error_map
 from app.cli.delimited_text import UnreadableFile
 from app.cli.import_checks import (
-    Wish,
+    ImportMode,
     choose_machine,
     expect_one_label,
     expect_sensors,
     naming,
-    say_what_became,
-    say_what_follows_no_sensor,
+    note_unassigned_components,
+    report_stored_map,
     settings_of_stored,
     show_preview,
 )
 from app.cli.import_measurements import import_measurements
+from app.cli.instrument_files import InstrumentFormat, instrument_format
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
-from app.errors import Conflict, counted
+from app.errors import Conflict, counted, list_names
 from thermap import DEFAULT_URL, ThermapClient, UnknownThingError
+
+KEPT_AS: Final = ("maps", "verification", "both")
 
 
 @dataclass(slots=True)
@@ -76,6 +79,12 @@ def import_files(
             "the map that they make is stored and shown.",
         ),
     ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            "--axis", help="The axis of an instrument's file (.rtl) that does not say x, y or z."
+        ),
+    ] = None,
     evaluate_only: Annotated[
         bool,
         typer.Option(
@@ -101,6 +110,16 @@ def import_files(
             "without it such a map is stored, and its model version waits.",
         ),
     ] = False,
+    keep_as: Annotated[
+        str,
+        typer.Option(
+            "--as",
+            envvar="THERMAP_IMPORT_AS",
+            metavar="WHAT",
+            help="With --method thermal-drift: what is made of the test, maps of its thermal "
+            "states, a verification of its course, or both.",
+        ),
+    ] = "maps",
     json: Annotated[
         bool,
         typer.Option(
@@ -127,6 +146,7 @@ def import_files(
 
     With `--method`, CSV files hold an instrument's readings, with columns and comment
     lines as docs/methods/files.md shows, and JSON files the body of the request.
+    Renishaw's linear `.rtl` says itself that it is `positioning`.
 
     Example: `thermap import machine.json run-1.csv run-3.csv run-6.csv`
 
@@ -139,9 +159,26 @@ def import_files(
             "a preview stores nothing: leave --evaluate-only and --accept-losses away",
             param_hint="--preview",
         )
-    wish = Wish(evaluate_only=evaluate_only, preview=preview, accept_losses=accept_losses)
+    if keep_as not in KEPT_AS or (keep_as != "maps" and method != "thermal-drift"):
+        raise typer.BadParameter(
+            f"expected one of {list_names(KEPT_AS)} with --method thermal-drift, got {keep_as!r}",
+            param_hint="--as",
+        )
+    mode = ImportMode(
+        evaluate_only=evaluate_only,
+        preview=preview,
+        accept_losses=accept_losses,
+        as_maps=keep_as != "verification",
+        as_verification=keep_as != "maps",
+    )
+    written = [instrument_format(file) for file in files]
+    if axis is not None and not all(written):
+        raise typer.BadParameter(
+            "goes with files as instruments write them, such as .rtl", param_hint="--axis"
+        )
+    method = method or _method_of(files, written)
     if method is not None:
-        import_measurements(files, method, machine, stated, wish, json=json, url=url)
+        import_measurements(files, method, machine, stated, mode, json=json, url=url, axis=axis)
         return
     for option, given in {"--evaluate-only": evaluate_only, "--json": json}.items():
         if given:
@@ -150,10 +187,23 @@ def import_files(
     with connect(url) as thermap:
         machines = _check_with_service(thermap, imported)
         for settings in machines.values():
-            say_what_follows_no_sensor(thermap, settings, _components_of(settings.id, imported))
+            note_unassigned_components(thermap, settings, _components_of(settings.id, imported))
         for i, one in enumerate(imported):
             with naming(one.file, [later.file for later in imported[i + 1 :]]):
-                _send(thermap, one, wish)
+                _send(thermap, one, mode)
+
+
+def _method_of(files: Sequence[Path], written: Sequence[InstrumentFormat | None]) -> str | None:
+    """Take the method of files that instruments wrote; others go another way."""
+    found = {one.method if one else None for one in written}
+    if len(found) > 1:
+        theirs = [str(file) for file, one in zip(files, written, strict=True) if one]
+        raise typer.BadParameter(
+            f"expected files of one kind, got {list_names(theirs)} as an instrument wrote them "
+            "beside others: import them one after the other",
+            param_hint="FILE",
+        )
+    return next(iter(found), None)
 
 
 def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> list[ImportedFile]:
@@ -225,10 +275,10 @@ def _sensors_in(one: ImportedFile) -> Iterator[str]:
         yield from reading.temperatures_c
 
 
-def _send(thermap: ThermapClient, one: ImportedFile, wish: Wish) -> None:
+def _send(thermap: ThermapClient, one: ImportedFile, mode: ImportMode) -> None:
     for remark in one.remarks:
         typer.echo(f"{one.file}: note: {remark}", err=True)
-    if wish.preview:
+    if mode.preview:
         for error_map in one.error_maps:
             show_preview(one.file, thermap.preview_error_map(one.machine, error_map), alone=True)
         return
@@ -237,10 +287,10 @@ def _send(thermap: ThermapClient, one: ImportedFile, wish: Wish) -> None:
     known = {m.label for m in thermap.error_maps(one.machine)} if one.error_maps else set()
     for error_map in one.error_maps:
         show_preview(one.file, thermap.preview_error_map(one.machine, error_map))
-        stored = thermap.store_error_map(one.machine, error_map, accept_losses=wish.accept_losses)
+        stored = thermap.store_error_map(one.machine, error_map, accept_losses=mode.accept_losses)
         for warning in stored.warnings:
             typer.echo(f"note: {warning}", err=True)
-        say_what_became(
+        report_stored_map(
             thermap,
             one.file,
             one.machine,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +15,7 @@ from app.api.field_errors import field_error
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
+from app.api.schemas.measurements.drift import ThermalDriftRequest
 from app.api.schemas.measurements.parts import (
     DrilledPlateRequest,
     MachinedPartRequest,
@@ -22,24 +23,34 @@ from app.api.schemas.measurements.parts import (
 )
 from app.cli.contract_json import read_json
 from app.cli.csv_comments import Stated
-from app.cli.csv_measurements import CsvMeasurement, read_csv_measurement
+from app.cli.csv_measurements import FORMATS, CsvMeasurement, read_csv_measurement
 from app.cli.delimited_text import Problems, UnreadableFile, read_text
 from app.cli.import_checks import (
-    Wish,
+    ImportMode,
     choose_machine,
     expect_one_label,
     expect_sensors,
     naming,
-    say_what_became,
-    say_what_follows_no_sensor,
+    note_unassigned_components,
+    report_stored_map,
     settings_of_stored,
     show_preview,
 )
+from app.cli.instrument_files import InstrumentFormat, instrument_format
 from app.cli.measurement_view import measurement_view
 from app.cli.options import connect
-from app.errors import list_names
+from app.errors import counted, list_names
 from thermap import ThermapClient, calls
-from thermap.answers import MeasurementAnswer
+from thermap.answers import (
+    BodyDiagonalAnswer,
+    DrilledPlateAnswer,
+    MachinedPartAnswer,
+    MeasurementAnswer,
+    PositioningAnswer,
+    RotaryAxisAnswer,
+    StepDiagonalAnswer,
+    ThermalDriftAnswer,
+)
 from thermap.call import Call
 
 _OPTION_OF: Final = {
@@ -51,20 +62,21 @@ _OPTION_OF: Final = {
 
 @dataclass(frozen=True, slots=True)
 class _Method:
-    """The shape of a method's body, and the call that sends it."""
+    """The shapes of what a method is asked with and of what it answers."""
 
     request: type[MeasurementRequest]
-    call: Callable[[str, Mapping[str, Any], calls.Storing], Call[Any]]
+    answer: type[MeasurementAnswer]
 
 
 _METHODS: Final = {
-    "step-diagonal": _Method(StepDiagonalRequest, calls.measure_step_diagonal),
-    "body-diagonal": _Method(BodyDiagonalRequest, calls.measure_body_diagonal),
-    "positioning": _Method(PositioningRequest, calls.measure_positioning),
-    "six-dof": _Method(SixDofRequest, calls.measure_six_dof),
-    "machined-part": _Method(MachinedPartRequest, calls.measure_machined_part),
-    "rotary-axis": _Method(RotaryAxisRequest, calls.measure_rotary_axis),
-    "drilled-plate": _Method(DrilledPlateRequest, calls.measure_drilled_plate),
+    "step-diagonal": _Method(StepDiagonalRequest, StepDiagonalAnswer),
+    "body-diagonal": _Method(BodyDiagonalRequest, BodyDiagonalAnswer),
+    "positioning": _Method(PositioningRequest, PositioningAnswer),
+    "six-dof": _Method(SixDofRequest, MeasurementAnswer),
+    "machined-part": _Method(MachinedPartRequest, MachinedPartAnswer),
+    "rotary-axis": _Method(RotaryAxisRequest, RotaryAxisAnswer),
+    "drilled-plate": _Method(DrilledPlateRequest, DrilledPlateAnswer),
+    "thermal-drift": _Method(ThermalDriftRequest, ThermalDriftAnswer),
 }
 
 
@@ -83,10 +95,11 @@ def import_measurements(
     method: str,
     machine: str | None,
     stated: Stated,
-    wish: Wish,
+    mode: ImportMode,
     *,
     json: bool,
     url: str,
+    axis: str | None = None,
 ) -> None:
     """Evaluate measurements, store what comes out as error maps, and show it.
 
@@ -96,45 +109,53 @@ def import_measurements(
     Parameters
     ----------
     files
-        CSV as docs/methods/files.md shows, or the request's body as JSON.
-    method
-        The method of all files.
+        CSV as docs/methods/files.md shows, the request's body as JSON, or as an
+        instrument writes them.
     machine
         The machine that was measured, where the files do not name it.
     stated
-        What goes before the files' own label, time and temperatures.
-    wish
+        What takes precedence over the files' own label, time and temperatures.
+    mode
         Whether maps are made; if not, label, time and temperatures are not needed.
     json
         Write the service's JSON, a line for each file.
-    url
-        Where the service is.
+    axis
+        The axis that was measured, where an instrument's file has free text for it.
     """
     if method not in _METHODS:
         raise typer.BadParameter(
-            f"expected one of {list_names(_METHODS)}, came {method!r}", param_hint="--method"
+            f"expected one of {list_names(_METHODS)}, got {method!r}", param_hint="--method"
         )
     expect_one_label(stated, files)
-    measured = _read_all(files, method, machine, stated, wish.makes_map)
+    measured = _read_all(files, method, machine, stated, mode.makes_map, axis)
     with connect(url) as thermap:
-        _check_with_service(thermap, method, measured, wish)
+        _check_with_service(thermap, method, measured, mode)
         for i, one in enumerate(measured):
             for remark in one.remarks:
                 typer.echo(f"{one.file}: note: {remark}", err=True)
             with naming(one.file, [later.file for later in measured[i + 1 :]]):
-                _send(thermap, method, one, wish, json)
+                _send(thermap, method, one, mode, json)
 
 
 def _read_all(
-    files: Sequence[Path], method: str, machine: str | None, stated: Stated, store: bool
+    files: Sequence[Path],
+    method: str,
+    machine: str | None,
+    stated: Stated,
+    store: bool,
+    axis: str | None,
 ) -> list[MeasuredFile]:
     """Read every file, and complain of all that is wrong in any."""
     found: list[tuple[Path, CsvMeasurement]] = []
     complaints: list[str] = []
     for file in files:
         try:
-            read = _read_json if file.suffix.lower() == ".json" else _read_csv
-            measurement = read(file, method, stated, store)
+            written = instrument_format(file)
+            if written is not None:
+                measurement = _read_instrument(file, written, method, stated, store, axis)
+            else:
+                read = _read_json if file.suffix.lower() == ".json" else _read_csv
+                measurement = read(file, method, stated, store)
             _check_body(file, method, measurement.body)
             found.append((file, measurement))
         except UnreadableFile as error:
@@ -153,23 +174,51 @@ def _read_csv(file: Path, method: str, stated: Stated, store: bool) -> CsvMeasur
     )
 
 
+def _read_instrument(
+    file: Path,
+    written: InstrumentFormat,
+    method: str,
+    stated: Stated,
+    store: bool,
+    axis: str | None,
+) -> CsvMeasurement:
+    """Read a file as an instrument wrote it; what it cannot know is stated beside it."""
+    if written.method != method:
+        raise UnreadableFile(f"{file}: expected --method {written.method}, got {method}")
+    found = written.read(read_text(file), file, axis)
+    problems = Problems(file)
+    body = _with_stated(dict(found.body), method, stated, store, problems)
+    problems.raise_if_any()
+    return CsvMeasurement(body, found.machine, found.remarks)
+
+
 def _read_json(file: Path, method: str, stated: Stated, store: bool) -> CsvMeasurement:
-    """Read a request's body; what the command line states goes before it."""
+    """Read a request's body; what the command line states takes precedence over it."""
     problems = Problems(file)
     body = read_json(file, problems)
     if not isinstance(body, dict):
-        problems.add(f"expected the fields of a {method} measurement, came {type(body).__name__}")
+        problems.add(f"expected the fields of a {method} measurement, got {type(body).__name__}")
         problems.raise_if_any()
+    body = _with_stated(body, method, stated, store, problems)
+    problems.raise_if_any()
+    return CsvMeasurement(body, None, ())
+
+
+def _with_stated(
+    body: dict[str, Any], method: str, stated: Stated, store: bool, problems: Problems
+) -> dict[str, Any]:
+    """Put in what the command line states, and note what a map still lacks."""
     overruled = {"label": stated.label, "measured_at": stated.measured_at}
     body |= {name: value for name, value in overruled.items() if value is not None}
     known = body.get("temperatures_c") or {}
     if stated.temperatures_c and isinstance(known, dict):
         body["temperatures_c"] = known | dict(stated.temperatures_c)
-    for name, option in _OPTION_OF.items():
+    of_a_map = ("label",) if FORMATS[method].is_dated else _OPTION_OF
+    for name in of_a_map:
+        option = _OPTION_OF[name]
         if store and not body.get(name):
-            problems.add(f"expected {name} of the map, came none: state it or give {option}")
-    problems.raise_if_any()
-    return CsvMeasurement(body, None, ())
+            problems.add(f"expected {name} of the map, got none: state it or give {option}")
+    return body
 
 
 def _check_body(file: Path, method: str, body: Mapping[str, Any]) -> None:
@@ -184,45 +233,79 @@ def _check_body(file: Path, method: str, body: Mapping[str, Any]) -> None:
 
 
 def _check_with_service(
-    thermap: ThermapClient, method: str, measured: Sequence[MeasuredFile], wish: Wish
+    thermap: ThermapClient, method: str, measured: Sequence[MeasuredFile], mode: ImportMode
 ) -> None:
     """Refuse what the machines cannot take and what the method refuses, before storing any."""
     machines = {id_: thermap.machine(id_) for id_ in sorted({one.machine for one in measured})}
-    for one in measured if wish.makes_map else ():
+    for one in measured if mode.makes_map else ():
         known = [sensor.name for sensor in machines[one.machine].sensors]
-        expect_sensors(one.file, one.machine, known, one.body["temperatures_c"])
-    if not wish.store:
+        expect_sensors(one.file, one.machine, known, _sensors_in(one.body))
+    if not mode.store:
         return
     components: dict[str, list[str]] = {id_: [] for id_ in machines}
     for one in measured:
         with naming(one.file, before="nothing was stored: " if len(measured) > 1 else ""):
-            answer = thermap.send(_METHODS[method].call(one.machine, one.body, calls.Storing()))
+            answer = thermap.send(_call(method, one, calls.Storing()))
         components[one.machine] += [found.component for found in answer.components]
-    for id_, codes in components.items():
-        say_what_follows_no_sensor(thermap, settings_of_stored(machines[id_]), codes)
+    for id_, codes in components.items() if mode.stores_map else ():
+        note_unassigned_components(thermap, settings_of_stored(machines[id_]), codes)
 
 
-def _send(thermap: ThermapClient, method: str, one: MeasuredFile, wish: Wish, json: bool) -> None:
-    storing = calls.Storing(wish.store, wish.accept_losses, wish.preview)
-    call = _METHODS[method].call(one.machine, one.body, storing)
+def _sensors_in(body: Mapping[str, Any]) -> Iterable[str]:
+    """Name the sensors of a measurement's state, or of the readings of a drift test."""
+    yield from body.get("temperatures_c") or ()
+    for reading in body.get("readings", ()):
+        yield from reading.get("temperatures_c") or ()
+
+
+def _call(method: str, one: MeasuredFile, storing: calls.Storing) -> Call[MeasurementAnswer]:
+    return calls.measure(one.machine, method, _METHODS[method].answer, one.body, storing)
+
+
+def _maps_of(one: MeasuredFile, answer: MeasurementAnswer) -> Iterator[tuple[str, int | None]]:
+    """Give label and number of each map that was stored."""
+    if isinstance(answer, ThermalDriftAnswer):
+        for state in answer.states:
+            yield str(state.label), state.map_id
+    else:
+        yield str(one.body["label"]).strip(), answer.map_id
+
+
+def _send(
+    thermap: ThermapClient, method: str, one: MeasuredFile, mode: ImportMode, json: bool
+) -> None:
+    storing = calls.Storing(
+        mode.stores_map,
+        mode.accept_losses,
+        mode.preview,
+        mode.store and mode.as_verification,
+    )
+    call = _call(method, one, storing)
     if json:
         typer.echo(thermap.content(call).decode())
         return
     known: set[str] = set()
-    if wish.store:
+    if mode.stores_map:
         known = {m.label for m in thermap.error_maps(one.machine)}
-        look = _METHODS[method].call(one.machine, one.body, calls.Storing(preview=True))
-        before: MeasurementAnswer = thermap.send(look)
+        before = thermap.send(_call(method, one, calls.Storing(preview=True)))
         if before.preview is not None:
             show_preview(one.file, before.preview)
-    answer: MeasurementAnswer = thermap.send(call)
+    answer = thermap.send(call)
     if answer.preview is not None:
         show_preview(one.file, answer.preview, alone=True)
     elif answer.stored:
-        label = str(one.body["label"]).strip()
-        say_what_became(
-            thermap, one.file, one.machine, label, answer.map_id, answer, was_there=label in known
-        )
-    else:
+        for label, number in _maps_of(one, answer):
+            report_stored_map(
+                thermap, one.file, one.machine, label, number, answer, was_there=label in known
+            )
+    elif not mode.store or not mode.as_verification:
         typer.echo(f"{one.file}: {answer.method} evaluated, nothing stored")
+    if isinstance(answer, ThermalDriftAnswer) and answer.verification is not None:
+        kept = answer.verification
+        typer.echo(
+            f"{one.file}: verification {str(one.body['label']).strip()!r} stored as number "
+            f"{kept.id}: {counted(kept.observations, 'observation')} of "
+            f"{list_names(kept.components)}, and {counted(kept.stored_readings, 'reading')} of the "
+            f"temperatures; `thermap analyse {one.machine}` searches it"
+        )
     Console(highlight=False).print(measurement_view(answer))

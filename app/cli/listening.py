@@ -92,7 +92,7 @@ class EndingServer(PatientServer):
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to end, and see to it that there is an end."""
         if not self.should_exit:
-            Thread(target=_leave_at_last, name="end", daemon=True).start()
+            Thread(target=_exit_anyway, name="end", daemon=True).start()
         super().handle_exit(sig, frame)
 
 
@@ -104,7 +104,7 @@ def checked_settings(**stated: Any) -> Settings:
         first = error.errors(include_url=False)[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")
         raise typer.BadParameter(
-            f"{first['msg']}, came {first['input']!r}", param_hint=option
+            f"{first['msg']}, got {first['input']!r}", param_hint=option
         ) from None
 
 
@@ -157,7 +157,7 @@ def database_of(service: FastAPI) -> str:
     return name.removeprefix("sqlite:///")
 
 
-def newness_of(service: FastAPI) -> str:
+def new_database_note(service: FastAPI) -> str:
     """Say so of a database that was made just now: its name may be misspelt."""
     return " (a new database, made just now)" if service.state.database_is_new else ""
 
@@ -203,7 +203,7 @@ def serving(service: FastAPI, opened: socket.socket, log_level: str) -> Iterator
 
 
 @contextmanager
-def leaving_on_signals() -> Iterator[None]:
+def exiting_on_signals() -> Iterator[None]:
     """Let Ctrl-C and SIGTERM end the block, and the command, with exit code 0."""
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
@@ -217,7 +217,7 @@ def leaving_on_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _leave_at_last() -> None:
+def _exit_anyway() -> None:
     time.sleep(END_S)
     logging.getLogger("thermap").warning(
         "ends %d s after it was told to, though something still hangs", END_S

@@ -246,14 +246,14 @@ def _sensor_in(sensors: Iterable[dict[str, Any]], name: str, text: str) -> dict[
             return sensor
     known = list_names(sensor["name"] for sensor in sensors)
     raise typer.BadParameter(
-        f"expected one of the sensors {known}, came {text!r}", param_hint="KEY=VALUE"
+        f"expected one of the sensors {known}, got {text!r}", param_hint="KEY=VALUE"
     )
 
 
 def _unknown(text: str, known: str = "") -> typer.BadParameter:
     expected = known or list_names(SETTINGS)
     return typer.BadParameter(
-        f"expected KEY=VALUE with one of {expected}, came {text!r}", param_hint="KEY=VALUE"
+        f"expected KEY=VALUE with one of {expected}, got {text!r}", param_hint="KEY=VALUE"
     )
 
 

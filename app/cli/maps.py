@@ -9,8 +9,8 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import facts, listing, or_nothing, show, temperatures, when
-from app.cli.model_change_view import preview_lines
+from app.cli.answers import facts, listing, or_nothing, show_of_machine, temperatures, when
+from app.cli.models import preview_lines
 from app.cli.options import (
     JsonOption,
     MachineOption,
@@ -26,6 +26,7 @@ from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import ErrorMapAnswer
+
 
 maps = command_group()
 
@@ -47,9 +48,7 @@ def list_maps(
     """
     from thermap import calls
 
-    with connect(url) as thermap:
-        call = calls.error_maps(chosen_machine(thermap, machine))
-        show(thermap, call, maps_view, json=json)
+    show_of_machine(url, machine, calls.error_maps, maps_view, json=json)
 
 
 @maps.command("show")
@@ -65,9 +64,9 @@ def show_map(
     """
     from thermap import calls
 
-    with connect(url) as thermap:
-        call = calls.error_map(chosen_machine(thermap, machine), number)
-        show(thermap, call, map_view, json=json)
+    show_of_machine(
+        url, machine, lambda chosen: calls.error_map(chosen, number), map_view, json=json
+    )
 
 
 @maps.command("delete")
@@ -110,7 +109,7 @@ def maps_view(found: Sequence[ErrorMapAnswer]) -> RenderableType:
 
 def map_view(one: ErrorMapAnswer) -> RenderableType:
     """Lay out one map."""
-    from app.cli.measurement_view import components_table
+    from app.cli.measurement_view import components_table  # it needs numpy; completion does not
 
     known = [
         ("error map", f"{one.label}, number {one.id}"),

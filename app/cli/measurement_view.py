@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.table_view import signed
+from app.cli.compensate import signed
 from app.geometry.components import COMPONENTS
 from app.units import unit_of_field
 from thermap.answers import ComponentAnswer, MeasurementAnswer

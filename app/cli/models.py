@@ -1,16 +1,24 @@
-"""thermap models: list, show, activate and compare model versions."""
+"""thermap models: list, show, activate and compare versions; what a new one does to the tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Final, Protocol
 
 import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import facts, listing, or_nothing, show, temperatures, when
-from app.cli.model_change_view import difference_lines
+from app.cli.answers import (
+    facts,
+    followed_sensors,
+    listing,
+    or_nothing,
+    show,
+    show_of_machine,
+    temperatures,
+    when,
+)
 from app.cli.options import (
     JsonOption,
     MachineOption,
@@ -24,11 +32,24 @@ from app.errors import counted, list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from thermap.answers import ModelAnswer, ModelComparisonAnswer, SizeAnswer
+    from thermap.answers import (
+        AdoptedEffectAnswer,
+        ComponentChangeAnswer,
+        CoverageAnswer,
+        ModelAnswer,
+        ModelComparisonAnswer,
+        PreviewAnswer,
+        SizeAnswer,
+        WaitedBeforeAnswer,
+    )
+
 
 models = command_group()
 
 VersionArgument = Annotated[int, typer.Argument(metavar="VERSION", help="The version's number.")]
+
+MOST_CHANGES: Final = 4
+"""Components whose change is named; the others change by less."""
 
 
 @models.callback()
@@ -46,9 +67,7 @@ def list_models(
     """
     from thermap import calls
 
-    with connect(url) as thermap:
-        call = calls.models(chosen_machine(thermap, machine))
-        show(thermap, call, models_view, json=json)
+    show_of_machine(url, machine, calls.models, models_view, json=json)
 
 
 @models.command("show")
@@ -64,9 +83,9 @@ def show_model(
     """
     from thermap import calls
 
-    with connect(url) as thermap:
-        call = calls.model(chosen_machine(thermap, machine), version)
-        show(thermap, call, model_view, json=json)
+    show_of_machine(
+        url, machine, lambda chosen: calls.model(chosen, version), model_view, json=json
+    )
 
 
 @models.command("activate")
@@ -112,7 +131,7 @@ def compare_models(
     from thermap import loop_calls
 
     if len(versions) < 2:
-        raise typer.BadParameter("expected two versions or more, came one", param_hint="VERSION")
+        raise typer.BadParameter("expected two versions or more, got one", param_hint="VERSION")
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
         verifications = chosen_verifications(thermap, chosen, verification)
@@ -146,12 +165,19 @@ def model_view(one: ModelAnswer) -> RenderableType:
     maps = listing("map no.", "label", "temperatures [°C]", right="rll")
     for error_map in one.maps:
         maps.add_row(str(error_map.id), error_map.label, temperatures(error_map.temperatures_c))
-    follows = listing("sensor", "is followed by")
-    for sensor in dict.fromkeys(one.assignment.values()):
-        components = [code for code, name in one.assignment.items() if name == sensor]
-        follows.add_row(sensor, list_names(components))
-    effects = [Text(f"adopted effect: {effect.explanation}") for effect in one.effects]
+    follows = followed_sensors(one.assignment)
+    effects = [
+        Text(f"adopted effect: {effect.explanation}{_origin(effect)}") for effect in one.effects
+    ]
     return Group(head, Text(), maps, Text(), follows, *([Text(), *effects] if effects else []))
+
+
+def _origin(effect: AdoptedEffectAnswer) -> str:
+    """Say which analysis found an effect, and which have fitted it anew."""
+    if effect.found_by is None:
+        return ""
+    anew = list_names(map(str, effect.refitted_by), 6)
+    return f" (found by analysis {effect.found_by}{f', refitted by {anew}' if anew else ''})"
 
 
 def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
@@ -165,11 +191,11 @@ def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
         table.add_row(name, *cells, first.unit, str(first.count))
     reasons = [Text(f"version {one.version}: {one.reason}", style="dim") for one in found.versions]
     of = list_names(map(str, found.verifications))
-    told = Text(
+    summary = Text(
         f"{counted(found.values, 'value')} that all of them can be held against; "
         f"verifications {of}; * is active"
     )
-    return Group(table, Text(), told, *reasons)
+    return Group(table, Text(), summary, *reasons)
 
 
 def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAnswer]]]:
@@ -179,3 +205,116 @@ def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAns
     overall = [one.overall for one in found.versions if one.overall is not None]
     if len(overall) == len(found.versions):
         yield "all lengths", overall
+
+
+class ModelChange(Protocol):
+    """What every answer says that may have made a model version."""
+
+    @property
+    def model_version(self) -> int | None:
+        """The version that was made."""
+
+    @property
+    def activated(self) -> bool | None:
+        """Whether tables follow it already."""
+
+    @property
+    def loses(self) -> Sequence[CoverageAnswer]:
+        """What tables lose by it."""
+
+    @property
+    def gains(self) -> Sequence[CoverageAnswer]:
+        """What they gain."""
+
+    @property
+    def waited_before(self) -> WaitedBeforeAnswer | None:
+        """The version that waited already."""
+
+    @property
+    def stays_active(self) -> int | None:
+        """The version that stays active while this one waits."""
+
+
+def preview_lines(preview: PreviewAnswer) -> Iterator[str]:
+    """Say what tables would lose and gain, and by how much they would change now."""
+    before = preview.waited_before
+    yield from (f"would lose {text}" for text in _together(_new(preview.loses, before)))
+    if before is not None and before.loses:
+        yield f"{_waited(before)}, and would lose {'; '.join(_together(before.loses))}"
+    yield from (f"would gain {text}" for text in _together(preview.gains))
+    changes = [change for change in preview.changes if change.change]
+    if changes:
+        named = list_names(map(_change_text, changes), MOST_CHANGES)
+        yield f"would change the errors at the latest reading: {named}"
+
+
+def difference_lines(change: ModelChange) -> Iterator[str]:
+    """Say what tables have lost and gained."""
+    yield from (f"tables lose {text}" for text in _together(change.loses))
+    yield from (f"tables gain {text}" for text in _together(change.gains))
+
+
+def waiting_lines(change: ModelChange, machine: str, stored: int | None = None) -> Iterator[str]:
+    """Say that a version waits, and what can be done about it; nothing where none does.
+
+    Parameters
+    ----------
+    stored
+        Number of the map that was stored, where one was.
+    """
+    if change.activated is not False or change.model_version is None:
+        return
+    before = change.waited_before
+    new = _together(_new(change.loses, before))
+    reasons = [f"they would lose {'; '.join(new)}"] if new else []
+    if before is not None and before.loses:
+        reasons.append(f"{_waited(before)}, and would lose {'; '.join(_together(before.loses))}")
+    yield (
+        f"model version {change.model_version} waits and tables stay as they are, because "
+        f"{'; and '.join(reasons)}"
+    )
+    culprits = {m.id: f"map {m.label!r}" for m in before.maps} if before and before.loses else {}
+    if new and stored is not None:
+        culprits[stored] = "the new map"
+    ways = [f"`thermap models activate {change.model_version} --machine {machine}` activates it "]
+    ways[0] += "all the same"
+    ways += [
+        f"`thermap maps delete {number} --machine {machine}` takes {what} out of it"
+        for number, what in culprits.items()
+    ]
+    if change.stays_active is not None:
+        again = f"`thermap models activate {change.stays_active} --machine {machine}`"
+        ways.append(f"{again} gives up all that waits")
+    yield f"{'; '.join(ways)}; what is stored meanwhile is added to it"
+
+
+def _waited(before: WaitedBeforeAnswer) -> str:
+    """Say which version waits already, and by which maps it differs."""
+    maps = f", with {list_names(f'map {m.label!r}' for m in before.maps)}" if before.maps else ""
+    return f"version {before.model_version} waits already{maps}"
+
+
+def _new(
+    loses: Iterable[CoverageAnswer], before: WaitedBeforeAnswer | None
+) -> list[CoverageAnswer]:
+    """Pick the losses that are not the doing of what waited already."""
+    inherited = () if before is None else before.loses
+    return [part for part in loses if part not in inherited]
+
+
+def _together(parts: Iterable[CoverageAnswer]) -> list[str]:
+    """Write each part once for all components of which the same is true."""
+    codes: dict[str, list[str]] = {}
+    for part in parts:
+        pattern = part.text.replace(part.component, "{}") if part.component else part.text
+        codes.setdefault(pattern, []).append(part.component or "")
+    return [pattern.replace("{}", _names(codes[pattern])) for pattern in codes]
+
+
+def _names(codes: Sequence[str]) -> str:
+    return list_names(codes, 30)
+
+
+def _change_text(change: ComponentChangeAnswer) -> str:
+    where = "" if change.position_mm is None else f" at {change.position_mm:g} mm"
+    return f"{change.component} by {change.change:+.2f} {change.unit}{where}"

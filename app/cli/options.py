@@ -51,6 +51,29 @@ TemperatureOption = Annotated[
         help="Temperature of one sensor in °C, such as x-middle=24.1; once for each sensor.",
     ),
 ]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        envvar="THERMAP_OUTPUT",
+        metavar="FILE.html",
+        help="Write the report, a page that needs no internet.",
+    ),
+]
+NextVisitOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--next-visit",
+        envvar="THERMAP_NEXT_VISIT",
+        metavar="FILE.csv",
+        help="Write the visit that would tell most next, for --plan and for measuring.",
+    ),
+]
+SeedOption = Annotated[
+    int, typer.Option(envvar="THERMAP_SEED", min=0, help="Of the noise: the same gives the same.")
+]
+LabelOption = Annotated[str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")]
 
 
 class NotConfirmed(ThermapError):
@@ -88,7 +111,7 @@ def chosen_machine(thermap: ThermapClient, stated: str | None) -> str:
     stored = [machine.id for machine in thermap.machines()]
     if len(stored) == 1:
         return stored[0]
-    several = f"several machines are stored: expected one of {list_names(stored)}, came none"
+    several = f"several machines are stored: expected one of {list_names(stored)}, got none"
     none = "no machine is stored yet; `thermap import machine.json` stores one"
     raise typer.BadParameter(several if stored else none, param_hint="--machine")
 
@@ -100,10 +123,6 @@ def confirm(what: str, question: str, *, yes: bool) -> None:
     ----------
     what
         What would be done, for a refusal: `machine 'vmc' was not deleted`.
-    question
-        What is asked on a terminal.
-    yes
-        Whether the user has agreed already.
 
     Raises
     ------
@@ -122,7 +141,7 @@ def expect_page(output: Path) -> None:
     """Refuse a page's file that could not be written, before the work for it is done."""
     if output.suffix.lower() != ".html":
         raise typer.BadParameter(
-            f"expected a file that ends in .html, came {str(output)!r}", param_hint="--output"
+            f"expected a file that ends in .html, got {str(output)!r}", param_hint="--output"
         )
     if not output.absolute().parent.is_dir():
         raise typer.BadParameter(
@@ -157,10 +176,6 @@ def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> 
 
     Parameters
     ----------
-    stated
-        Values of the option.
-    option
-        Name of the option, for the message.
     what
         What the number is, for the message: `a temperature in °C`.
 
@@ -175,7 +190,7 @@ def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> 
         number = read_number(written)
         if not name or not equals or number is None:
             raise typer.BadParameter(
-                f"expected NAME=NUMBER with {what}, came {text!r}", param_hint=option
+                f"expected NAME=NUMBER with {what}, got {text!r}", param_hint=option
             )
         if name in found:
             raise typer.BadParameter(f"{name} is stated twice", param_hint=option)
@@ -200,7 +215,7 @@ def read_time(text: str, option: str) -> datetime:
         time = datetime.min
     if time.tzinfo is None:
         raise typer.BadParameter(
-            f"expected a time with its zone such as 2026-03-01T06:00:00Z, came {text!r}",
+            f"expected a time with its zone such as 2026-03-01T06:00:00Z, got {text!r}",
             param_hint=option,
         )
     return time.astimezone(UTC)
@@ -221,7 +236,7 @@ def read_point(text: str, option: str, example: str) -> list[float]:
     found = [number for number in numbers if number is not None]
     if len(numbers) != 3 or len(found) != 3:
         raise typer.BadParameter(
-            f"expected X,Y,Z in mm, such as {example}, came {text!r}", param_hint=option
+            f"expected X,Y,Z in mm, such as {example}, got {text!r}", param_hint=option
         )
     return found
 
@@ -248,12 +263,12 @@ def in_options() -> Iterator[None]:
     try:
         yield
     except InvalidContentError as error:
-        told = error.sentence.replace("state 'zero'", "state --missing-as-zero")
+        refusal = error.sentence.replace("state 'zero'", "state --missing-as-zero")
         for one in error.errors:
             field, _, rest = one.field.partition(".")
             if field in _OPTIONS:
-                told = told.replace(one.field, f"{_OPTIONS[field]} {rest}".strip())
-        raise RefusedQuestion(told.removeprefix("--missing-as-zero: ")) from error
+                refusal = refusal.replace(one.field, f"{_OPTIONS[field]} {rest}".strip())
+        raise RefusedQuestion(refusal.removeprefix("--missing-as-zero: ")) from error
 
 
 ToolOption = Annotated[

@@ -58,7 +58,7 @@ def picture(
     """
     if output.suffix.lower() not in (".html", ".json"):
         raise typer.BadParameter(
-            f"expected a file that ends in .html or .json, came {str(output)!r}",
+            f"expected a file that ends in .html or .json, got {str(output)!r}",
             param_hint="--output",
         )
     question = field_question(temperature, tool, missing_as_zero)
@@ -72,12 +72,12 @@ def picture(
 
 def _view(output: Path, meta: Mapping[str, Any]) -> RenderableType:
     """Say what was drawn, and what is to be said against it."""
-    said = list(meta["warnings"])
+    lines = list(meta["warnings"])
     if meta["counted_as_zero"]:
-        said.insert(0, f"counted as zero: {', '.join(meta['counted_as_zero'])}")
+        lines.insert(0, f"counted as zero: {', '.join(meta['counted_as_zero'])}")
     if not meta["complete"]:
-        said.insert(0, "not complete")
-    warnings = [Text(f"! {text}", style="yellow") for text in said]
+        lines.insert(0, "not complete")
+    warnings = [Text(f"! {text}", style="yellow") for text in lines]
     return Group(Text(f"{output}: {meta['drawn']}"), *warnings)
 
 

@@ -1,15 +1,23 @@
-"""thermap replay: recorded temperatures, sent as readings."""
+"""thermap replay: recorded temperatures, sent as readings, and how the table changed over them.
+
+A recording sent faster than it was recorded and stamped as it is sent seems to warm up
+faster than any machine does, and the service rightly takes that for sensors that jump.
+So where that would happen the readings keep their recorded spacing instead.
+"""
 
 from __future__ import annotations
 
 import time
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import (
@@ -20,19 +28,29 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
-from app.cli.csv_recording import TIME_COLUMNS, read_recording
+from app.api.schemas.readings import ReadingSchema
+from app.arrays import FloatArray
+from app.cli.compensate import evenly_chosen, signed
+from app.cli.csv_recording import TIME_COLUMNS, Recording, read_recording
 from app.cli.delimited_text import left_out
 from app.cli.options import MachineArgument, UrlOption, connect, read_time
-from app.cli.replay_times import Plan, Stamps, plan_replay
-from app.cli.table_change import change_view, component_changes, sampled_tables
 from app.errors import counted, list_names
-from thermap import DEFAULT_URL, ConflictError, ThermapClient
-from thermap.answers import MachineAnswer
+from app.geometry.components import COMPONENTS
+from app.live.reading_window import kept_spacing_s
+from app.thermal.machine import Sensor
+from app.thermal.sensor_health import CLEARLY
+from app.units import SECONDS_PER_MIN
+from thermap import DEFAULT_URL, ConflictError, InvalidContentError, ThermapClient
+from thermap.answers import CompensationAnswer, MachineAnswer, SensorSchema
 
 _LONGEST_SLEEP_S = 0.2
-_WARY = timedelta(minutes=2)
+_JUMP_WITHIN = timedelta(minutes=2)
 """How long after other readings a different one seems to have jumped."""
+
+SAMPLES: Final = 60
+"""Tables that are asked for over a replay; the temperatures change slowly."""
 
 
 def replay(
@@ -119,7 +137,7 @@ def _announce(thermap: ThermapClient, machine: str, file: Path, plan: Plan) -> N
     typer.echo(f"{file}: {counted(len(plan.readings), 'reading')} {plan.stamps}{reason}", err=True)
     if plan.stamps is not Stamps.AS_SENT:
         typer.echo(f"from {first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC", err=True)
-    if thermap.readings(machine, since=first - _WARY, limit=1):
+    if thermap.readings(machine, since=first - _JUMP_WITHIN, limit=1):
         typer.echo(
             f"note: {machine} has other readings from about that time on; where they differ, "
             "its sensors will seem to jump and there is no live table",
@@ -186,7 +204,7 @@ def _read_columns(stated: list[str] | None) -> dict[str, str]:
     for text in stated or ():
         name, equals, sensor = (part.strip() for part in text.rpartition("="))
         if not name or not equals or not sensor:
-            raise typer.BadParameter(f"expected NAME=SENSOR, came {text!r}", param_hint="--column")
+            raise typer.BadParameter(f"expected NAME=SENSOR, got {text!r}", param_hint="--column")
         found[name] = sensor
     return found
 
@@ -211,5 +229,206 @@ def _read_zone(text: str | None) -> tzinfo | None:
         return datetime.fromisoformat(f"2000-01-01T00:00:00{text}").tzinfo or UTC
     except ValueError:
         raise typer.BadParameter(
-            f"expected an offset such as +01:00, came {text!r}", param_hint="--utc-offset"
+            f"expected an offset such as +01:00, got {text!r}", param_hint="--utc-offset"
         ) from None
+
+
+class Stamps(StrEnum):
+    """Which times the readings are given."""
+
+    AS_SENT = "stamped as they are sent"
+    MOVED = "with their recorded spacing, the last one as it is sent"
+    RECORDED = "with their recorded times"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is sent when: seconds after the beginning [s], and the reading."""
+
+    due_s: list[float]
+    readings: list[ReadingSchema]
+    stamps: Stamps
+    reason: str = ""
+
+
+def plan_replay(
+    recording: Recording,
+    sensors: Sequence[SensorSchema],
+    *,
+    now: datetime,
+    speed: float,
+    start: datetime | None,
+    recorded_times: bool,
+) -> Plan:
+    """Decide when each reading is sent, and with which time.
+
+    Parameters
+    ----------
+    sensors
+        The machine's, with the fastest change that each can have.
+    speed
+        How many times faster than recorded; 0: all at once.
+    start
+        When a recording without dates began.
+    recorded_times
+        Whether readings keep the times of the recording where they could be stamped
+        as they are sent.
+    """
+    zero_s = recording.times_s[0]
+    due_s = [(t - zero_s) / speed if speed else 0.0 for t in recording.times_s]
+    stamps, reason = _choose_stamps(recording, sensors, speed, start, recorded_times)
+    if stamps is Stamps.AS_SENT:
+        times = [now + timedelta(seconds=due) for due in due_s]
+    else:
+        # Sent slower than recorded, all but the first would be in the future.
+        end = now + timedelta(seconds=due_s[-1]) if speed >= 1.0 else now
+        origin = _origin(recording, stamps, end, start)
+        times = [origin + timedelta(seconds=t - zero_s) for t in recording.times_s]
+    readings = [
+        ReadingSchema(time=time, temperatures_c=dict(values), state={})
+        for time, values in zip(times, recording.temperatures_c, strict=True)
+    ]
+    return Plan(due_s, readings, stamps, reason)
+
+
+def _choose_stamps(
+    recording: Recording,
+    sensors: Sequence[SensorSchema],
+    speed: float,
+    start: datetime | None,
+    recorded_times: bool,
+) -> tuple[Stamps, str]:
+    as_recorded = Stamps.RECORDED if recording.is_dated or start else Stamps.MOVED
+    if recorded_times or start or speed == 0.0:
+        return as_recorded, ""
+    spacing_s = kept_spacing_s(Sensor(**sensor.model_dump()) for sensor in sensors)
+    for sensor in sensors:
+        if _seems_to_jump(recording, sensor, speed, spacing_s):
+            return Stamps.MOVED, (
+                f"at {speed:g} times the recorded speed {sensor.name} would seem to jump "
+                f"(more than {sensor.max_rate_c_per_min:g} °C/min)"
+            )
+    return Stamps.AS_SENT, ""
+
+
+def _origin(
+    recording: Recording, stamps: Stamps, end: datetime, start: datetime | None
+) -> datetime:
+    """Time of the first reading; `end` is when the last one is sent."""
+    if stamps is Stamps.MOVED:
+        return end - timedelta(seconds=recording.duration_s)
+    if recording.is_dated:
+        return datetime.fromtimestamp(recording.times_s[0], UTC)
+    assert start is not None  # without dates, only a stated start gives recorded times
+    return start + timedelta(seconds=recording.times_s[0])
+
+
+def _seems_to_jump(
+    recording: Recording, sensor: SensorSchema, speed: float, spacing_s: float
+) -> bool:
+    """Whether a sensor's change, so much faster, is more than the service believes.
+
+    Of readings that come closer than `spacing_s` the service keeps only some.
+    """
+    allowance_c = CLEARLY * sensor.resolution_c
+    rate_c_per_s = sensor.max_rate_c_per_min / SECONDS_PER_MIN
+    known = [
+        (time_s / speed, values[sensor.name])
+        for time_s, values in zip(recording.times_s, recording.temperatures_c, strict=True)
+        if sensor.name in values
+    ]
+    kept_s, kept_c = known[0] if known else (0.0, 0.0)
+    for time_s, value_c in known:
+        if abs(value_c - kept_c) > allowance_c + rate_c_per_s * (time_s - kept_s):
+            return True
+        if time_s - kept_s >= spacing_s:
+            kept_s, kept_c = time_s, value_c
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentChange:
+    """One component's compensation at the position where first and last differ most.
+
+    `largest` is the greatest magnitude of change against the first table at any
+    position of any table; all numbers in the component's unit.
+    """
+
+    code: str
+    chapter: str
+    unit: str
+    position_mm: float | None
+    first: float
+    last: float
+    largest: float
+
+
+def sampled_tables(
+    thermap: ThermapClient, machine: str, temperatures_c: Sequence[Mapping[str, float]]
+) -> list[CompensationAnswer]:
+    """Ask for the tables at evenly chosen readings, both ends among them.
+
+    Readings that have no table, because a sensor is missing, are passed over.
+    """
+    found = []
+    for i in evenly_chosen(len(temperatures_c), SAMPLES):
+        try:
+            found.append(thermap.compensation(machine, temperatures_c[i]))
+        except InvalidContentError:
+            continue
+    return found
+
+
+def component_changes(tables: Sequence[CompensationAnswer]) -> list[ComponentChange]:
+    """Compare the first table with the last one, and with all between."""
+    values = [_compensation_by_code(table) for table in tables]
+    changes = []
+    for entry in tables[0].components:
+        code = entry.component
+        series = [v[code] for v in values if code in v and v[code].shape == values[0][code].shape]
+        over_time = np.array(series)
+        most = int(np.abs(over_time[-1] - over_time[0]).argmax())
+        changes.append(
+            ComponentChange(
+                code=code,
+                chapter=entry.chapter,
+                unit=COMPONENTS[code].unit.symbol,
+                position_mm=entry.positions_mm[most] if entry.positions_mm else None,
+                first=float(over_time[0, most]),
+                last=float(over_time[-1, most]),
+                largest=float(np.abs(over_time - over_time[0]).max()),
+            )
+        )
+    return changes
+
+
+def change_view(changes: Iterable[ComponentChange]) -> Table:
+    """Lay the changes out for a terminal."""
+    table = Table(
+        box=None,
+        padding=(0, 2, 0, 0),
+        pad_edge=False,
+        header_style="dim",
+        title="Compensation at the first and the last reading, where they differ most",
+        title_justify="left",
+        title_style="bold",
+    )
+    for heading in ("component", "", "unit"):
+        table.add_column(heading)
+    for heading in ("at mm", "first", "last", "change", "largest change"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for c in changes:
+        position = "" if c.position_mm is None else f"{c.position_mm:g}"
+        numbers = (signed(c.first), signed(c.last), signed(c.last - c.first), f"{c.largest:.2f}")
+        table.add_row(c.code, c.chapter, c.unit, position, *numbers)
+    return table
+
+
+def _compensation_by_code(table: CompensationAnswer) -> dict[str, FloatArray]:
+    """Every component's compensation, shape (n,), in its unit."""
+    return {
+        entry.component: np.atleast_1d(
+            np.asarray(getattr(entry, COMPONENTS[entry.component].compensation_field), dtype=float)
+        )
+        for entry in table.components
+    }

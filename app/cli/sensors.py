@@ -9,8 +9,8 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show
-from app.cli.model_change_view import waiting_lines
+from app.cli.answers import followed_sensors, listing, or_nothing, show, show_of_machine
+from app.cli.models import waiting_lines
 from app.cli.options import (
     JsonOption,
     MachineOption,
@@ -19,7 +19,6 @@ from app.cli.options import (
     command_group,
     connect,
 )
-from app.errors import list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -43,9 +42,7 @@ def show_assignment(
     """
     from thermap import calls
 
-    with connect(url) as thermap:
-        call = calls.sensor_assignment(chosen_machine(thermap, machine))
-        show(thermap, call, assignment_view, json=json)
+    show_of_machine(url, machine, calls.sensor_assignment, assignment_view, json=json)
 
 
 @sensors.command("assign")
@@ -88,9 +85,7 @@ def correlate_sensors(
     """
     from thermap import calls
 
-    with connect(url) as thermap:
-        call = calls.correlate_sensors(chosen_machine(thermap, machine))
-        show(thermap, call, correlation_view, json=json)
+    show_of_machine(url, machine, calls.correlate_sensors, correlation_view, json=json)
 
 
 def _read_assignment(stated: list[str]) -> dict[str, str]:
@@ -99,7 +94,7 @@ def _read_assignment(stated: list[str]) -> dict[str, str]:
         component, equals, sensor = (part.strip() for part in text.partition("="))
         if not component or not equals or not sensor:
             raise typer.BadParameter(
-                f"expected COMPONENT=SENSOR such as EXX=x-middle, came {text!r}",
+                f"expected COMPONENT=SENSOR such as EXX=x-middle, got {text!r}",
                 param_hint="COMPONENT=SENSOR",
             )
         if component in found:
@@ -120,10 +115,7 @@ def assigned_view(
 
 def assignment_view(assignment: Mapping[str, str]) -> RenderableType:
     """Lay out which components follow which sensor."""
-    table = listing("sensor", "is followed by")
-    for sensor in dict.fromkeys(assignment.values()):
-        components = [code for code, name in assignment.items() if name == sensor]
-        table.add_row(sensor, list_names(components, limit=100))
+    table = followed_sensors(assignment, limit=100)
     return or_nothing(table, "no component follows a sensor yet: no error map is stored")
 
 

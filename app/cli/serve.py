@@ -16,10 +16,10 @@ from app.cli.listening import (
     PortOption,
     checked_settings,
     database_of,
-    leaving_on_signals,
+    exiting_on_signals,
     listening,
     make_service,
-    newness_of,
+    new_database_note,
     server_for,
     url_of,
 )
@@ -107,10 +107,10 @@ def serve(
         log_level=log_level,
     )
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    with leaving_on_signals(), listening(settings.host, settings.port, "serve") as opened:
+    with exiting_on_signals(), listening(settings.host, settings.port, "serve") as opened:
         service = make_service(settings)
         typer.echo(f"thermap {package.__version__} listens on {url_of(opened)}")
         typer.echo(f"  to read and try   {url_of(opened)}/docs")
-        typer.echo(f"  database          {database_of(service)}{newness_of(service)}")
+        typer.echo(f"  database          {database_of(service)}{new_database_note(service)}")
         typer.echo("  Ctrl-C stops it")
         server_for(service, settings.log_level).run([opened])

@@ -1,4 +1,4 @@
-"""thermap simulate: what an instrument would read on a stored machine, as its file."""
+"""thermap simulate: what an instrument would read on a stored machine; machines with effects."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Annotated, Any
 import typer
 
 from app.cli.options import (
+    LabelOption,
     MachineArgument,
     MissingOption,
+    SeedOption,
     TemperatureOption,
     ToolOption,
     UrlOption,
@@ -22,6 +24,8 @@ from app.cli.options import (
     read_point,
     write_file,
 )
+from app.cli.simulate_campaign import simulate_campaign
+from app.cli.simulate_thermal_drift import simulate_thermal_drift
 from app.cli.simulate_verification import simulate_verification
 from app.errors import counted, list_names
 from app.geometry.body_diagonal import DIAGONALS
@@ -37,10 +41,12 @@ simulate = command_group()
 
 @simulate.callback()
 def _describe() -> None:
-    """Simulated readings on a stored machine: for training, and to plan a measurement."""
+    """Simulated readings on a stored machine, or a whole machine with an undeclared effect."""
 
 
 simulate.command("verification")(simulate_verification)
+simulate.command("campaign")(simulate_campaign)
+simulate.command("thermal-drift")(simulate_thermal_drift)
 
 
 @simulate.command("step-diagonal")
@@ -95,10 +101,7 @@ def simulate_step_diagonal(
             help="Readings are rounded to multiples of this, in µm.",
         ),
     ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(envvar="THERMAP_SEED", min=0, help="Of the noise: the same gives the same."),
-    ] = 0,
+    seed: SeedOption = 0,
     target: Annotated[
         str, typer.Option(envvar="THERMAP_TARGET", help="What reflects: point or flat-mirror.")
     ] = "point",
@@ -111,9 +114,7 @@ def simulate_step_diagonal(
             "direction beside the diagonal, such as ppp=100,0.",
         ),
     ] = None,
-    label: Annotated[
-        str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")
-    ] = "Simulated step diagonal",
+    label: LabelOption = "Simulated step diagonal",
     missing_as_zero: MissingOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -157,8 +158,6 @@ def step_diagonal_lines(
 
     Parameters
     ----------
-    found
-        The service's answer.
     plan
         What it was asked, of which noise, resolution and tilts are told in a sentence.
     label, measured_at
@@ -170,7 +169,7 @@ def step_diagonal_lines(
     yield "# instrument: simulation"
     # Sentences without a colon are read by people alone.
     yield f"# Simulated from model version {found.model_version}, for training, not measured"
-    yield f"# Simulated with {_spoilt_by(plan)}"
+    yield f"# Simulated with {_disturbances(plan)}"
     if found.counted_as_zero:
         yield f"# No two maps have {list_names(found.counted_as_zero)}, which count as zero"
     for sensor, temperature_c in found.temperatures_c.items():
@@ -186,7 +185,7 @@ def step_diagonal_lines(
             yield f"{diagonal},{number},{readings}"
 
 
-def _spoilt_by(plan: dict[str, Any]) -> str:
+def _disturbances(plan: dict[str, Any]) -> str:
     """Say what the readings have beside the machine's errors."""
     parts = [f"noise of {plan['noise_um']:g} µm (seed {plan['seed']})" if plan["noise_um"] else ""]
     parts.append(f"steps of {plan['resolution_um']:g} µm" if plan["resolution_um"] else "")
@@ -205,18 +204,16 @@ def _now() -> str:
 
 def _expect_file_and_words(output: Path, label: str, target: str) -> None:
     if output.suffix.lower() == ".json":
-        raise typer.BadParameter(
-            f"expected a CSV file, came {str(output)!r}", param_hint="--output"
-        )
+        raise typer.BadParameter(f"expected a CSV file, got {str(output)!r}", param_hint="--output")
     if not label.isprintable() or not label or label != label.strip(' ;,"'):
         raise typer.BadParameter(
             "expected a name in one line that begins and ends with neither a blank nor "
-            f'one of ; , ", came {label!r}',
+            f'one of ; , ", got {label!r}',
             param_hint="--label",
         )
     if target not in TARGETS:
         raise typer.BadParameter(
-            f"expected one of {list_names(TARGETS)}, came {target!r}", param_hint="--target"
+            f"expected one of {list_names(TARGETS)}, got {target!r}", param_hint="--target"
         )
 
 
@@ -230,7 +227,7 @@ def _read_tilts(stated: Iterable[str]) -> Iterator[tuple[str, list[float]]]:
         if diagonal not in DIAGONALS or diagonal in met or len(numbers) != 2 or len(found) != 2:
             raise typer.BadParameter(
                 f"expected DIAGONAL=A,B once for each of {list_names(DIAGONALS)}, with two "
-                f"angles in µrad such as ppp=100,0, came {text!r}",
+                f"angles in µrad such as ppp=100,0, got {text!r}",
                 param_hint="--mirror-tilt",
             )
         met.add(diagonal)

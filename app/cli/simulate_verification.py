@@ -11,15 +11,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from io import StringIO
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
 from app.cli.options import (
+    LabelOption,
     MachineArgument,
     MissingOption,
+    SeedOption,
     UrlOption,
     connect,
     read_named_numbers,
@@ -46,7 +47,11 @@ _COLUMNS: Final = (
     *(f"{stem}_{axis}_mm" for stem in ("point", "tool") for axis in "xyz"),
     *(f"measured_{axis}_um" for axis in "xyz"),
     *(f"direction_{axis}" for axis in "xyz"),
+    "setup",
 )
+
+VISITS_APART: Final = timedelta(hours=2)
+"""From the beginning of a visit to that of the next, at least."""
 
 Observation = dict[str, Any]
 """One observation as the service takes it, without its value."""
@@ -131,13 +136,8 @@ def simulate_verification(
             "the sign of the approach.",
         ),
     ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(envvar="THERMAP_SEED", min=0, help="Of the noise: the same gives the same."),
-    ] = 0,
-    label: Annotated[
-        str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")
-    ] = "Simulated verification",
+    seed: SeedOption = 0,
+    label: LabelOption = "Simulated verification",
     missing_as_zero: MissingOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -167,7 +167,9 @@ def simulate_verification(
         version = 0
         for visit in planned.visits:
             answer = thermap.predict(
-                machine, visit, missing_components="zero" if missing_as_zero else "refuse"
+                machine,
+                _predictable(visit),
+                missing_components="zero" if missing_as_zero else "refuse",
             )
             version = answer.model_version
             for observation, predicted in zip(visit, answer.predicted_um, strict=True):
@@ -190,7 +192,7 @@ def simulate_verification(
         "instrument: simulation",
         # Sentences without a colon are read by people alone.
         f"Simulated from model version {version}, for training, not measured",
-        f"Simulated with {_spoilt_by(noise, seed, reversals)}",
+        f"Simulated with {_disturbances(noise, seed, reversals)}",
     ]
     head += [f"repeatability_um: {noise:g}"] if noise else []
     write_file(output, _written(head, rows))
@@ -200,8 +202,13 @@ def simulate_verification(
             "time, or no two maps have the component",
             err=True,
         )
-    told = f"{counted(len(rows), 'observation')} in {counted(len(planned.visits), 'visit')}"
-    typer.echo(f"{output}: {told}, simulated")
+    content = f"{counted(len(rows), 'observation')} in {counted(len(planned.visits), 'visit')}"
+    typer.echo(f"{output}: {content}, simulated")
+
+
+def _predictable(visit: Iterable[Observation]) -> list[Observation]:
+    """Leave out what a prediction does not ask for."""
+    return [{k: v for k, v in one.items() if k != "setup"} for one in visit]
 
 
 def _read_reversals(stated: Sequence[str] | None) -> dict[str, float]:
@@ -228,25 +235,15 @@ def _parsed(name: str, option: str, parse: Any) -> Any:
 
 
 def _stated_plan(file: Path) -> _Plan:
-    """Read a plan; pauses part it into visits."""
+    """Read a plan; what it states as a set-up is a visit."""
     from app.cli.csv_verification import read_csv_verification
 
     body = read_csv_verification(file, is_planned=True).body
     ordered = sorted(body["observations"], key=lambda o: datetime.fromisoformat(o["time"]))
-    return _Plan(_parted(ordered), body.get("datum", "absolute"))
-
-
-def _parted(ordered: Sequence[Observation]) -> list[list[Observation]]:
-    """Part observations at pauses that make another visit."""
-    from app.effects.observations import VISIT_GAP_S
-
-    found = [[ordered[0]]]
-    for before, after in pairwise(ordered):
-        pause = datetime.fromisoformat(after["time"]) - datetime.fromisoformat(before["time"])
-        if pause.total_seconds() > VISIT_GAP_S:
-            found.append([])
-        found[-1].append(after)
-    return found
+    setups: dict[str | None, list[Observation]] = {}
+    for one in ordered:
+        setups.setdefault(one.get("setup"), []).append(one)
+    return _Plan(list(setups.values()), body.get("datum", "absolute"))
 
 
 def _default_plan(
@@ -258,11 +255,9 @@ def _default_plan(
     span: tuple[datetime | None, datetime | None],
 ) -> _Plan:
     """Visit the components in turn at times that the stored readings cover evenly."""
-    from app.effects.observations import VISIT_GAP_S
-
     ranges = _ranges_of_maps(thermap, machine, components)
     count = positions * len(ranges)
-    readings = thermap.readings(machine, *span, every_s=VISIT_GAP_S)
+    readings = thermap.readings(machine, *span, every_s=VISITS_APART.total_seconds())
     times = [one.time for one in readings]
     every = OBSERVATION_EVERY
     starts = _spread(times, visits, every * count)
@@ -279,7 +274,7 @@ def _default_plan(
     if len(starts) < visits:
         typer.echo(
             f"note: {counted(len(starts), 'visit')} instead of {visits}: the stored readings have "
-            f"no more that are {VISIT_GAP_S / 3600:g} hours apart",
+            f"no more that are {VISITS_APART / timedelta(hours=1):g} hours apart",
             err=True,
         )
     if every < OBSERVATION_EVERY:
@@ -396,6 +391,7 @@ def _visit(
         found: Observation = {
             "time": (start + i * every).isoformat().replace("+00:00", "Z"),
             "component": code,
+            "setup": f"visit {number + 1}",
         }
         if position is not None:
             sign = "+" if (i + number) % 2 else "-"
@@ -421,16 +417,16 @@ def _row(observation: Observation, values: Sequence[float]) -> list[Any]:
     from app.geometry.components import COMPONENTS
     from app.units import Unit
 
-    time, code = observation["time"], _code(observation)
+    time, code, setup = observation["time"], _code(observation), observation.get("setup", "")
     if not code:
         signs = observation.get("direction", {})
         tool = observation.get("tool_offset_mm", ["", "", ""])
         places = [*observation["point_mm"], *tool, *values]
-        return [time, *[""] * 5, *places, *(signs.get(axis, "") for axis in "xyz")]
+        return [time, *[""] * 5, *places, *(signs.get(axis, "") for axis in "xyz"), setup]
     is_angle = COMPONENTS[code].unit in (Unit.URAD, Unit.UM_PER_M)
     cells = ["", values[0]] if is_angle else [values[0], ""]
     place = [observation.get("position_mm", ""), observation.get("direction", "")]
-    return [time, observation["component"], *place, *cells, *[""] * 12]
+    return [time, observation["component"], *place, *cells, *[""] * 12, setup]
 
 
 def _written(head: Iterable[str], rows: Sequence[Sequence[Any]]) -> str:
@@ -444,7 +440,7 @@ def _written(head: Iterable[str], rows: Sequence[Sequence[Any]]) -> str:
     return text.getvalue()
 
 
-def _spoilt_by(noise: float, seed: int, reversals: Mapping[str, float]) -> str:
+def _disturbances(noise: float, seed: int, reversals: Mapping[str, float]) -> str:
     parts = [f"noise of {noise:g} µm, µrad or µm/m (seed {seed})" if noise else "no noise"]
     parts += [f"a reversal of {value:g} in {code}" for code, value in reversals.items()]
     return ", ".join(parts)

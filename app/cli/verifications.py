@@ -10,7 +10,7 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show, when
+from app.cli.answers import listing, or_nothing, show, show_of_machine, when
 from app.cli.options import (
     JsonOption,
     MachineOption,
@@ -24,6 +24,7 @@ from app.cli.options import (
     write_file,
 )
 from app.errors import counted, list_names
+from app.pages.report_parts.words import zeros_text
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -59,9 +60,7 @@ def list_verifications(
     """
     from thermap import loop_calls
 
-    with connect(url) as thermap:
-        call = loop_calls.verifications(chosen_machine(thermap, machine))
-        show(thermap, call, verifications_view, json=json)
+    show_of_machine(url, machine, loop_calls.verifications, verifications_view, json=json)
 
 
 @verifications.command("residuals")
@@ -193,7 +192,8 @@ def residuals_view(found: ResidualsAnswer) -> RenderableType:
                 style="yellow",
             )
         )
-    guessed = [Text(_ORIGIN_NOTE, style="dim")] if _is_any_guessed(found) else []
+    guessed = [Text(zeros_text(str(size.zero) for size in found.components), style="dim")]
+    guessed += [Text(_ORIGIN_NOTE, style="dim")] if _is_any_guessed(found) else []
     shown = or_nothing(table, "nothing of them can be held against the model")
     return Group(head, Text(), shown, *left_out, *guessed)
 

@@ -97,7 +97,7 @@ def test_from_files_to_the_report_and_the_adopted_effect(thermap, client, tmp_pa
     assert len(client.verifications(MACHINE_ID)) == len(bodies)
     told = plain(found.stdout)
     assert told.startswith(("Effects found", "Something unexplained"))
-    assert "1. EZX has a reversal value of" in told
+    assert "0. EZX has a reversal value of" in told
     assert "confirmed on held-out visits" in told
     assert re.search(r"EZX \d+\.\d+ \d+\.\d+ (\d+\.\d+|–) µm", told)
     assert "model version 4 is active" in plain(found.stderr)
@@ -115,6 +115,22 @@ def test_from_files_to_the_report_and_the_adopted_effect(thermap, client, tmp_pa
     assert answer["result"]["effects"] == []
 
 
+@pytest.mark.slow
+def test_the_proposed_visit_is_written_and_planned(thermap, client, tmp_path):
+    """Few visits leave open what changes from one to the next."""
+    bodies = small_campaign().verifications[:3]
+    files = [as_csv(b, tmp_path / f"{i}.csv") for i, b in enumerate(bodies)]
+    visit = tmp_path / "next.csv"
+    found = thermap("analyse", MACHINE_ID, *options(files), *QUICK, "--next-visit", visit)
+    assert found.exit_code == 0, found.stderr
+    assert "says what they would show" in plain(found.stderr)
+    sentence = next(line[2:] for line in visit.read_text().splitlines() if line.startswith("# Mea"))
+    assert sentence.split(";")[0] in plain(found.stdout)
+    planned = thermap("analyse", MACHINE_ID, "--plan", "--verification", visit)
+    assert planned.exit_code == 0, planned.stderr
+    assert "1 visit with" in plain(planned.stdout)
+
+
 def test_nothing_is_sent_where_a_file_is_wrong(thermap, client, tmp_path):
     good = as_json(small_campaign().verifications[0] | {"label": "new"}, tmp_path / "good.json")
     bad = tmp_path / "bad.csv"
@@ -130,8 +146,8 @@ def test_nothing_is_sent_where_a_file_is_wrong(thermap, client, tmp_path):
     told = plain(found.stderr)
     assert "nothing was sent" in told
     assert "line 3, column 1 (time): expected a time with its zone" in told
-    assert "column 4 (direction): expected + or -, came 'up'" in told
-    assert "column 5 (measured_um): expected a number in µm, came 'much'" in told
+    assert "column 4 (direction): expected + or -, got 'up'" in told
+    assert "column 5 (measured_um): expected a number in µm, got 'much'" in told
     assert client.verifications(MACHINE_ID) == before
 
 
@@ -143,7 +159,7 @@ def test_what_the_service_would_refuse_is_told_with_its_line(thermap, tmp_path):
     )
     found = thermap("analyse", MACHINE_ID, "-v", file)
     assert found.exit_code == 1
-    assert "huge.csv, line 2: expected errors within ±10000 µm, came 1.2e+07 µm" in plain(
+    assert "huge.csv, line 2: expected errors within ±10000 µm, got 1.2e+07 µm" in plain(
         found.stderr
     )
 
@@ -235,11 +251,13 @@ def test_wrong_usage_is_told(thermap, arguments, code, said):
 
 
 def test_the_table_counts_what_its_figures_are_of():
-    """Angles are not in an RMS of lengths; without a floor the repeatability stands for it."""
+    """Angles are not in an RMS of lengths; nothing stands for a floor that is not known."""
     terminal = StringIO()
-    result = NOTHING | {"floor_um": None}
+    result = NOTHING | {"floor_um": None, "floor_unknown": "nothing was repeated"}
     Console(width=100, file=terminal).print(analysis_view(RESULTS.read_text(json.dumps(result))))
-    assert "all in µm 0.65 0.65 0.61 µm 240" in plain(terminal.getvalue())
+    told = plain(terminal.getvalue())
+    assert "all in µm 0.65 0.65 – µm 240" in told
+    assert "floor unknown: nothing was repeated" in told
 
 
 @pytest.mark.slow
@@ -262,7 +280,7 @@ def test_what_only_the_service_knows_is_told_with_its_line_too(thermap, tmp_path
         assert found.exit_code == 1
         told = plain(found.stderr)
         assert f"{file}, line 3, position_mm: expected x within the axis' travel" in told
-        assert "came 9999.0001 mm" in told
+        assert "got 9999.0001 mm" in told
 
 
 def test_another_machines_file_is_refused_by_the_arguments_own_name(thermap, tmp_path):

@@ -98,9 +98,9 @@ def test_a_value_in_another_units_column(complaints):
     text = "component,position_mm,error_um,error_urad\nEBX,0,1,\nSXY,,,1\n"
     assert complaints(HEAD + text) == [
         "run.csv, line 5, column 3 (error_um): expected EBX in µrad once, in the column "
-        "error_urad, came '1'",
+        "error_urad, got '1'",
         "run.csv, line 6, column 4 (error_urad): expected SXY in µm/m once, in the column "
-        "error_um_per_m, came '1'",
+        "error_um_per_m, got '1'",
     ]
 
 
@@ -108,7 +108,7 @@ def test_squareness_and_slopes_share_their_unit_but_not_two_columns(complaints):
     both = "component,position_mm,slope_um_per_m,value_um_per_m\nSXY,,1,2\n"
     assert complaints(HEAD + both)[0] == (
         "run.csv, line 5, column 4 (value_um_per_m): expected SXY in µm/m once, in the "
-        "column slope_um_per_m or value_um_per_m, came '2'"
+        "column slope_um_per_m or value_um_per_m, got '2'"
     )
 
 
@@ -173,8 +173,8 @@ def test_standard_errors_that_cannot_be(complaints):
     head = "component,position_mm,error_um,standard_error_um\n"
     assert complaints(HEAD + head + "EXX,0,0,-0.2\nEXX,9,1,x\n") == [
         "run.csv, line 5, column 4 (standard_error_um): expected a standard error of EXX in µm, "
-        "which is not negative, came '-0.2'",
-        "run.csv, line 6, column 4 (standard_error_um): expected a number in µm, came 'x'",
+        "which is not negative, got '-0.2'",
+        "run.csv, line 6, column 4 (standard_error_um): expected a number in µm, got 'x'",
     ]
     assert complaints(HEAD + head + "EXX,0,0,0.2\nEXX,9,1,\n") == [
         "run.csv, line 6: expected a standard error of EXX in every line or in none, unlike line 5",
@@ -182,18 +182,18 @@ def test_standard_errors_that_cannot_be(complaints):
     two = "component,position_mm,error_um,standard_error_um,standard_error_urad\n"
     assert complaints(HEAD + two + "EXX,0,0,,0.1\n") == [
         "run.csv, line 5, column 5 (standard_error_urad): expected EXX in µm once, in the column "
-        "standard_error_um, came '0.1'",
+        "standard_error_um, got '0.1'",
     ]
     backward = "component,position_mm,error_um,backward_standard_error_um\n"
     (said,) = complaints(HEAD + backward + "EXX,0,0,0.1\n")
-    assert "expected backward_errors_um of EXX beside it, came none" in said
+    assert "expected backward_errors_um of EXX beside it, got none" in said
 
 
 def test_one_value_has_no_direction(complaints):
     text = "component,position_mm,error_um,backward_error_um\nSXY,,-12,5\n"
     assert complaints(HEAD + text) == [
         "run.csv, line 5, column 4 (backward_error_um): expected nothing, as SXY has no "
-        "direction of approach, came '5'"
+        "direction of approach, got '5'"
     ]
 
 
@@ -218,15 +218,15 @@ def test_what_is_not_read_is_said(read):
 @pytest.mark.parametrize(
     ("row", "complaint"),
     [
-        ("EXX,100,abc", "column 3 (error_um): expected a number in µm, came 'abc'"),
-        ("EXX,100,nan", "column 3 (error_um): expected a number in µm, came 'nan'"),
-        ("EXX,1_00,1", "column 2 (position_mm): expected a number in mm, came '1_00'"),
-        ("EXX,100,", "column 3 (error_um): expected the error of EXX in µm, came none"),
-        ("EXX,,1", "column 2 (position_mm): expected a position of EXX in mm, came none"),
+        ("EXX,100,abc", "column 3 (error_um): expected a number in µm, got 'abc'"),
+        ("EXX,100,nan", "column 3 (error_um): expected a number in µm, got 'nan'"),
+        ("EXX,1_00,1", "column 2 (position_mm): expected a number in mm, got '1_00'"),
+        ("EXX,100,", "column 3 (error_um): expected the error of EXX in µm, got none"),
+        ("EXX,,1", "column 2 (position_mm): expected a position of EXX in mm, got none"),
         ("SXY,5,1", "column 2 (position_mm): expected nothing, as SXY is one value without "
-                    "position, came '5'"),
+                    "position, got '5'"),
         ("EXX,50,1", "expected EXX at 50 mm once, came again after line 6"),
-        ("EXX,50,1,5", "expected 3 columns as in line 4, came 4; decimal commas need semicolons "
+        ("EXX,50,1,5", "expected 3 columns as in line 4, got 4; decimal commas need semicolons "
                        "between the columns"),
     ],
 )  # fmt: skip
@@ -239,7 +239,7 @@ def test_a_wrong_row_is_named_by_line_and_column(complaints, row, complaint):
 def test_an_unknown_component(complaints):
     (complaint,) = complaints(HEAD + ROWS + "EXW,0,1\n")
     assert complaint.startswith("run.csv, line 7, column 1 (component): expected an error compon")
-    assert "came 'EXW'; near it: " in complaint
+    assert "got 'EXW'; near it: " in complaint
 
 
 def test_backward_errors_in_some_lines_only(complaints):
@@ -257,7 +257,7 @@ def test_all_that_is_wrong_is_said_at_once_up_to_a_limit(complaints):
 
 def test_what_is_missing(complaints):
     found = complaints(ROWS)
-    assert [line.split(", came")[0] for line in found] == [
+    assert [line.split(", got")[0] for line in found] == [
         "run.csv: expected a label",
         "run.csv: expected a time with its zone",
         "run.csv: expected every sensor's temperature in °C",
@@ -269,20 +269,20 @@ def test_what_is_missing(complaints):
 def test_a_time_without_its_zone(complaints, time):
     (complaint,) = complaints(HEAD.replace("2026-03-01T07:00:00+01:00", time) + ROWS)
     assert complaint.endswith(f"expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
-                              f"came {time!r}")  # fmt: skip
+                              f"got {time!r}")  # fmt: skip
 
 
 def test_a_temperature_that_is_none(complaints):
     (complaint,) = complaints(HEAD + "# temperature spindle: warm\n" + ROWS)
-    assert complaint == "run.csv, line 4: expected the temperature of spindle in °C, came 'warm'"
+    assert complaint == "run.csv, line 4: expected the temperature of spindle in °C, got 'warm'"
 
 
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "run.csv: expected a line of column names and lines of values, came none"),
+        ("", "run.csv: expected a line of column names and lines of values, got none"),
         (HEAD + "a,b\n1,2\n", "run.csv, line 4: expected the columns component, position_mm and"),
-        (HEAD + "component,position_mm,error_um\n", "run.csv: expected lines of values, came none"),
+        (HEAD + "component,position_mm,error_um\n", "run.csv: expected lines of values, got none"),
         (HEAD + "component,error_um\nEXX,1\n", "run.csv, line 4: expected a column position_mm"),
     ],
 )
@@ -292,7 +292,7 @@ def test_files_without_what_they_need(complaints, text, complaint):
 
 def test_what_can_be_no_error_is_refused(complaints):
     (complaint,) = complaints(HEAD + ROWS + "EXX,99,5e9\n")
-    assert "line 7, column 3 (error_um): expected errors within ±10000 µm, came 5e+09 µm" in (
+    assert "line 7, column 3 (error_um): expected errors within ±10000 µm, got 5e+09 µm" in (
         complaint
     )
 
@@ -324,7 +324,7 @@ def test_a_column_in_mm_holds_lengths_alone(complaints):
     (complaint,) = complaints(HEAD + "component,position_mm,error_mm\nEXX,0,0.01\nEBX,0,1\n")
     assert complaint == (
         "run.csv, line 6, column 3 (error_mm): expected EBX in µrad once, in the column "
-        "error_urad, came '1'"
+        "error_urad, got '1'"
     )
 
 
@@ -342,3 +342,10 @@ def test_millimetres_under_um_are_refused(complaints, read):
     # A map of zeros, as of a reference state, is none of millimetres; nor is one of angles.
     read(HEAD + "component,position_mm,error_um\nEXX,0,0\nEXX,50,0\n")
     read(HEAD + "component,position_mm,error_urad\nEBX,0,0.001\n")
+
+
+def test_positions_stand_in_one_column(complaints):
+    head = "component,position_mm,Position [m],error_um\n"
+    assert complaints(HEAD + head + "EXX,0,0,0.2\n") == [
+        "run.csv, line 4: expected position in one column, got position_mm and Position [m]"
+    ]

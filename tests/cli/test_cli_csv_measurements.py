@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,15 @@ import pytest
 
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
+from app.api.schemas.measurements.drift import ThermalDriftRequest
 from app.api.schemas.measurements.parts import (
     DrilledPlateRequest,
     MachinedPartRequest,
     RotaryAxisRequest,
 )
+from app.cli.csv_columns import ANGLE, LENGTH, POSITION, SMALL_ANGLE
 from app.cli.csv_comments import Stated
-from app.cli.csv_measurements import FORMATS, METHODS, read_csv_measurement, read_measurement
-from app.cli.csv_measurements.quantities import ANGLE, LENGTH, POSITION, SMALL_ANGLE
+from app.cli.csv_measurements import FORMATS, METHODS, read_csv_measurement
 from app.cli.delimited_text import UnreadableFile
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
@@ -30,7 +32,8 @@ from app.measurement.positioning import evaluate_positioning
 from app.measurement.rotary_axis import measure_rotary_axis
 from app.measurement.six_dof import evaluate_six_dof
 from app.measurement.step_diagonal import step_diagonal
-from benchmarks.measured.data_folder import data_folder
+from app.measurement.thermal_drift import evaluate_thermal_drift
+from examples.measured.data_folder import data_folder
 
 PAGE = Path(__file__).parents[2] / "docs" / "methods" / "files.md"
 
@@ -39,6 +42,11 @@ STATE = """\
 # measured_at: 2026-03-01T06:00:00Z
 # temperature x-middle: 20.1
 """
+
+
+def read_measurement(method, text, **options):
+    """Give the body alone."""
+    return read_csv_measurement(method, text, **options).body
 
 
 def examples():
@@ -81,6 +89,7 @@ REQUESTS = {
     "machined-part": MachinedPartRequest,
     "rotary-axis": RotaryAxisRequest,
     "drilled-plate": DrilledPlateRequest,
+    "thermal-drift": ThermalDriftRequest,
 }
 
 
@@ -116,6 +125,11 @@ def evaluated(method, body):
     if method == "drilled-plate":
         columns = ([h[key] for h in body["holes"]] for key in ("nominal_mm", "measured_mm"))
         return evaluate_drilled_plate(*columns)
+    if method == "thermal-drift":
+        columns = {f: [r[f"{f}_um"] for r in body["readings"]] for f in ("x", "x2", "z")}
+        times = [datetime.fromisoformat(r["time"]).timestamp() for r in body["readings"]]
+        named = {k: body[k] for k in ("sensor_distance_mm", "point_mm", "components")}
+        return evaluate_thermal_drift(Chain.parse("XYFZ"), body["test"], times, columns, **named)
     evaluate = {
         "positioning": evaluate_positioning,
         "six-dof": evaluate_six_dof,
@@ -183,7 +197,7 @@ def test_a_state_is_needed_only_where_it_is_to_be_stored():
     only_label = read_measurement("machined-part", "# label: Run #1\n" + table)
     assert only_label == body | {"label": "Run #1"}
     found = complaints("machined-part", "# label: Run #1\n" + table, complete=True)
-    assert [line.split(", came")[0] for line in found] == [
+    assert [line.split(", got")[0] for line in found] == [
         "run.csv: expected a time with its zone",
         "run.csv: expected every sensor's temperature in °C",
     ]
@@ -255,30 +269,30 @@ def test_the_tables_of_units_agree_with_each_other():
     [
         ("six-dof", "position_mm,linear [furlong]",
          "column 2 (linear [furlong]): expected the unit of linear in the name, such as linear_um "
-         "(um, micron, mm, m), came the unit 'furlong'"),
-        ("six-dof", "position_mm,linear [µm/m]", "came the unit 'um_per_m'"),
+         "(um, micron, mm, m), got the unit 'furlong'"),
+        ("six-dof", "position_mm,linear [µm/m]", "got the unit 'um_per_m'"),
         ("six-dof", "position_mm,linear", "column 2 (linear): expected the unit of linear in the "
-         "name, such as linear_um (um, micron, mm, m), came no unit"),
+         "name, such as linear_um (um, micron, mm, m), got no unit"),
         ("six-dof", "position,linear_um", "column 1 (position): expected the unit of position in "
-         "the name, such as position_mm (mm, um, m), came no unit"),
+         "the name, such as position_mm (mm, um, m), got no unit"),
         ("six-dof", "position_mm,linear_um,linear_mm",
-         "expected linear in one column, came linear_um and linear_mm"),
+         "expected linear in one column, got linear_um and linear_mm"),
         ("six-dof", "position_mm,by", "expected columns of the axis x among linear_um, "
          "straightness_y_um, straightness_z_um, angular_a_urad"),
         ("six-dof", "linear_um,by", "expected the columns position_mm (and may be linear_um"),
-        ("machined-part", "position_mm,measured_inch", "came the unit 'inch'"),
+        ("machined-part", "position_mm,measured_inch", "got the unit 'inch'"),
         ("rotary-axis", "angle_deg,x_mm,y_mm", "expected the columns angle_deg, x_mm, y_mm, z_mm, "
-         "without z_mm came angle_deg, x_mm, y_mm"),
+         "without z_mm got angle_deg, x_mm, y_mm"),
         ("rotary-axis", "angle_mm,x_mm,y_mm,z_mm", "column 1 (angle_mm): expected the unit of "
-         "angle in the name, such as angle_deg (deg, rad), came the unit 'mm'"),
+         "angle in the name, such as angle_deg (deg, rad), got the unit 'mm'"),
         ("drilled-plate", "nom_x,nom_y,meas_x,meas_y", "column 4 (meas_y): expected the unit of "
-         "measured_y in the name, such as measured_y_mm (mm, um, m), came no unit"),
+         "measured_y in the name, such as measured_y_mm (mm, um, m), got no unit"),
         ("positioning", "target_mm,run", "expected the columns target_mm, error_um (and may be "
-         "run, direction), without error_um came target_mm, run"),
+         "run, direction), without error_um got target_mm, run"),
         ("positioning", "target_mm,forward_1_furlong", "expected the unit of forward_1 in"),
-        ("positioning", "target_mm,forward_kg", "came the unit 'kg'"),
-        ("step-diagonal", "diagonal,after_x_um,after_y_um", "without after_z_um came"),
-        ("body-diagonal", "position_mm,forward_um", "without diagonal came position_mm"),
+        ("positioning", "target_mm,forward_kg", "got the unit 'kg'"),
+        ("step-diagonal", "diagonal,after_x_um,after_y_um", "without after_z_um got"),
+        ("body-diagonal", "position_mm,forward_um", "without diagonal got position_mm"),
     ],
 )  # fmt: skip
 def test_columns_that_are_wrong(method, headings, complaint):
@@ -298,34 +312,34 @@ def test_columns_that_are_wrong(method, headings, complaint):
     ("method", "row", "complaint"),
     [
         ("step-diagonal", "ppp,3,1,x,2",
-         "column 4 (after_y_um): expected a number in µm, came 'x'"),
-        ("step-diagonal", "ppp,3,1,,2", "column 4 (after_y_um): expected after_y in µm, came none"),
+         "column 4 (after_y_um): expected a number in µm, got 'x'"),
+        ("step-diagonal", "ppp,3,1,,2", "column 4 (after_y_um): expected after_y in µm, got none"),
         ("step-diagonal", "qqq,3,1,1,2",
-         "column 1 (diagonal): expected a diagonal among ppp, npp, pnp, ppn, came 'qqq'"),
-        ("step-diagonal", "ppp,4,1,1,2", "column 2 (step): expected step 3 of ppp next, came 4"),
-        ("step-diagonal", "ppp,2,1,1,2", "column 2 (step): expected step 3 of ppp next, came 2"),
+         "column 1 (diagonal): expected a diagonal among ppp, npp, pnp, ppn, got 'qqq'"),
+        ("step-diagonal", "ppp,4,1,1,2", "column 2 (step): expected step 3 of ppp next, got 4"),
+        ("step-diagonal", "ppp,2,1,1,2", "column 2 (step): expected step 3 of ppp next, got 2"),
         ("body-diagonal", "ppp;140;1;x",
-         "column 4 (backward [µm]): expected a number in µm, came 'x'"),
+         "column 4 (backward [µm]): expected a number in µm, got 'x'"),
         ("body-diagonal", "ppp;140;1;",
-         "column 4 (backward [µm]): expected backward of run 1 at 140 mm, came none"),
+         "column 4 (backward [µm]): expected backward of run 1 at 140 mm, got none"),
         ("body-diagonal", "nnn;140;1;1",
-         "column 1 (diagonal): expected a diagonal among ppp, npp, pnp, ppn, came 'nnn'"),
+         "column 1 (diagonal): expected a diagonal among ppp, npp, pnp, ppn, got 'nnn'"),
         ("positioning", "100,2,+,0.1", ": expected forward of run 2 at 100 mm once, came again"),
         ("positioning", "100,2,sideways,0.1",
-         "column 3 (direction): expected forward or backward (+ or -), came 'sideways'"),
-        ("positioning", ",2,+,0.1", "column 1 (target_mm): expected target in mm, came none"),
-        ("positioning", "100,,+,0.1", "column 2 (run): expected run, came none"),
-        ("positioning", "100,x,+,0.1", "column 2 (run): expected a number in counts, came 'x'"),
+         "column 3 (direction): expected forward or backward (+ or -), got 'sideways'"),
+        ("positioning", ",2,+,0.1", "column 1 (target_mm): expected target in mm, got none"),
+        ("positioning", "100,,+,0.1", "column 2 (run): expected run, got none"),
+        ("positioning", "100,x,+,0.1", "column 2 (run): expected a number in counts, got 'x'"),
         ("six-dof", "750,1,2,3,4,5,", "column 7 (angular_c_urad): expected angular_c of run 1 at "
-         "750 mm, came none"),
+         "750 mm, got none"),
         ("six-dof", "750,1,2,3,4,5,nan", "column 7 (angular_c_urad): expected a number in µrad, "
-         "came 'nan'"),
-        ("machined-part", "90,", "column 2 (measured_mm): expected measured in mm, came none"),
-        ("rotary-axis", "-270,1,2,", "column 4 (z_mm): expected z in mm, came none"),
-        ("rotary-axis", "-270,1,2,3,4", ": expected 4 columns as in line 2, came 5; decimal commas "
+         "got 'nan'"),
+        ("machined-part", "90,", "column 2 (measured_mm): expected measured in mm, got none"),
+        ("rotary-axis", "-270,1,2,", "column 4 (z_mm): expected z in mm, got none"),
+        ("rotary-axis", "-270,1,2,3,4", ": expected 4 columns as in line 2, got 5; decimal commas "
          "need semicolons between the columns"),
         ("drilled-plate", "1,2,3,4e",
-         "column 4 (measured_y_mm): expected a number in mm, came '4e'"),
+         "column 4 (measured_y_mm): expected a number in mm, got '4e'"),
     ],
 )  # fmt: skip
 def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
@@ -339,25 +353,25 @@ def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
 @pytest.mark.parametrize(
     ("method", "comment", "complaint"),
     [
-        ("positioning", "# axis: w", "line 1: expected axis among x, y, z, came 'w'"),
-        ("rotary-axis", "# axis: D", "line 1: expected axis among C, A, B, came 'D'"),
-        ("positioning", "", "expected axis, came none: write `# axis: x`"),
-        ("machined-part", "", "expected component, came none: write `# component: EXY`"),
+        ("positioning", "# axis: w", "line 1: expected axis among x, y, z, got 'w'"),
+        ("rotary-axis", "# axis: D", "line 1: expected axis among C, A, B, got 'D'"),
+        ("positioning", "", "expected axis, got none: write `# axis: x`"),
+        ("machined-part", "", "expected component, got none: write `# component: EXY`"),
         ("machined-part", "# component: EXW", "line 1: expected an error component such as EXX"),
         ("machined-part", "# component: EXY\n# line: curved",
-         "line 2: expected line among least-squares, end-points, came 'curved'"),
-        ("step-diagonal", "# origin_mm: 0, 0, 0", "expected step, came none: write `# step_mm: 50"),
+         "line 2: expected line among least-squares, end-points, got 'curved'"),
+        ("step-diagonal", "# origin_mm: 0, 0, 0", "expected step, got none: write `# step_mm: 50"),
         ("step-diagonal", "# origin_mm: 0, 0\n# step_mm: 1 1 1", "line 1: expected 3 numbers in mm "
-         "such as `# origin_mm: 0, 0, 0`, came '0, 0'"),
+         "such as `# origin_mm: 0, 0, 0`, got '0, 0'"),
         ("step-diagonal", "# origin: 0, 0, 0\n# step_mm: 1 1 1", "line 1: expected the unit of "
-         "origin in the name, such as origin_mm (mm, um, m), came no unit"),
-        ("step-diagonal", "# origin [ell]: 0, 0, 0\n# step_mm: 1 1 1", "came the unit 'ell'"),
+         "origin in the name, such as origin_mm (mm, um, m), got no unit"),
+        ("step-diagonal", "# origin [ell]: 0, 0, 0\n# step_mm: 1 1 1", "got the unit 'ell'"),
         ("step-diagonal", "# origin_mm: 0 0 0\n# origin_mm: 0 0 0\n# step_mm: 1 1 1",
          "line 2: expected origin_mm once, came again"),
         ("positioning", "# axis: x\n# repeatability_um: small",
-         "line 2: expected a number in µm such as `# repeatability_um: 0.5`, came 'small'"),
+         "line 2: expected a number in µm such as `# repeatability_um: 0.5`, got 'small'"),
         ("positioning", "# axis: x\n# temperature spindle: warm",
-         "line 2: expected the temperature of spindle in °C, came 'warm'"),
+         "line 2: expected the temperature of spindle in °C, got 'warm'"),
     ],
 )  # fmt: skip
 def test_comment_lines_that_are_wrong(method, comment, complaint):
@@ -412,10 +426,10 @@ def test_a_unidirectional_test_has_no_backward_readings(table):
 def test_a_run_that_lacks_a_target_is_named():
     text = "# axis: x\ntarget_mm,run,forward_um\n0,1,0\n9,1,1\n0,2,2\n"
     assert complaints("positioning", text) == [
-        "run.csv, line 4, column 3 (forward_um): expected forward of run 2 at 9 mm, came none"
+        "run.csv, line 4, column 3 (forward_um): expected forward of run 2 at 9 mm, got none"
     ]
     (only_backward,) = complaints("positioning", "# axis: x\ntarget_mm,error_um,direction\n0,0,-\n")
-    assert only_backward == "run.csv, line 2: expected forward readings, came none"
+    assert only_backward == "run.csv, line 2: expected forward readings, got none"
 
 
 def test_repeated_runs_make_lists_of_lists():
@@ -439,7 +453,7 @@ def test_steps_in_any_order_and_diagonals_of_unequal_length():
     assert read_measurement("step-diagonal", "\n".join(head + rows[::-1])) == body
     without = "\n".join(head + rows[:-1])
     assert complaints("step-diagonal", without) == [
-        "run.csv, line 10: expected 2 steps of ppn as of ppp, came 1"
+        "run.csv, line 10: expected 2 steps of ppn as of ppp, got 1"
     ]
     three = read_measurement("step-diagonal", "\n".join(head + rows[:-2]))
     assert list(three["diagonals"]) == ["ppp", "npp", "pnp"]
@@ -454,17 +468,17 @@ def test_all_that_is_wrong_is_said_at_once_up_to_a_limit():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_files_without_what_they_need(method):
-    nothing = "run.csv: expected a line of column names and lines of values, came none"
+    nothing = "run.csv: expected a line of column names and lines of values, got none"
     assert complaints(method, "# only: words\n") == [nothing]
     table = EXAMPLES[method][0]
     head = [line for line in table.splitlines() if line.startswith("#")]
     names = table.splitlines()[len(head)]
     found = complaints(method, "\n".join([*head, names]))
-    assert found == ["run.csv: expected lines of values, came none"]
+    assert found == ["run.csv: expected lines of values, got none"]
 
 
 def test_an_unknown_method():
-    with pytest.raises(InvalidContent, match=r"method: expected one of step-diagonal, .* came 'x'"):
+    with pytest.raises(InvalidContent, match=r"method: expected one of step-diagonal, .* got 'x'"):
         read_measurement("x", "")
 
 

@@ -114,6 +114,16 @@ def test_states_are_numbers_where_there_are_any(read):
     assert states == [{"spindle_rpm": 8000.0}, {"coolant": 1.0}, None]
 
 
+def test_setups_are_any_text(read):
+    found = read(
+        "time,component,measured_um,setup\n"
+        "2026-03-01T06:00:00Z,SXY,1,2\n"
+        "2026-03-01T06:01:00Z,SXY,1,second clamping\n"
+        "2026-03-01T06:02:00Z,SXY,1,\n"
+    )
+    assert [o.get("setup") for o in found.body["observations"]] == ["2", "second clamping", None]
+
+
 def test_a_plan_needs_no_values_and_does_not_read_them(read):
     planned = "time,component,position_mm\n2026-03-01T06:00:00Z,EXX,5\n"
     expected = {"time": "2026-03-01T06:00:00Z", "component": "EXX", "position_mm": 5.0}
@@ -141,45 +151,45 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (HEAD, "expected lines of observations, came none"),
+        (HEAD, "expected lines of observations, got none"),
         (HEAD + "yesterday,EXX,5,+,1,\n", "line 2, column 1 (time): expected a time such as"),
         (HEAD + "2026-03-01T06:00:00,EXX,5,+,1,\n", "with its zone"),
         (HEAD + "2026-03-01T06:00:00Z,EXQ,5,+,1,\n", "line 2, column 2 (component)"),
-        (HEAD + "2026-03-01T06:00:00Z,,5,+,1,\n", "expected a component such as EXX, came none"),
-        (HEAD + "2026-03-01T06:00:00Z,EXX,,+,1,\n", "expected a position of EXX in mm, came none"),
+        (HEAD + "2026-03-01T06:00:00Z,,5,+,1,\n", "expected a component such as EXX, got none"),
+        (HEAD + "2026-03-01T06:00:00Z,EXX,,+,1,\n", "expected a position of EXX in mm, got none"),
         (HEAD + "2026-03-01T06:00:00Z,EXX,5,up,1,\n", "column 4 (direction): expected + or -"),
-        (HEAD + "2026-03-01T06:00:00Z,EXX,5,+,,\n", "expected a measured value in µm, came none"),
+        (HEAD + "2026-03-01T06:00:00Z,EXX,5,+,,\n", "expected a measured value in µm, got none"),
         (
             HEAD + "2026-03-01T06:00:00Z,EXX,5,+,1,fast\n",
-            "(state rpm): expected a number, came 'fast'",
+            "(state rpm): expected a number, got 'fast'",
         ),
         (
             "time,component,position_mm,measured_um,measured_urad\n"
             "2026-03-01T06:00:00Z,EXX,5,1,2\n",
-            "column 5 (measured_urad): expected one measured value, in µm, came both",
+            "column 5 (measured_urad): expected one measured value, in µm, got both",
         ),
         (
             "time,component,position_mm,measured_urad\n2026-03-01T06:00:00Z,EXX,5,2\n",
-            "line 2: expected a measured value in µm, came one in µrad",
+            "line 2: expected a measured value in µm, got one in µrad",
         ),
         (
             "time,component,position_mm,measured_um,measured_x_um\n"
             "2026-03-01T06:00:00Z,EXX,5,1,2\n",
-            "column 5 (measured_x_um): expected a component or a point, and not both, came both",
+            "column 5 (measured_x_um): expected a component or a point, and not both, got both",
         ),
-        ("# datum: last\n" + HEAD, "expected datum among absolute, first, free, came 'last'"),
+        ("# datum: last\n" + HEAD, "expected datum among absolute, first, free, got 'last'"),
         ("time,component,position_mm\n", "measured_um (or measured_urad), or at points"),
         ("time,component,measured [furlong]\n", "expected the unit of measured"),
         ("component,measured_um\n", "without time"),
         ("time,component,measured_um,state a,State: a\n", "expected each state in one column"),
         (
             "time,component,position_mm,measured_mm\n2026-03-01T06:00:00Z,EBX,5,1\n",
-            "line 2: expected a measured value in µrad, came one in mm",
+            "line 2: expected a measured value in µrad, got one in mm",
         ),
         (
             "time,point_x_mm,point_y_mm,point_z_mm,measured_x_um,measured_y_um,measured_z_um\n"
             "2026-03-01T06:00:00Z,1,2,,4,5,6\n",
-            "column 4 (point_z_mm): expected point_z in mm, came none",
+            "column 4 (point_z_mm): expected point_z in mm, got none",
         ),
     ],
 )
@@ -189,5 +199,5 @@ def test_what_is_wrong_is_told_at_its_place(refused, text, said):
 
 def test_a_file_over_the_limit_is_refused_before_its_values_are_read(refused):
     told = refused(HEAD + "yesterday,EXQ,much,up,,\n" * 100_001)
-    assert told.endswith("expected at most 100000 lines of values, came 100001")
+    assert told.endswith("expected at most 100000 lines of values, got 100001")
     assert "line 2" not in told

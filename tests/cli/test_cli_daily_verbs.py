@@ -110,9 +110,9 @@ def test_settings_are_changed_together(thermap, client):
         ("sensors.nose.max_c=5", 2, "x-middle, y-front, z-column, spindle"),
         ("sensors.spindle.colour=5", 2, "max_age_s"),
         ("sensors.spindle.name=tool", 2, "max_age_s"),
-        ("extrapolation_margin_c=far", 1, "expected a number in °C, came 'far'"),
+        ("extrapolation_margin_c=far", 1, "expected a number in °C, got 'far'"),
         ("out_of_range=guess", 1, "clamp"),
-        ("name=null", 1, "expected a value, came null"),
+        ("name=null", 1, "expected a value, got null"),
     ],
 )
 def test_settings_that_cannot_be(thermap, client, change, code, words):
@@ -174,7 +174,7 @@ def test_with_one_machine_nobody_has_to_name_it(thermap, client):
     client.create_machine(SECOND)
     found = thermap("maps", "list", columns=200)
     assert (found.exit_code, found.stdout) == (2, "")
-    assert "several machines are stored: expected one of mcfv5050, mill, came none" in found.stderr
+    assert "several machines are stored: expected one of mcfv5050, mill, got none" in found.stderr
     assert len(answered(thermap("maps", "list", "--machine", "mcfv5050", "--json"))) == 3
     assert answered(thermap("maps", "list", "--json", THERMAP_MACHINE="mill")) == []
 

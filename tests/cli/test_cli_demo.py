@@ -11,11 +11,13 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from rich.console import Console
 
+from app.cli.compensate import signed
 from app.cli.demo_machine import HISTORY, set_up
 from app.cli.demo_view import live_view
+from app.cli.demo_week import compare_later, set_up_week
 from app.cli.listening import listening
-from app.cli.table_view import signed
 from app.errors import Conflict
+from app.simulation.week import make_week
 from tests.cli.conftest import ended
 from thermap import ThermapClient
 
@@ -36,6 +38,7 @@ def test_a_table_in_a_pipe_and_a_service_behind_it(start, tmp_path):
     process = start("demo", "--port", "0")
     text = read_until(process, "minus the error")
     assert text.count("SIMULATED") == 2
+    assert "thermap analyse mcfv5050-week --adopt" in text
     # The chapter's argument: three maps leave less than two, two less than none.
     rows = re.findall(r"(?:none|#1, #6|#1, #3, #6) +((?:\d+\.\d\d *){6})\n", text)
     remains = [[float(number) for number in row.split()] for row in rows]
@@ -174,3 +177,41 @@ def test_a_port_in_use(run, tmp_path):
         found = run("demo", "--port", port, "--database-url", f"sqlite:///{tmp_path}/x.db")
     assert found.exit_code == 1
     assert f"try `thermap demo --port {port + 1}`" in found.stderr
+
+
+@pytest.fixture
+def week(client):
+    """The week, as the demo loads it."""
+    set_up_week(client)
+    yield make_week()
+    client.delete_machine("mcfv5050-week")
+
+
+@pytest.mark.slow
+def test_the_week_is_analysed_adopted_and_held_against_what_came_later(thermap, client, week):
+    assert len(client.verifications("mcfv5050-week")) == 1
+    set_up_week(client)  # a demo that starts again
+    assert len(client.verifications("mcfv5050-week")) == 1
+    with pytest.raises(Conflict, match="no effect is adopted yet"):
+        compare_later(client, week)
+    found = thermap("analyse", "mcfv5050-week", "--adopt")
+    assert found.exit_code == 0, found.output
+    (component,) = week.effects[0]["components"]
+    assert component in found.stdout
+    compared = compare_later(client, week)
+    before, after = (one.overall.rms for one in compared.versions)
+    assert after < before
+    of = {one.component: i for i, one in enumerate(compared.versions[0].components)}
+    before, after = (one.components[of[component]].rms for one in compared.versions)
+    assert after < 0.6 * before
+
+
+@pytest.mark.slow
+def test_a_machine_of_that_id_that_is_not_simulated_gets_no_simulated_reading(client):
+    client.create_machine(make_week().machine | {"name": "A real one"})
+    try:
+        with pytest.raises(Conflict, match="not the simulated one"):
+            set_up_week(client)
+        assert client.error_maps("mcfv5050-week") == []
+    finally:
+        client.delete_machine("mcfv5050-week")

@@ -8,12 +8,12 @@ import pytest
 from rich.console import Console
 
 from app.api.table_json import table_json
-from app.cli.table_view import table_view
+from app.cli.compensate import table_view
 from app.effects.registry import explain
 from app.geometry.components import COMPONENTS
 from tests.effects.test_effects_all_kinds import EACH, example, fitted, moment_of
 from tests.effects.test_effects_given_out import table_of
-from thermap.answers import CompensationAnswer
+from thermap.answers import CompensationAnswer, SurenessAnswer
 
 
 def seen(answer, width=100):
@@ -66,3 +66,13 @@ def test_a_component_of_effects_alone_is_shown_as_such():
     table = table_of(example().model, [fitted("angular|constant")], moment_of(100))
     text = seen(CompensationAnswer.model_validate_json(table_json(table)))
     assert "adopted effects alone, no two maps have it" in text
+
+
+def test_a_person_reads_how_sure_a_response_is_now_and_how_much_of_it_is_corrected():
+    table = table_of(example().model, [fitted("angular|constant")], moment_of(100))
+    answer = CompensationAnswer.model_validate_json(table_json(table))
+    sure = SurenessAnswer(
+        component="EAX", expected=-12.0, learnt_error=3.0, wander_error=4.0, factor=144.0 / 169.0
+    )
+    answer.effects[0].sureness.append(sure)
+    assert "EAX: −12.0 ± 5.0 µrad expected now, 85% of it in the table" in seen(answer)

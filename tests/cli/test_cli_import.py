@@ -52,7 +52,7 @@ def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, writ
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr == (
         "thermap: nothing was sent:\n"
-        f"{wrong}, line 10, column 3 (error_um): expected a number in µm, came 'much'\n"
+        f"{wrong}, line 10, column 3 (error_um): expected a number in µm, got 'much'\n"
     )
     assert len(client.error_maps("mcfv5050")) == 3
 
@@ -145,9 +145,9 @@ def test_warnings_of_the_service_are_seen(thermap, write):
     ("content", "complaint"),
     [
         ('{"id": "m",\n "name" }', ", line 2, column 9: expected JSON: "),
-        ("[]", ": expected a machine, an error map or readings, came an empty list"),
+        ("[]", ": expected a machine, an error map or readings, got an empty list"),
         ('[{"hello": 1}, 7]', ": entry 1: expected a machine (with configuration), an error map"),
-        ('{"configuration": "XYFZ", "id": "m"}', ": name: expected a value, came nothing"),
+        ('{"configuration": "XYFZ", "id": "m"}', ": name: expected a value, got nothing"),
         ('{"configuration": "XYZ", "id": "m", "name": "M"}', "XYZ"),
         (json.dumps(error_map("a", float("nan"))), "temperatures_c.x-middle: expected a finite nu"),
         (json.dumps([reading(START, 20.0) | {"time": "noon"}]), ": entry 1: time: expected "),

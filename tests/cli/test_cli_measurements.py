@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from app.cli.csv_measurements import METHODS, read_csv_measurement, read_measurement
+from app.cli.csv_measurements import METHODS, read_csv_measurement
 from app.cli.measurement_view import figure_text
 from tests.cli.test_cli_csv_measurements import EXAMPLES
 from tests.service_examples import MACHINE, START, error_map, iso, reading, table, temperatures
@@ -65,7 +65,7 @@ def test_a_measurement_is_stored_once_and_shown(thermap, client, write):
     assert f"EXX - D_x(x) -0.75 -0.20 {down} µm 2: x 0 to 100 mm" in lines
     assert "B_um 1.5 µm" in lines
     assert "noise_degrees_of_freedom 2" in lines
-    assert "note: ISO 230-2 asks for at least 5 targets here, came 2." in lines
+    assert "note: ISO 230-2 asks for at least 5 targets here, got 2." in lines
     second = thermap("import", "--method", "positioning", file, "-m", "mcfv5050")
     assert words(second.stdout)[0] == (
         f"{file}: error map 'Measured' was there already, number {stored.id}"
@@ -147,11 +147,9 @@ def test_without_a_thermal_state_nothing_can_be_stored(thermap, client, write):
     found = thermap("import", "--method", "positioning", *files, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     csv, body = files
-    assert found.stderr.startswith(
-        f"thermap: nothing was sent:\n{csv}: expected a label, came none"
-    )
+    assert found.stderr.startswith(f"thermap: nothing was sent:\n{csv}: expected a label, got none")
     for name, option in (("label", "--label"), ("temperatures_c", "--temperature")):
-        said = f"{body}: expected {name} of the map, came none: state it or give {option}\n"
+        said = f"{body}: expected {name} of the map, got none: state it or give {option}\n"
         assert said in found.stderr
 
 
@@ -162,7 +160,7 @@ def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, writ
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr.startswith(
         f"thermap: nothing was sent:\n{wrong}, line 17, column 4 (deviation_mm): "
-        "expected a number in mm, came 'much'\n"
+        "expected a number in mm, got 'much'\n"
     )
     assert len(client.error_maps("mcfv5050")) == 3
 
@@ -231,7 +229,7 @@ def test_the_machine_is_named_by_the_file_or_the_option(thermap, write):
     ("arguments", "said"),
     [
         (("--method", "dowsing"), "expected one of step-diagonal, body-diagonal, positioning, "
-         "six-dof, machined-part, rotary-axis, drilled-plate, came 'dowsing'"),
+         "six-dof, machined-part, rotary-axis, drilled-plate, thermal-drift, got 'dowsing'"),
         (("--evaluate-only",), "goes with --method"),
         (("--json",), "goes with --method"),
         (("--method", "positioning", "other.csv", "--label", "one"), "names one map"),
@@ -248,8 +246,8 @@ def test_wrong_usage_is_told(thermap, write, arguments, said):
     ("content", "complaint"),
     [
         ('{"axis": "x",\n "targets_mm" }', ", line 2, column 15: expected JSON: "),
-        ("[]", ": expected the fields of a positioning measurement, came list"),
-        ({"axis": "x", "targets_mm": [0, 1]}, ": forward_um: expected a value in µm, came nothing"),
+        ("[]", ": expected the fields of a positioning measurement, got list"),
+        ({"axis": "x", "targets_mm": [0, 1]}, ": forward_um: expected a value in µm, got nothing"),
         ({"axis": "x", "targets_mm": [0], "forward_um": [float("nan")]}, ": forward_um.0: "),
         ({"axis": "x", "targets_mm": [0], "forward_um": [0], "colour": 1}, ": colour: unknown"),
         ({"axis": "x", "targets_mm": [0], "forward_um": [0], "temperatures_c": 7},
@@ -409,7 +407,7 @@ def test_at_the_latest_reading(thermap, client, tmp_path):
     assert not file.exists()
     client.store_readings("mcfv5050", reading(datetime.now(UTC), 22.0))
     assert thermap(*asked).exit_code == 0
-    body = read_measurement("step-diagonal", file.read_text(encoding="utf-8"))
+    body = read_csv_measurement("step-diagonal", file.read_text(encoding="utf-8")).body
     assert body["temperatures_c"]["x-middle"] == 22.0
 
 
@@ -423,7 +421,7 @@ def test_at_the_latest_reading(thermap, client, tmp_path):
         (("-o", "laser.csv", "--steps", "0"), "--steps"),
         (("-o", "laser.csv", "--noise", "-1"), "--noise"),
         (("-o", "laser.csv", "--seed", "-1"), "--seed"),
-        (("-o", "laser.csv", "--origin", "1,2"), "X,Y,Z in mm, such as 0,0,0, came '1,2'"),
+        (("-o", "laser.csv", "--origin", "1,2"), "X,Y,Z in mm, such as 0,0,0, got '1,2'"),
         (("-o", "laser.csv", "--step", "a,b,c"), "X,Y,Z in mm, such as 50,50,40"),
         (("-o", "laser.csv", "--target", "cube"), "expected one of point, flat-mirror"),
         (("-o", "laser.csv", "--label", "two\nlines"), "expected a name in one line"),

@@ -7,7 +7,7 @@ import pytest
 
 from app.cli.csv_recording import Recording, read_recording
 from app.cli.delimited_text import UnreadableFile
-from app.cli.replay_times import Stamps, plan_replay
+from app.cli.replay import Stamps, plan_replay
 from thermap.answers import SensorSchema
 
 SENSORS = ["x-middle", "y-front", "z-column", "spindle"]
@@ -160,6 +160,12 @@ def test_columns_can_be_named(write):
     assert found.temperatures_c == [{"spindle": 20.5, "x-middle": 21.0}, {"spindle": 20.6}]
 
 
+def test_a_sensor_whose_name_begins_as_anothers_keeps_its_own_column(write):
+    found = read_recording(write("Time [min],x_c,x\n1,20,30\n"), ["x", "x_c"], {}, None)
+    assert list(found.times_s) == [60.0]
+    assert found.temperatures_c == [{"x_c": 20.0, "x": 30.0}]
+
+
 def test_a_zone_for_times_that_state_none(write):
     text = "time,spindle\n2026-03-01 07:00:00,20\n"
     zone = timezone(timedelta(hours=1))
@@ -173,17 +179,21 @@ def test_a_zone_for_times_that_state_none(write):
         ("time,spindle\n2026-03-01 07:00:00,20\n", "line 2, column 1 (time): expected a time with "
          "its zone, such as 2026-03-01 07:00:00Z"),
         ("time,spindle\n1.5,20\n", "line 2, column 1 (time): expected a time such as "
-         "2026-03-01T06:00:00Z, came '1.5'; where it counts seconds or minutes from the beginn"),
+         "2026-03-01T06:00:00Z, got '1.5'; where it counts seconds or minutes from the beginn"),
         ("time,spindle\n2026-13-01T00:00Z,20\n", "line 2, column 1 (time): expected a time such"),
-        ("time_s,spindle\n0,warm\n", "line 2, column 2 (spindle): expected a number in °C, came"),
-        ("time_s,spindle\n,20\n", "line 2, column 1 (time_s): expected a time in s, came none"),
+        ("time_s,spindle\n0,warm\n", "line 2, column 2 (spindle): expected a number in °C, got"),
+        ("time_s,spindle\n,20\n", "line 2, column 1 (time_s): expected a time in s, got none"),
         ("time_s,spindle\n0,20\n0,21\n", "line 3, column 1 (time_s): expected each time once, "
-         "came the time of line 2"),
+         "got the time of line 2"),
         ("spindle\n20\n", "line 1: expected one column of times (time, time_s, time_min, time_h), "
-         "came none"),
+         "got none"),
         ("time,time_s,spindle\n", "line 1: expected one column of times"),
         ("time_s,bed\n0,20\n", "line 1: expected columns named as the sensors x-middle, y-front"),
-        ("time_s,spindle\n", "expected lines with a time and temperatures, came none"),
+        ("time_s,spindle,Spindle [°C]\n0,20,21\n", "line 1: expected spindle in one column, got "
+         "spindle and Spindle [°C]"),
+        ("time_s,spindle [K]\n0,293\n", "column 2 (spindle [K]): expected spindle in °C, got "
+         "the unit 'k'"),
+        ("time_s,spindle\n", "expected lines with a time and temperatures, got none"),
     ],
 )  # fmt: skip
 def test_recordings_that_cannot_be_right(write, text, complaint):

@@ -8,11 +8,10 @@ import subprocess
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from types import SimpleNamespace
 
 import httpx
-import psycopg
 import pytest
 from sqlalchemy import make_url
 
@@ -23,7 +22,7 @@ from app.cli.options import read_named_numbers
 from app.storage.database import Database
 from app.storage.readings import list_readings
 from tests.cli.conftest import ENVIRONMENT, ended, wait_until_it_answers
-from tests.databases import KINDS, reachable
+from tests.databases import KINDS, locked, reachable
 from tests.service_examples import ROOM, START, furnish_database, reading
 from tests.services.tcp_proxy import TcpProxy
 
@@ -127,7 +126,7 @@ def test_whoever_waits_when_it_ends_is_told(start, free_port, databases, kind, m
     )
     half = asked[: -len(body) // 2]
     with ExitStack() as opened:
-        opened.enter_context(held_by_another(url))
+        opened.enter_context(locked(url, "IMMEDIATE"))
         address = ("127.0.0.1", free_port)
         clients = [
             opened.enter_context(socket.create_connection(address, timeout=SOON_S))
@@ -150,22 +149,6 @@ def test_whoever_waits_when_it_ends_is_told(start, free_port, databases, kind, m
     waited, at_work = "the service ends", "the service ends before the answer is there"
     assert said == {waited: 29, at_work: AT_WORK + 1}
     databases.give_back(url)
-
-
-@contextmanager
-def held_by_another(url):
-    """Hold what everybody who writes needs."""
-    parsed = make_url(url)
-    if parsed.get_backend_name() == "sqlite":
-        with closing(sqlite3.connect(parsed.database, isolation_level=None)) as other:
-            other.execute("BEGIN IMMEDIATE")
-            yield
-        return
-    plain = parsed.set(drivername="postgresql", query={}).render_as_string(hide_password=False)
-    with psycopg.connect(plain) as other:
-        other.execute("LOCK TABLE machine IN ACCESS EXCLUSIVE MODE")
-        yield
-        other.rollback()
 
 
 def everything_of(client):

@@ -41,6 +41,7 @@ def test_without_noise_it_is_the_model(thermap, warmed, tmp_path):
     assert found.stdout == f"{file}: 20 observations in 4 visits, simulated\n"
     made = observations(file)
     assert {o["direction"] for o in made} == {"+", "-"}
+    assert [o["setup"] for o in made] == [f"visit {i // 5 + 1}" for i in range(20)]
     for o in made:
         half = 1.5 if o["direction"] == "+" else -1.5
         assert o["measured_um"] == pytest.approx(truth(o) + half, abs=2e-4)

@@ -95,7 +95,7 @@ def test_several_sheets_are_none_to_choose_from(tmp_path, kind):
     rows, read, _ = READERS[kind]
     with pytest.raises(UnreadableFile) as caught:
         read(workbook(tmp_path / "run.xlsx", rows, rows))
-    assert "expected one sheet that holds values, came 2: Sheet 1, Sheet 2; keep one, or save" in (
+    assert "expected one sheet that holds values, got 2: Sheet 1, Sheet 2; keep one, or save" in (
         caught.value.detail
     )
 
@@ -105,7 +105,7 @@ def test_several_sheets_are_none_to_choose_from(tmp_path, kind):
     ("content", "said"),
     [
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "an old Excel workbook (.xls): save it"),
-        (b"PK\x03\x04" + bytes(600), "expected CSV or an Excel workbook (.xlsx), came neither"),
+        (b"PK\x03\x04" + bytes(600), "expected CSV or an Excel workbook (.xlsx), got neither"),
     ],
 )
 def test_what_is_no_table_is_one_line(tmp_path, kind, content, said):
@@ -130,7 +130,7 @@ def test_rows_of_a_workbook_keep_their_numbers_and_comments_their_cells(tmp_path
     with pytest.raises(UnreadableFile) as caught:
         read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Stated())
     assert caught.value.detail.endswith(
-        "line 7, column 4 (error_um): expected a number in µm, came 'much'"
+        "line 7, column 4 (error_um): expected a number in µm, got 'much'"
     )
     rows[-1][-1] = 2.5
     found = read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Stated()).error_map
@@ -150,12 +150,12 @@ def test_sizes_are_judged_in_verifications_too(tmp_path):
     (remark,) = read_csv_verification(file).remarks
     assert remark.startswith("No reading is larger than 0.004 µm (measured_um): they may be in mm")
     file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,20000\n", encoding="utf-8")
-    with pytest.raises(UnreadableFile, match=r"line 2: expected errors within ±10000 µm, came 200"):
+    with pytest.raises(UnreadableFile, match=r"line 2: expected errors within ±10000 µm, got 200"):
         read_csv_verification(file)
 
 
 def test_a_recording_in_kelvin_is_refused(tmp_path):
     file = tmp_path / "warm.csv"
     file.write_text("time_s,x-middle [K],z_c\n0,293.15,20\n", encoding="utf-8")
-    with pytest.raises(UnreadableFile, match=r"expected x-middle in °C, came the unit 'k'"):
+    with pytest.raises(UnreadableFile, match=r"expected x-middle in °C, got the unit 'k'"):
         read_recording(file, ["x-middle", "z"], {}, None)

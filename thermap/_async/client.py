@@ -19,10 +19,13 @@ from thermap.answers import (
     AnalysisHead,
     BodyDiagonalAnswer,
     ChangedModelAnswer,
+    CompareAnswer,
     CompensationAnswer,
+    ControllersAnswer,
     CorrelationAnswer,
     DrilledPlateAnswer,
     ErrorMapAnswer,
+    ExportAnswer,
     GridAnswer,
     HealthAnswer,
     LevelsAnswer,
@@ -34,6 +37,7 @@ from thermap.answers import (
     ModelComparisonAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
+    ParseAnswer,
     PlanAnswer,
     PositioningAnswer,
     PredictionAnswer,
@@ -48,6 +52,7 @@ from thermap.answers import (
     StepDiagonalAnswer,
     StoredReadings,
     StoredVerificationAnswer,
+    ThermalDriftAnswer,
     VerificationAnswer,
     WaitingAssignmentAnswer,
     WatchAnswer,
@@ -309,6 +314,26 @@ class AsyncThermapClient:
         """Compute ELv and ELSv of a `LinesRequest`."""
         return await self.send(calls.accuracy_from_lines(lines))
 
+    async def controllers(self) -> ControllersAnswer:
+        """List the controllers' file formats, with sign, units, limits and options."""
+        return await self.send(calls.controllers())
+
+    async def export_compensation(
+        self, machine: str, controller: str, question: Content | None = None
+    ) -> ExportAnswer:
+        """Write a controller's files as an `ExportRequest` asks; at the latest reading without."""
+        return await self.send(calls.export_compensation(machine, controller, question))
+
+    async def compare_compensation(
+        self, machine: str, controller: str, question: Content
+    ) -> CompareAnswer:
+        """Compare the files of a `CompareRequest` with what they should hold."""
+        return await self.send(calls.compare_compensation(machine, controller, question))
+
+    async def parse_controller_files(self, controller: str, question: Content) -> ParseAnswer:
+        """Read the files of a `ParseRequest`."""
+        return await self.send(calls.parse_controller_files(controller, question))
+
     async def compensation_levels(self, machine: str, question: Content) -> LevelsAnswer:
         """Say what controllers of different ability would leave of the volumetric error."""
         return await self.send(calls.compensation_levels(machine, question))
@@ -336,7 +361,9 @@ class AsyncThermapClient:
     ) -> StepDiagonalAnswer:
         """Derive translations and squareness from a `StepDiagonalRequest`'s readings."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_step_diagonal(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "step-diagonal", StepDiagonalAnswer, measurement, storing)
+        )
 
     async def measure_body_diagonal(
         self,
@@ -349,7 +376,9 @@ class AsyncThermapClient:
     ) -> BodyDiagonalAnswer:
         """Evaluate Ed, ESd and squareness of a `BodyDiagonalRequest`'s readings."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_body_diagonal(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "body-diagonal", BodyDiagonalAnswer, measurement, storing)
+        )
 
     async def measure_positioning(
         self,
@@ -362,7 +391,9 @@ class AsyncThermapClient:
     ) -> PositioningAnswer:
         """Evaluate a `PositioningRequest`'s runs by ISO 230-2."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_positioning(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "positioning", PositioningAnswer, measurement, storing)
+        )
 
     async def measure_six_dof(
         self,
@@ -375,7 +406,9 @@ class AsyncThermapClient:
     ) -> MeasurementAnswer:
         """Take up to six errors of one axis from a `SixDofRequest`."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_six_dof(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "six-dof", MeasurementAnswer, measurement, storing)
+        )
 
     async def measure_machined_part(
         self,
@@ -388,7 +421,9 @@ class AsyncThermapClient:
     ) -> MachinedPartAnswer:
         """Take a `MachinedPartRequest`'s straightness, and compare it with the model."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_machined_part(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "machined-part", MachinedPartAnswer, measurement, storing)
+        )
 
     async def measure_drilled_plate(
         self,
@@ -401,7 +436,9 @@ class AsyncThermapClient:
     ) -> DrilledPlateAnswer:
         """Take scale, squareness and axis errors from a `DrilledPlateRequest`'s holes."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_drilled_plate(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "drilled-plate", DrilledPlateAnswer, measurement, storing)
+        )
 
     async def measure_rotary_axis(
         self,
@@ -414,7 +451,25 @@ class AsyncThermapClient:
     ) -> RotaryAxisAnswer:
         """Find a rotary axis from a `RotaryAxisRequest`'s places of a ball."""
         storing = calls.Storing(store, accept_losses, preview)
-        return await self.send(calls.measure_rotary_axis(machine, measurement, storing))
+        return await self.send(
+            calls.measure(machine, "rotary-axis", RotaryAxisAnswer, measurement, storing)
+        )
+
+    async def measure_thermal_drift(
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        store_verification: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
+    ) -> ThermalDriftAnswer:
+        """Evaluate a `ThermalDriftRequest` by ISO 230-3; keep maps, a verification, or both."""
+        storing = calls.Storing(store, accept_losses, preview, store_verification)
+        return await self.send(
+            calls.measure(machine, "thermal-drift", ThermalDriftAnswer, measurement, storing)
+        )
 
     async def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
         """Say what a laser would read on the stored machine in a `StepDiagonalSimulation`."""

@@ -19,10 +19,13 @@ from thermap.answers import (
     AnalysisHead,
     BodyDiagonalAnswer,
     ChangedModelAnswer,
+    CompareAnswer,
     CompensationAnswer,
+    ControllersAnswer,
     CorrelationAnswer,
     DrilledPlateAnswer,
     ErrorMapAnswer,
+    ExportAnswer,
     GridAnswer,
     HealthAnswer,
     LevelsAnswer,
@@ -34,6 +37,7 @@ from thermap.answers import (
     ModelComparisonAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
+    ParseAnswer,
     PlanAnswer,
     PositioningAnswer,
     PredictionAnswer,
@@ -48,6 +52,7 @@ from thermap.answers import (
     StepDiagonalAnswer,
     StoredReadings,
     StoredVerificationAnswer,
+    ThermalDriftAnswer,
     VerificationAnswer,
     WaitingAssignmentAnswer,
     WatchAnswer,
@@ -303,6 +308,26 @@ class ThermapClient:
         """Compute ELv and ELSv of a `LinesRequest`."""
         return self.send(calls.accuracy_from_lines(lines))
 
+    def controllers(self) -> ControllersAnswer:
+        """List the controllers' file formats, with sign, units, limits and options."""
+        return self.send(calls.controllers())
+
+    def export_compensation(
+        self, machine: str, controller: str, question: Content | None = None
+    ) -> ExportAnswer:
+        """Write a controller's files as an `ExportRequest` asks; at the latest reading without."""
+        return self.send(calls.export_compensation(machine, controller, question))
+
+    def compare_compensation(
+        self, machine: str, controller: str, question: Content
+    ) -> CompareAnswer:
+        """Compare the files of a `CompareRequest` with what they should hold."""
+        return self.send(calls.compare_compensation(machine, controller, question))
+
+    def parse_controller_files(self, controller: str, question: Content) -> ParseAnswer:
+        """Read the files of a `ParseRequest`."""
+        return self.send(calls.parse_controller_files(controller, question))
+
     def compensation_levels(self, machine: str, question: Content) -> LevelsAnswer:
         """Say what controllers of different ability would leave of the volumetric error."""
         return self.send(calls.compensation_levels(machine, question))
@@ -330,7 +355,9 @@ class ThermapClient:
     ) -> StepDiagonalAnswer:
         """Derive translations and squareness from a `StepDiagonalRequest`'s readings."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_step_diagonal(machine, measurement, storing))
+        return self.send(
+            calls.measure(machine, "step-diagonal", StepDiagonalAnswer, measurement, storing)
+        )
 
     def measure_body_diagonal(
         self,
@@ -343,7 +370,9 @@ class ThermapClient:
     ) -> BodyDiagonalAnswer:
         """Evaluate Ed, ESd and squareness of a `BodyDiagonalRequest`'s readings."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_body_diagonal(machine, measurement, storing))
+        return self.send(
+            calls.measure(machine, "body-diagonal", BodyDiagonalAnswer, measurement, storing)
+        )
 
     def measure_positioning(
         self,
@@ -356,7 +385,9 @@ class ThermapClient:
     ) -> PositioningAnswer:
         """Evaluate a `PositioningRequest`'s runs by ISO 230-2."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_positioning(machine, measurement, storing))
+        return self.send(
+            calls.measure(machine, "positioning", PositioningAnswer, measurement, storing)
+        )
 
     def measure_six_dof(
         self,
@@ -369,7 +400,7 @@ class ThermapClient:
     ) -> MeasurementAnswer:
         """Take up to six errors of one axis from a `SixDofRequest`."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_six_dof(machine, measurement, storing))
+        return self.send(calls.measure(machine, "six-dof", MeasurementAnswer, measurement, storing))
 
     def measure_machined_part(
         self,
@@ -382,7 +413,9 @@ class ThermapClient:
     ) -> MachinedPartAnswer:
         """Take a `MachinedPartRequest`'s straightness, and compare it with the model."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_machined_part(machine, measurement, storing))
+        return self.send(
+            calls.measure(machine, "machined-part", MachinedPartAnswer, measurement, storing)
+        )
 
     def measure_drilled_plate(
         self,
@@ -395,7 +428,9 @@ class ThermapClient:
     ) -> DrilledPlateAnswer:
         """Take scale, squareness and axis errors from a `DrilledPlateRequest`'s holes."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_drilled_plate(machine, measurement, storing))
+        return self.send(
+            calls.measure(machine, "drilled-plate", DrilledPlateAnswer, measurement, storing)
+        )
 
     def measure_rotary_axis(
         self,
@@ -408,7 +443,25 @@ class ThermapClient:
     ) -> RotaryAxisAnswer:
         """Find a rotary axis from a `RotaryAxisRequest`'s places of a ball."""
         storing = calls.Storing(store, accept_losses, preview)
-        return self.send(calls.measure_rotary_axis(machine, measurement, storing))
+        return self.send(
+            calls.measure(machine, "rotary-axis", RotaryAxisAnswer, measurement, storing)
+        )
+
+    def measure_thermal_drift(
+        self,
+        machine: str,
+        measurement: Content,
+        *,
+        store: bool = False,
+        store_verification: bool = False,
+        accept_losses: bool = False,
+        preview: bool = False,
+    ) -> ThermalDriftAnswer:
+        """Evaluate a `ThermalDriftRequest` by ISO 230-3; keep maps, a verification, or both."""
+        storing = calls.Storing(store, accept_losses, preview, store_verification)
+        return self.send(
+            calls.measure(machine, "thermal-drift", ThermalDriftAnswer, measurement, storing)
+        )
 
     def simulate_step_diagonal(self, machine: str, plan: Content) -> SimulatedStepDiagonal:
         """Say what a laser would read on the stored machine in a `StepDiagonalSimulation`."""
