@@ -23,15 +23,15 @@ from typing import Any
 
 import numpy as np
 
+from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import effect_from_json
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.analyse import analyse
 from app.identification.campaign import Campaign, residuals_of
+from app.simulation.undeclared import FAMILIES, UNKNOWN, make_campaign
+from app.simulation.undeclared.campaign import Campaign as Simulated
 from app.storage.analysis_results import RESULTS
-from benchmarks.closing_the_loop_bodies import campaign_of_bodies
 from benchmarks.closing_the_loop_judge import judge
-from benchmarks.undeclared import FAMILIES, UNKNOWN, make_campaign
-from benchmarks.undeclared.campaign import Campaign as Simulated
 
 HELD_OUT = 0.3
 FOLDS = 3

@@ -11,15 +11,15 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from app.demo.error_maps import run_map
-from app.demo.machine import example_machine
-from app.demo.warm_up import run_temperatures
 from app.geometry.components import Kind
 from app.main import create_app
 from app.services.context import Context
-from app.services.create_machine import create_machine
-from app.services.store_error_map import store_error_map
+from app.services.error_maps import store_error_map
+from app.services.machines import create_machine
 from app.settings import Settings
+from app.simulation.example.error_maps import run_map
+from app.simulation.example.machine import example_machine
+from app.simulation.example.warm_up import run_temperatures
 from app.storage.database import Database
 from app.storage.migrate import upgrade
 from app.thermal.error_map import ErrorMap

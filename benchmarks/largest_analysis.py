@@ -12,9 +12,9 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Final
 
+from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
-from benchmarks.closing_the_loop_bodies import campaign_of_bodies
-from benchmarks.undeclared import make_campaign
+from app.simulation.undeclared import make_campaign
 
 PLANTED: Final = ("thermal-lag",)
 AMPLITUDE: Final = 2.0

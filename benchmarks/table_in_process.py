@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import RegularGridInterpolator
 
-from app.demo.machine import example_machine
+from app.simulation.example.machine import example_machine
 from app.thermal.compile_model import compile_model
 from benchmarks.example import STORED_RUNS, TEMPERATURES_C, measured_map
 

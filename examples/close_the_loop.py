@@ -1,6 +1,6 @@
 """Close the loop on a machine with an effect that its model lacks.
 
-A simulated machine (benchmarks.undeclared) answers one of its sensors late; nobody tells the
+A simulated machine (app.simulation.undeclared) answers one of its sensors late; nobody tells the
 service. It gets the machine, its error maps, what the sensors read, and 30 visits of
 measurements. It finds the effect, which is adopted. Ten later visits, of which the service
 knew nothing, are then held against the model as it was and as it is.
@@ -22,8 +22,8 @@ import httpx
 
 from app.main import create_app
 from app.settings import Settings
-from benchmarks.undeclared import make_campaign
-from benchmarks.undeclared.campaign import Campaign
+from app.simulation.undeclared import make_campaign
+from app.simulation.undeclared.campaign import Campaign
 from thermap import AsyncThermapClient
 from thermap.answers import AnalysisAnswer
 
@@ -59,7 +59,7 @@ async def close_the_loop(
     folder
         Where the service's database is made.
     planted
-        Which effect (benchmarks.undeclared).
+        Which effect (app.simulation.undeclared).
     learnt_from, later
         How many visits the service learns from, and how many come after.
     """

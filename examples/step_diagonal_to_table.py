@@ -1,7 +1,7 @@
 """From a laser on body diagonals to a compensation table, with the truth beside it.
 
-The simulated machine (app.demo) warms up. In three thermal states a laser steps along its
-four body diagonals and an autocollimator reads its angles, both with noise; the service
+The simulated machine (app.simulation.example) warms up. In three thermal states a laser steps
+along its four body diagonals and an autocollimator reads its angles, both with noise; the service
 makes error maps of that. Then the machine is asked at temperatures in between, where
 nothing was measured, and its answers are compared with what the machine really does.
 
@@ -25,15 +25,15 @@ import httpx
 import numpy as np
 
 from app.api.schemas.machines import settings_of
-from app.demo.machine import TRAVEL_MM, example_machine, positions_mm
-from app.demo.true_errors import true_errors
-from app.demo.warm_up import run_temperatures
 from app.geometry.components import COMPONENTS
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
 from app.main import create_app
 from app.measurement.step_diagonal_readings import step_diagonal_readings
 from app.settings import Settings
+from app.simulation.example.machine import TRAVEL_MM, example_machine, positions_mm
+from app.simulation.example.true_errors import true_errors
+from app.simulation.example.warm_up import run_temperatures
 from app.units import MM_PER_M
 from thermap import AsyncThermapClient
 from thermap.answers import CompensationAnswer

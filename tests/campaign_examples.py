@@ -4,7 +4,7 @@ import asyncio
 from datetime import datetime
 from functools import cache
 
-from benchmarks.undeclared import make_campaign
+from app.simulation.undeclared import make_campaign
 from tests.service_examples import Clock, client_of, running
 
 LATER = datetime.fromisoformat("2026-06-01T00:00:00+00:00")

@@ -7,8 +7,9 @@ prepared, and handed to the next test.
 
 import os
 import shutil
+import sqlite3
 from collections import defaultdict
-from contextlib import suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from time import time
 from uuid import uuid4
@@ -162,3 +163,23 @@ def migrate(url):
     database = Database(url)
     upgrade(database)
     database.close()
+
+
+@contextmanager
+def locked(url, begin="EXCLUSIVE"):
+    """Hold what every question about machines needs: their table, or SQLite's lock.
+
+    That one is EXCLUSIVE, or IMMEDIATE to let others read.
+    """
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite":
+        with closing(sqlite3.connect(parsed.database, isolation_level=None)) as other:
+            other.execute(f"BEGIN {begin}")
+            yield
+            other.execute("ROLLBACK")
+        return
+    plain = parsed.set(drivername="postgresql", query={}).render_as_string(hide_password=False)
+    with psycopg.connect(plain) as other:
+        other.execute("LOCK TABLE machine IN ACCESS EXCLUSIVE MODE")
+        yield
+        other.rollback()

@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+import itertools
 import pkgutil
 import re
 import sys
@@ -19,11 +20,11 @@ FLOORS = [
     {"units", "errors", "arrays", "answer"},
     {"geometry"},
     {"thermal"},
-    {"compensation", "measurement", "pictures", "demo"},
+    {"compensation", "measurement", "pictures", "simulation"},
     {"search"},
     {"effects"},
     {"identification"},
-    {"storage", "live", "controllers", "settings"},
+    {"storage", "live", "controllers", "programs", "hal", "settings"},
     {"services"},
     {"pages"},
     {"api"},
@@ -46,9 +47,11 @@ PURE = {
     *("units", "errors", "arrays", "answer", "geometry", "thermal"),
     *(
         "compensation",
+        "controllers",
+        "programs",
         "measurement",
         "pictures",
-        "demo",
+        "simulation",
         "search",
         "effects",
         "identification",
@@ -133,6 +136,37 @@ def test_the_search_knows_only_its_rows():
             )
 
 
+def test_what_judges_the_search_shares_nothing_with_it():
+    """The simulated effects are written again from their definitions, on numpy and scipy alone."""
+    own = "app.simulation.undeclared"
+    allowed = {"numpy", "scipy"} | set(sys.stdlib_module_names)
+    room = PACKAGE / "simulation" / "undeclared"
+    assert len(list(room.rglob("*.py"))) > 40
+    for path in room.rglob("*.py"):
+        foreign = {m for m in imports_of(path) if m != own and not m.startswith(f"{own}.")}
+        roots = {module.split(".")[0] for module in foreign}
+        assert roots <= allowed, f"{path} imports {sorted(foreign)}"
+
+
+def test_what_runs_in_linuxcncs_python_needs_nothing_of_ours():
+    """The oldest one is 3.9, and no library of ours is there."""
+    room = PACKAGE / "hal"
+    assert len(list(room.rglob("*.py"))) > 3
+    for path in room.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        ast.parse(text, feature_version=(3, 9))
+        for module in imports_of(path):
+            ours = module.startswith("app.hal.")
+            assert ours or module.split(".")[0] in sys.stdlib_module_names, f"{path}: {module}"
+
+
+def test_benchmarks_stand_outside():
+    """What is installed, and what tests it, needs nothing of what is only run from a checkout."""
+    pattern = re.compile(r"^\s*(?:from|import) benchmarks\b", re.M)
+    paths = [*MODULES, *CLIENT.rglob("*.py"), *Path(__file__).parent.rglob("*.py")]
+    assert [str(p) for p in paths if pattern.search(p.read_text(encoding="utf-8"))] == []
+
+
 def test_pure_rooms_know_no_clock_and_no_world():
     for path in (p for p in MODULES if room_of(p) in PURE):
         roots = {module.split(".")[0] for module in imports_of(path)}
@@ -190,15 +224,20 @@ def missing_in(function):
         yield "begins with a paragraph that is no sentence"
     section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.M | re.S)
     if section:
-        described = set(re.findall(r"^([a-z_0-9]+(?:, [a-z_0-9]+)*)(?: :.*)?$", section[1], re.M))
+        first_lines = r"^\*{0,2}([a-z_0-9]+(?:, [a-z_0-9]+)*)(?: :.*)?$"
+        described = set(re.findall(first_lines, section[1], re.M))
         named = {one for names in described for one in names.split(", ")}
         taken = set(inspect.signature(function).parameters) - {"self", "cls"}
-        if taken - named:
-            yield f"does not describe {taken - named}"
+        if named - taken:
+            yield f"describes {named - taken}, which it does not take"
         for parameter in taken:
             array = re.search(rf"^{parameter} :.*ndarray.*$", section[1], re.M)
             if array and "shape" not in array[0]:
                 yield f"gives {parameter} no shape"
+        lines = [*section[1].split("\n"), ""]
+        for line, following in itertools.pairwise(lines):
+            if line[:1].strip() and "shape" not in line and not following.startswith(" "):
+                yield f"names {line} and says nothing of it"
 
 
 def test_factors_of_thousand_stand_in_units_alone():

@@ -60,7 +60,7 @@ def test_named_files_exist():
         named += [page.parent / name for name in re.findall(r"\]\((?!http)([^)#]+)", text)]
         named += [
             ROOT / name.split("::")[0]
-            for name in re.findall(r"`((?:tests|docs|benchmarks|scripts)/[\w/.-]+)", text)
+            for name in re.findall(r"`((?:tests|docs|benchmarks|examples|scripts)/[\w/.-]+)", text)
         ]
     assert len(named) > 100
     assert [str(path) for path in named if not path.exists()] == []

@@ -13,7 +13,7 @@ def test_one_blamed_field_stands_in_the_sentence_and_beside_it():
 
 
 def test_from_further_out_the_path_grows_and_the_kind_stays():
-    inner = UnknownComponent("expected a component, came 'EXQ'")
+    inner = UnknownComponent("expected a component, got 'EXQ'")
     outer = inner.inside("components.3").inside("maps.0")
     assert isinstance(outer, UnknownComponent)
     assert outer.detail == f"maps.0.components.3: {inner.detail}"

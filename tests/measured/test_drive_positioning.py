@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from app.measurement.positioning import evaluate_positioning
-from benchmarks.measured.data_folder import data_folder
+from examples.measured.data_folder import data_folder
 
 FOLDER = data_folder() / "ess-target-drive"
 

@@ -26,9 +26,9 @@ from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, OutOfRange, Sensor
 from app.thermal.prediction import predict_component
-from benchmarks.measured.data_folder import data_folder
-from benchmarks.measured.lathe import MAPPED
-from benchmarks.measured.lathe_runs import FAILED, FOLDER, SENSORS, read_runs
+from examples.measured.data_folder import data_folder
+from examples.measured.lathe import MAPPED
+from examples.measured.lathe_runs import FAILED, FOLDER, SENSORS, read_runs
 
 pytestmark = [
     pytest.mark.anyio,

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from benchmarks.measured.data_folder import data_folder
-from benchmarks.measured.drive import (
+from examples.measured.data_folder import data_folder
+from examples.measured.drive import (
     FOLDER,
     TESTS,
     campaign,
@@ -13,7 +13,7 @@ from benchmarks.measured.drive import (
     read_points,
     verifications,
 )
-from benchmarks.measured.loop import Figures, effects_of, measured_and_left
+from examples.measured.loop import Figures, effects_of, measured_and_left
 
 pytestmark = pytest.mark.skipif(
     not (data_folder() / FOLDER).is_dir(), reason=f"no measured drive at {data_folder()}"

@@ -2,9 +2,15 @@
 
 import pytest
 
-from benchmarks.measured.data_folder import data_folder
-from benchmarks.measured.loop import Figures, close_the_loop, effects_of, let_go, measured_and_left
-from benchmarks.measured.printers import FOLDER, PRINTERS, campaign, read_homings
+from examples.measured.data_folder import data_folder
+from examples.measured.loop import (
+    Figures,
+    close_the_loop,
+    effects_of,
+    measured_and_left,
+    without_ranges,
+)
+from examples.measured.printers import FOLDER, PRINTERS, campaign, read_homings
 
 pytestmark = pytest.mark.skipif(
     not (data_folder() / FOLDER).is_dir(), reason=f"no measured printers at {data_folder()}"
@@ -27,6 +33,6 @@ def test_the_bed_is_found_and_what_was_left_out_is_predicted(name):
     after = Figures.of(measured_and_left(known, asked, effects)[2]).rms
     # The stretch left out has the cold start, a hot bed under a cold frame, which nothing else
     # of the run has: the effect of the bed is held there. Let go on, it is right there too.
-    free = Figures.of(measured_and_left(known, asked, let_go(effects))[2]).rms
+    free = Figures.of(measured_and_left(known, asked, without_ranges(effects))[2]).rms
     assert free < before / FACTOR[name]
     assert after < before

@@ -2,16 +2,16 @@
 
 import pytest
 
-from benchmarks.measured.data_folder import data_folder
-from benchmarks.measured.loop import (
+from examples.measured.data_folder import data_folder
+from examples.measured.loop import (
     Figures,
     close_the_loop,
     effects_of,
-    let_go,
     measured_and_left,
     without_means,
+    without_ranges,
 )
-from benchmarks.measured.slit import FOLDER, campaign, read_sweep
+from examples.measured.slit import FOLDER, campaign, read_sweep
 
 pytestmark = pytest.mark.skipif(
     not (data_folder() / FOLDER).is_dir(), reason=f"no measured slit at {data_folder()}"
@@ -42,6 +42,6 @@ def test_the_rest_of_the_sweep_is_predicted(loop):
     rows, _, before = measured_and_left(known, asked)
     # The rest of the sweep lies beyond the positions that taught: adopted, the effect is held
     # there and says so. What it would be if it were let go on is what a period is for.
-    _, _, after = measured_and_left(known, asked, let_go(effects))
+    _, _, after = measured_and_left(known, asked, without_ranges(effects))
     assert Figures.of(without_means(rows, before)).rms == pytest.approx(14.7, abs=0.3)
     assert Figures.of(without_means(rows, after)).rms < 2.0

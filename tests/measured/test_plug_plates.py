@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.measurement.drilled_plate import evaluate_drilled_plate
-from benchmarks.measured.data_folder import data_folder
+from examples.measured.data_folder import data_folder
 
 FOLDER = data_folder() / "sdss-plug-plates"
 

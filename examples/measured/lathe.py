@@ -26,7 +26,7 @@ from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, OutOfRange, SameTemperature, Sensor, sensors_by_name
 from app.thermal.sensor_assignment import propose_assignment
 from app.thermal.temperature_history import TemperatureHistory
-from benchmarks.measured.lathe_runs import SENSORS, Run
+from examples.measured.lathe_runs import SENSORS, Run
 
 MAPPED: Final = "20200817"
 """The widest range of room temperature, 20 to 30 °C, at 2000 1/min."""

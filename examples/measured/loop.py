@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,10 @@ from app.identification.campaign import Campaign, residuals_of
 from app.search.rows import Datum
 
 MOST_ROUNDS = 6
+
+
+MAY_BE_ADOPTED: Final = tuple(name for name, kind in KINDS.items() if not kind.not_adopted)
+"""What the records are asked for: all kinds but mistakes that are put right elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +46,14 @@ class Figures:
 
     @classmethod
     def of(cls, values: FloatArray) -> Figures:
+        """Work out the figures of what was measured or is left."""
         size = np.abs(values)
         rms = float(np.sqrt(np.mean(values**2)))
         return cls(rms, float(np.quantile(size, 0.95)), float(size.max()))
 
 
 def close_the_loop(
-    campaign: Campaign, kinds: Collection[str] = tuple(KINDS), most_rounds: int = MOST_ROUNDS
+    campaign: Campaign, kinds: Collection[str] = MAY_BE_ADOPTED, most_rounds: int = MOST_ROUNDS
 ) -> list[Round]:
     """Analyse and adopt until an analysis has nothing that is worth adopting.
 
@@ -75,7 +81,7 @@ def effects_of(campaign: Campaign, rounds: Iterable[Round]) -> list[Effect]:
     return [*campaign.effects, *(found.effect for each in rounds for found in each.adopted)]
 
 
-def let_go(effects: Iterable[Effect]) -> list[Effect]:
+def without_ranges(effects: Iterable[Effect]) -> list[Effect]:
     """Take off the ranges at whose edges effects are held: what they would say of any state.
 
     No live table does this. It shows what of an error is left because nobody has measured

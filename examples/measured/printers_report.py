@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from app.arrays import FloatArray
-from benchmarks.measured.loop import (
+from examples.measured.loop import (
     by_component,
     close_the_loop,
     effects_of,
-    let_go,
     measured_and_left,
+    without_ranges,
 )
-from benchmarks.measured.printers import PARTS, PRINTERS, campaign, read_homings
-from benchmarks.measured.printing import pooled, print_figures, print_rounds
+from examples.measured.printers import PARTS, PRINTERS, campaign, read_homings
+from examples.measured.printing import pooled, print_figures, print_rounds
 
 STEPS = ("measured, about its mean", "maps over the frame", "after the loop", "nothing held")
 
@@ -31,7 +31,7 @@ def print_report(data: Path, _: int) -> None:
             rows, measured, before = measured_and_left(known, asked)
             effects = effects_of(known, rounds)
             _, _, after = measured_and_left(known, asked, effects)
-            _, _, free = measured_and_left(known, asked, let_go(effects))
+            _, _, free = measured_and_left(known, asked, without_ranges(effects))
             for step, values in zip(
                 STEPS, (measured - homings.z_um.mean(), before, after, free), strict=True
             ):

@@ -14,7 +14,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.effects.low_pass import Hold, low_pass
 from app.effects.observations import ObservationRows
-from benchmarks.measured.lathe_runs import FAILED, SENSORS, Run
+from examples.measured.lathe_runs import FAILED, SENSORS, Run
 
 LATE_S = 3600.0
 

@@ -22,8 +22,8 @@ from app.identification.campaign import Campaign
 from app.thermal.error_map import ComponentTable
 from app.thermal.machine import Travel
 from app.units import UM_PER_MM
-from benchmarks.measured.constant_model import constant_model
-from benchmarks.measured.loop import Round, close_the_loop, effects_of
+from examples.measured.constant_model import constant_model
+from examples.measured.loop import Round, close_the_loop, effects_of
 
 FOLDER = "ess-target-drive"
 TESTS = {"x": "b02_x_target_x", "y": "week42_22_xyz_target_y_report_ILD50"}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.measured.drive import TESTS, campaign, close_both_ways, read_points, verifications
-from benchmarks.measured.loop import by_component, effects_of, let_go, measured_and_left
-from benchmarks.measured.printing import pooled, print_figures, print_rounds
+from examples.measured.drive import TESTS, campaign, close_both_ways, read_points, verifications
+from examples.measured.loop import by_component, effects_of, measured_and_left, without_ranges
+from examples.measured.printing import pooled, print_figures, print_rounds
 
 CYCLES = (2, 3, 4, 5)
 
@@ -27,7 +27,9 @@ def print_report(data: Path, _: int) -> None:
             raw.append(by_component(rows, measured))
             before.append(by_component(rows, left))
             after.append(by_component(rows, measured_and_left(known, asked, effects)[2]))
-            free.append(by_component(rows, measured_and_left(known, asked, let_go(effects))[2]))
+            free.append(
+                by_component(rows, measured_and_left(known, asked, without_ranges(effects))[2])
+            )
         print_figures(
             "cycles left out [µm]",
             {

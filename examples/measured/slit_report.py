@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.measured.loop import (
+from examples.measured.loop import (
     by_component,
     close_the_loop,
     effects_of,
-    let_go,
     measured_and_left,
     without_means,
+    without_ranges,
 )
-from benchmarks.measured.printing import pooled, print_figures, print_rounds
-from benchmarks.measured.slit import campaign, read_sweep
+from examples.measured.printing import pooled, print_figures, print_rounds
+from examples.measured.slit import campaign, read_sweep
 
 
 def print_report(data: Path, _: int) -> None:
@@ -23,7 +23,11 @@ def print_report(data: Path, _: int) -> None:
     print_rounds(rounds)
     steps = {}
     found = effects_of(known, rounds)
-    models = {"table at each mm": [], "after the loop": found, "nothing held": let_go(found)}
+    models = {
+        "table at each mm": [],
+        "after the loop": found,
+        "nothing held": without_ranges(found),
+    }
     for name, effects in models.items():
         rows, _, left = measured_and_left(known, asked, effects)
         steps[name] = pooled([by_component(rows, without_means(rows, left))])

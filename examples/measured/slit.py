@@ -22,7 +22,7 @@ from app.search.rows import Datum
 from app.thermal.error_map import ComponentTable
 from app.thermal.machine import Travel
 from app.units import UM_PER_MM
-from benchmarks.measured.constant_model import constant_model
+from examples.measured.constant_model import constant_model
 
 FOLDER = "ess-slit-cyclic"
 START_S = datetime(2020, 12, 8, 12, tzinfo=UTC).timestamp()

@@ -8,10 +8,10 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.identification.analysis.analysis import FoundEffect
-from benchmarks.measured.loop import Figures, Round
+from examples.measured.loop import Figures, Round
 
 MOST_TIES = 3
-MOST_LEADS = 3
+MOST_NAMED = 3
 
 
 def print_rounds(rounds: Iterable[Round]) -> None:
@@ -21,10 +21,10 @@ def print_rounds(rounds: Iterable[Round]) -> None:
         for found in each.analysis.effects:
             print(f"    {'adopted' if found in each.adopted else 'left   '} {_line(found)}")
         for part in each.analysis.unexplained:
-            leads = ", ".join(part.leads[:MOST_LEADS]) or "no lead"
+            moving = ", ".join(part.moves_with[:MOST_NAMED]) or "nothing recorded"
             print(
-                f"    unexplained on {part.component}: {part.rms_um:.1f} {part.unit} against "
-                f"{part.noise_um:.1f} of scatter; {leads}"
+                f"    unexplained on {part.component}: {part.rms:.1f} {part.unit} against "
+                f"{part.noise:.1f} of scatter; {moving}"
             )
         for one in each.analysis.excluded:
             print(f"    excluded, {one.reason}: {one.count}")

@@ -11,19 +11,19 @@ from pathlib import Path
 from app.arrays import FloatArray
 from app.identification.campaign import residuals_of
 from app.thermal.doubtful_sensors import doubtful_sensors
-from benchmarks.measured.lathe import Lathe, make_lathe
-from benchmarks.measured.lathe_runs import read_runs
-from benchmarks.measured.loop import (
+from examples.measured.lathe import Lathe, make_lathe
+from examples.measured.lathe_runs import read_runs
+from examples.measured.loop import (
     Round,
     by_component,
     close_the_loop,
     effects_of,
-    let_go,
     measured_and_left,
     without_means,
+    without_ranges,
 )
-from benchmarks.measured.ordinary_look import ordinary_look
-from benchmarks.measured.printing import pooled, print_figures, print_rounds
+from examples.measured.ordinary_look import ordinary_look
+from examples.measured.printing import pooled, print_figures, print_rounds
 
 STEPS = ("measured", "first maps", "after the loop", "nothing held", "ordinary look")
 
@@ -66,7 +66,7 @@ def run_fold(lathe: Lathe, left_out: Sequence[str]) -> Fold:
     rows, measured, before = measured_and_left(learn, asked)
     effects = effects_of(learn, rounds)
     _, _, after = measured_and_left(learn, asked, effects)
-    _, _, free = measured_and_left(learn, asked, let_go(effects))
+    _, _, free = measured_and_left(learn, asked, without_ranges(effects))
     known, known_measured, _ = measured_and_left(learn, learn.verifications)
     ordinary = ordinary_look(lathe.runs, known, rows, (known_measured, measured))
     steps = dict(zip(STEPS, (measured, before, after, free, ordinary), strict=True))
