@@ -1,9 +1,10 @@
 """A simulated three-axis machine on the installed LinuxCNC, without a screen.
 
 Ordinary threads, motors that follow at once, homing on the spot. One controller at a time runs on
-a computer: a second one would end the first.
+a computer, as a second one would end the first: who comes later waits, in whatever process.
 """
 
+import fcntl
 import json
 import os
 import shutil
@@ -21,6 +22,8 @@ SYSTEM_PYTHON = "/usr/bin/python3"
 """LinuxCNC's modules belong to the system's Python."""
 
 LIMIT_S = 90
+
+ONE_AT_A_TIME = Path(tempfile.gettempdir()) / "thermap-tests-linuxcnc.lock"
 
 MACHINE_INI = """[EMC]
 VERSION = 1.1
@@ -81,8 +84,10 @@ MIN_FERROR = 10
 """
 
 DRIVE = """#!/usr/bin/python3
-import json, sys, time
+import faulthandler, json, sys, time
 import linuxcnc, hal
+
+faulthandler.enable()
 
 def wait(what, until):
     for _ in range(2000):
@@ -243,13 +248,15 @@ watching.join()
 class Asked:
     """A running controller: pins set, values read, moves made, and what the offsets did."""
 
-    def __init__(self, lines):
-        self._lines = lines
+    def __init__(self, lines, said):
+        self._lines, self._said = lines, said
 
     def __call__(self, **what):
         self._lines.write(json.dumps(what) + "\n")
         self._lines.flush()
-        return json.loads(self._lines.readline())
+        answer = self._lines.readline()
+        assert answer, f"no answer to {what}; the controller said: {self._said.read_text()[-4000:]}"
+        return json.loads(answer)
 
     def get(self, *names):
         """Read pins and parameters."""
@@ -280,7 +287,7 @@ def live_controller(wiring, rate_um_per_s):
                     running.result()
             peer.connect(str(folder / "asked"))
             with peer.makefile("rw") as lines:
-                yield Asked(lines)
+                yield Asked(lines, folder / "said.txt")
             peer.shutdown(socket.SHUT_RDWR)
             running.result()
 
@@ -353,7 +360,8 @@ def _run(folder):
     environment |= {"HOME": str(folder), "RTAPI_FIFO_PATH": str(folder / "fifo")}
     environment |= {"RTAPI_UID": "65534"} if os.getuid() == 0 else {}
     environment["PATH"] = "/usr/bin:/bin:/usr/sbin:/sbin"
-    with (folder / "said.txt").open("w+") as said:
+    with ONE_AT_A_TIME.open("w") as one, (folder / "said.txt").open("w+") as said:
+        fcntl.flock(one, fcntl.LOCK_EX)
         started = subprocess.Popen(
             [LINUXCNC, "-r", "machine.ini"],
             cwd=folder,

@@ -15,7 +15,6 @@ from tests.controllers.linuxcnc_machine import LINUXCNC, run_moves
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.xdist_group("linuxcnc"),
     pytest.mark.skipif(
         LINUXCNC is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
         reason="LinuxCNC is not installed (Debian: linuxcnc-uspace)",

@@ -16,7 +16,6 @@ from tests.programs.example_programs import MACHINE, every_program
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.xdist_group("linuxcnc"),
     pytest.mark.skipif(
         LINUXCNC is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
         reason="LinuxCNC is not installed (Debian: linuxcnc-uspace)",

@@ -22,7 +22,6 @@ from thermap import ThermapClient
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.xdist_group("linuxcnc"),
     pytest.mark.skipif(
         LINUXCNC is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
         reason="LinuxCNC is not installed (Debian: linuxcnc-uspace)",
