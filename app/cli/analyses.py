@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Group, RenderableType
@@ -27,6 +27,7 @@ from app.errors import list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
+    from app.api.schemas.analyses import AnalysisAnswer
     from thermap.answers import AnalysisHead
 
 analyses = command_group()
@@ -64,8 +65,7 @@ def show_analysis(
 
     Example: `thermap analyses show 1 --machine vmc -o report.html`
     """
-    import orjson
-
+    from app.api.schemas.analyses import AnalysisAnswer
     from thermap import loop_calls
 
     if output is not None:
@@ -76,7 +76,8 @@ def show_analysis(
         if json:
             typer.echo(content.decode())
         else:
-            show_view(analysis_view(orjson.loads(content)))
+            # As the pages read it too: views are of the service's own classes.
+            show_view(analysis_view(AnalysisAnswer.model_validate_json(content, extra="ignore")))
         if output is not None:
             write_file(output, thermap.analysis_report(chosen, number))
             typer.echo(f"{output}: the report of analysis {number}", err=True)
@@ -142,19 +143,19 @@ def analyses_view(found: Sequence[AnalysisHead]) -> RenderableType:
     return or_nothing(table, "no analysis yet; `thermap analyse` asks for one")
 
 
-def analysis_view(job: dict[str, Any]) -> RenderableType:
-    """Lay out one analysis; `job` is JSON's own types."""
+def analysis_view(job: AnalysisAnswer) -> RenderableType:
+    """Lay out one analysis."""
     from app.cli.analyse_view import analysis_view as result_view
 
-    adopted = job["adopted_version"]
+    adopted = job.adopted_version
     known = [
-        ("analysis", f"{job['id']}, {job['status']}"),
-        ("of", f"model version {job['model_version']}"),
-        ("verifications", list_names(map(str, job["verifications"]))),
+        ("analysis", f"{job.id}, {job.status}"),
+        ("of", f"model version {job.model_version}"),
+        ("verifications", list_names(map(str, job.verifications))),
         ("adopted", "no" if adopted is None else f"as model version {adopted}"),
     ]
-    if job["message"]:
-        known.append(("says", job["message"]))
-    if job["result"] is None:
-        return facts(*known, ("done", f"{100.0 * job['progress']:.0f} %"))
-    return Group(facts(*known), Text(), result_view(job["result"]))
+    if job.message:
+        known.append(("says", job.message))
+    if job.result is None:
+        return facts(*known, ("done", f"{100.0 * job.progress:.0f} %"))
+    return Group(facts(*known), Text(), result_view(job.result))
