@@ -22,8 +22,9 @@ from app.identification.plan.plan import Plan, PlannedEffect
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import (
     VERDICTS,
+    adoption_text,
     kind_name,
-    learnt_words,
+    learnt_text,
     parameter_name,
     parameter_text,
     rival_name,
@@ -128,11 +129,7 @@ def _effect_lines(effect: FoundEffect) -> Iterator[str]:
     sure = f": {seen}" if seen else f"; evidence {figure_text(evidence, 0)}"
     proxy = "; a proxy: something unexplained remains beside it" if effect.is_proxy else ""
     yield f"{status_words(effect.status, effect.evidence)}{sure}{proxy}"
-    yield (
-        "helps visits that were held out"
-        if effect.helps
-        else f"not adopted unasked: {effect.why_not}"
-    )
+    yield adoption_text(effect)
     yield from (cause.sentence for cause in effect.causes)
     errors = effect.standard_errors
     for name, value in effect.parameters.items():
@@ -144,7 +141,7 @@ def _effect_lines(effect: FoundEffect) -> Iterator[str]:
         yield effect.doubt
     if effect.leverage_warning:
         yield effect.leverage_warning
-    if learnt := learnt_words(effect.valid):
+    if learnt := learnt_text(effect):
         yield f"learnt in: {learnt}; held at the edge beyond"
     if effect.measure_again:
         yield f"{effect.measure_again}."

@@ -277,9 +277,14 @@ def _helping(row: AnalysisRow, result: Analysis) -> list[int]:
             f"{place}, {one.kind} of {list_names(one.components, 3)}: {one.why_not}"
             for place, one in enumerate(found)
         )
+        adoptable = [p for p, one in enumerate(found) if not kind_of(one.kind).not_adopted]
+        all_the_same = (
+            f"; state effects, such as {adoptable[:1]}, to adopt one all the same"
+            if adoptable
+            else ""
+        )
         raise Conflict(
-            f"analysis {row.id} found no effect that is known to help ({why}); state effects, such "
-            "as [0], to adopt one all the same"
+            f"analysis {row.id} found no effect that is known to help ({why}){all_the_same}"
         )
     return places
 

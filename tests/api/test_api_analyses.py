@@ -1,13 +1,25 @@
 """Analyses over HTTP: asked for, followed, adopted, refused."""
 
 import asyncio
+import json
 import time
 
 import pytest
 
 from app.api.schemas.analyses import AnalysisAnswer
+from app.effects.driver import Always
+from app.effects.effect import Effect
+from app.effects.registry import explain, kind_of
+from app.effects.shape import Everywhere
+from app.effects.term import Term
+from app.storage.analyses import claim_analysis, finish_analysis, insert_analysis
+from app.storage.analysis_results import RESULTS
+from app.storage.records import AnalysisTask
 from tests.campaign_examples import LATER, ROOM, campaign_database
 from tests.databases import KINDS, reachable
+from tests.effect_examples import OUTDATED
+from tests.pages.example_analyses import LAG as LAG_FOUND
+from tests.pages.example_analyses import NOTHING
 from tests.service_examples import ROOM as OTHER_ROOM
 from tests.service_examples import Clock, client_of, contents, problem, running
 
@@ -183,6 +195,62 @@ async def test_unknown_analyses_and_machines_without_a_model(client):
         await client.post("/v1/machines/bare/analyses", json={"verifications": [1]}), 409
     )
     assert "store error maps first" in found["detail"]
+
+
+EXCHANGED = Effect(
+    "exchanged-sensors",
+    ("EXX",),
+    ("x-middle", "y-front"),
+    parameters={"share": 1.0},
+    terms=(Term("EXX", Always(), Everywhere(), 1.0),),
+)
+
+
+def found(effect, *, helps):
+    """An effect as an analysis tells of it; a mistake never helps."""
+    why_not = None if helps else kind_of(effect.kind).not_adopted or "nobody confirmed it"
+    told = {"effect": effect.to_json(), "helps": helps, "why_not": why_not}
+    return LAG_FOUND | told | {"alternatives": [], "explanation": explain(effect)}
+
+
+def store_done(service, *effects):
+    """Store an analysis of the active version that has found these effects; its number."""
+    result = RESULTS.read_text(json.dumps(NOTHING | {"effects": list(effects)}))
+    with service.state.context.database.writing() as session:
+        number = insert_analysis(session, "mcfv5050", AnalysisTask(3, [1], 0.3, None, 0), LATER).id
+        assert claim_analysis(session, "somebody", LATER) == number
+        assert finish_analysis(session, number, "somebody", RESULTS.text(result), LATER)
+    return number
+
+
+async def test_a_mistake_is_never_adopted_by_whatever_way_it_is_asked(app, client):
+    path = f"{OTHER_ROOM}/analyses"
+    alone = store_done(app, found(EXCHANGED, helps=False))
+    beside = store_done(app, found(EXCHANGED, helps=False), found(OUTDATED, helps=True))
+    before = contents(app)
+    unasked = problem(await client.post(f"{path}/{alone}/adopt"), 409)["detail"]
+    assert "it is a mistake in the wiring" in unasked
+    assert "all the same" not in unasked  # no number would adopt it
+    for number, places in ((alone, [0]), (beside, [0]), (beside, [0, 1]), (beside, [1, 0])):
+        for query in ("", "?accept_losses=true", "?preview=true"):
+            asked = {"effects": places, "onto_active": True}
+            answer = await client.post(f"{path}/{number}/adopt{query}", json=asked)
+            said = problem(answer, 409)["detail"]
+            assert f"effect 0 of analysis {number}, exchanged-sensors, cannot be adopted" in said
+            assert "it is a mistake in the wiring" in said
+    assert contents(app) == before
+    adopted = await client.post(f"{path}/{beside}/adopt")
+    assert adopted.status_code == 200, adopted.text
+    assert [one["kind"] for one in adopted.json()["effects"]] == ["outdated-map"]
+
+
+async def test_a_refusal_names_a_number_that_could_be_adopted(app, client):
+    effects = (found(EXCHANGED, helps=False), found(OUTDATED, helps=False))
+    number = store_done(app, *effects)
+    refused = problem(await client.post(f"{OTHER_ROOM}/analyses/{number}/adopt"), 409)["detail"]
+    assert "such as [1], to adopt one all the same" in refused
+    answer = await client.post(f"{OTHER_ROOM}/analyses/{number}/adopt", json={"effects": [1]})
+    assert [one["kind"] for one in answer.json()["effects"]] == ["outdated-map"]
 
 
 @pytest.mark.slow

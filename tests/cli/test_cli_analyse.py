@@ -15,7 +15,7 @@ from app.cli.listening import listening, serving, url_of
 from app.storage.analysis_results import RESULTS
 from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
 from tests.cli.conftest import ended
-from tests.pages.example_analyses import NOTHING
+from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, NOTHING
 from tests.service_examples import MACHINE, Clock, error_map, running
 
 QUICK = ("--effects", "backlash")
@@ -113,6 +113,10 @@ def test_from_files_to_the_report_and_the_adopted_effect(thermap, client, tmp_pa
     assert (answer["status"], answer["model_version"]) == ("done", 4)
     assert answer["verifications"] == [v.id for v in client.verifications(MACHINE_ID)]
     assert answer["result"]["effects"] == []
+    shown = thermap("analyses", "show", "1", "--machine", MACHINE_ID)
+    assert shown.exit_code == 0, shown.output
+    assert "adopted as model version 4" in plain(shown.stdout)
+    assert told in plain(shown.stdout)
 
 
 @pytest.mark.slow
@@ -258,6 +262,19 @@ def test_the_table_counts_what_its_figures_are_of():
     told = plain(terminal.getvalue())
     assert "all in µm 0.65 0.65 – µm 240" in told
     assert "floor unknown: nothing was repeated" in told
+
+
+def test_a_mistake_is_to_be_put_right_and_nothing_is_said_of_adopting_it():
+    terminal = StringIO()
+    result = FOUND | {"effects": [EXCHANGED, LAG], "plots": NOTHING["plots"]}
+    Console(width=100, file=terminal).print(analysis_view(RESULTS.read_text(json.dumps(result))))
+    told = plain(terminal.getvalue())
+    mistake, lag = told.split("0. x-middle and bed")[1].split("1. EZZ follows")
+    assert "It is never adopted, but put right where it was made: it is a mistake" in mistake
+    assert "Swap the plugs of x-middle and bed" in mistake
+    for absent in ("unless", "learnt in", "edge"):
+        assert absent not in mistake
+    assert "is adopted unless effects are named" in lag
 
 
 @pytest.mark.slow

@@ -238,6 +238,31 @@ BACKLASH_CURVE = LAG_CURVE | {
     "direction": [1.0, -1.0, 1.0, 0.0],
 }
 
+EXCHANGED = LAG | {
+    "effect": stored_effect(
+        "exchanged-sensors",
+        ["EXX", "EYX"],
+        {"share": 1.0},
+        {"share": 0.01},
+        sensors=["x-middle", "bed"],
+    )
+    | {
+        "valid": {
+            "from": "2026-03-01T00:00:00Z",
+            "to": "2026-03-06T00:00:00Z",
+            "temperatures_c": {"x-middle": [20.0, 27.0]},
+            "state": {},
+            "positions_mm": {"EXX": [0.0, 500.0]},
+            "use_until": None,
+        }
+    },
+    "helps": False,
+    "why_not": "it is a mistake in the wiring",
+    "alternatives": [],
+    "explanation": "x-middle and bed are exchanged: each reads what the other one should",
+}
+"""A mistake: nothing of it is ever adopted."""
+
 STUCK = LAG | {
     "effect": stored_effect(
         "sensor-fault",

@@ -23,6 +23,7 @@ from tests.pages.example_analyses import (
     ALL,
     BACKLASH,
     BACKLASH_CURVE,
+    EXCHANGED,
     FOUND,
     HEAD,
     LAG,
@@ -197,6 +198,21 @@ def test_warnings_and_what_is_not_confirmed_are_told_in_words():
         "outlier 3",
     ):
         assert words in told
+
+
+def test_a_mistake_is_to_be_put_right_and_nothing_is_said_of_adopting_it():
+    told = read(FOUND | {"effects": [EXCHANGED, LAG], "plots": NOTHING["plots"]}).told
+    mistake, lag = told.split("0. x-middle and bed")[1].split("1. EZZ follows")
+    assert "It is never adopted, but put right where it was made: it is a mistake" in mistake
+    assert "Swap the plugs of x-middle and bed" in mistake
+    for absent in ("unless", "learnt in", "°C"):
+        assert absent not in mistake
+    assert "is adopted unless effects are named" in lag
+
+
+def test_what_does_not_help_is_adopted_only_by_its_number():
+    told = read(UNEXPLAINED).told
+    assert "It is not adopted unless it is named: SXY would get worse in 'a'" in told
 
 
 def test_a_fault_that_the_readings_show_has_no_figures_and_no_rivals():

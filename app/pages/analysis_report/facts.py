@@ -9,7 +9,7 @@ from typing import Final
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis, Evidence, FoundEffect
 from app.pages.report_parts.component_names import component_name
-from app.pages.report_parts.effect_names import kind_name, learnt_words
+from app.pages.report_parts.effect_names import kind_name, learnt_text
 from app.pages.report_parts.words import chance_text, figure_text, sentence
 from app.services.report_head import ReportHead
 
@@ -61,7 +61,7 @@ def effect_facts(effect: FoundEffect, decimals: int) -> Mapping[str, str]:
         "driven by": list_names(drivers) if drivers else "",
         "residual there": f"{sizes[0]} → {sizes[1]} {effect.unit} RMS, with all effects",
         **_sureness(evidence),
-        "learnt in": learnt_words(effect.valid),
+        "learnt in": learnt_text(effect),
         "use": effect.measure_again or "",
     }
 

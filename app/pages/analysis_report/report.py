@@ -23,6 +23,7 @@ from app.pages.report_parts.drawing import Drawing, largest
 from app.pages.report_parts.effect_names import (
     MARKS,
     VERDICTS,
+    adoption_text,
     explanation_name,
     parameter_text,
     rival_name,
@@ -67,6 +68,7 @@ def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLI
         MARKS=MARKS,
         MOST_RIVALS=MOST_RIVALS,
         kind_of=kind_of,
+        adoption_text=adoption_text,
         VERDICTS=VERDICTS,
     )
 

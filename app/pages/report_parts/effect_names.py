@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from typing import Final
 
 from app.effects.kind import Named, NotTested
+from app.effects.registry import kind_of
 from app.effects.valid import LearntIn
 from app.errors import list_names
-from app.identification.analysis.analysis import Evidence
+from app.identification.analysis.analysis import Evidence, FoundEffect
 from app.pages.report_parts.words import duration_text, true_minus
 from app.units import date_text, plus_minus, unit_of_field
 
@@ -119,6 +120,25 @@ def kind_name(kind: str) -> str:
     'thermal lag'
     """
     return kind.replace("-", " ")
+
+
+def adoption_text(effect: FoundEffect) -> str:
+    """Say in sentences whether an effect is adopted, and what to do about one that never is."""
+    kind = kind_of(effect.kind)
+    if reason := kind.not_adopted:
+        what_to_do = kind.what_to_do(effect.effect)
+        return f"It is never adopted, but put right where it was made: {reason}. {what_to_do}"
+    if effect.helps:
+        return "It helps visits that were held out, and is adopted unless effects are named."
+    return f"It is not adopted unless it is named: {effect.why_not}."
+
+
+def learnt_text(effect: FoundEffect) -> str:
+    """Say in which ranges an effect was learnt; empty of one that is never adopted.
+
+    Where it is not adopted nothing is ever held at the edge of these ranges.
+    """
+    return "" if kind_of(effect.kind).not_adopted else learnt_words(effect.valid)
 
 
 def learnt_words(valid: LearntIn | None) -> str:
