@@ -31,6 +31,7 @@ from app.api.routes import (
     pictures,
     readings,
     residuals,
+    status,
     verifications,
 )
 from app.api.short_way import ThermapService
@@ -46,6 +47,7 @@ from app.storage.migrate import upgrade
 
 ROOMS = (
     compensation,
+    status,
     controllers,
     geometry,
     pictures,

@@ -23,6 +23,12 @@ curl http://127.0.0.1:8000/v1/machines
 # 200
 curl http://127.0.0.1:8000/v1/machines/mcfv5050
 
+# 200: whether each machine can be trusted now, and why not
+curl http://127.0.0.1:8000/v1/status
+
+# 200: the same of one
+curl http://127.0.0.1:8000/v1/machines/mcfv5050/status
+
 # 200: the table now
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/compensation
 

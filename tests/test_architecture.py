@@ -21,7 +21,7 @@ FLOORS = [
     {"geometry"},
     {"thermal"},
     {"compensation", "measurement", "pictures", "simulation"},
-    {"search"},
+    {"search", "status"},
     {"effects"},
     {"identification"},
     {"storage", "live", "controllers", "programs", "hal", "settings"},
@@ -55,6 +55,7 @@ PURE = {
         "search",
         "effects",
         "identification",
+        "status",
         "pages",
     ),
 }

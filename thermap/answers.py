@@ -726,6 +726,25 @@ class JudgementAnswer(Shape):
     """Visits of the verification that were looked at"""
 
 
+class LargestValue(Shape):
+    """The largest of a component's values, with its sign and its place."""
+
+    component: str
+    """Code of the component"""
+
+    value: float
+    """Value with its sign, in `unit`"""
+
+    unit: str
+    """Unit of the value"""
+
+    axis: str | None
+    """Axis of the position, null for a component without positions"""
+
+    position_mm: float | None
+    """Where it is [mm], null for a component without positions"""
+
+
 class LevelTable(Shape):
     """One table of a controller."""
 
@@ -1208,6 +1227,16 @@ class ResidualRow(Shape):
     """
 
 
+class RunningAnalysis(Shape):
+    """An analysis that waits or runs."""
+
+    id: int
+    """Number of the analysis"""
+
+    progress: float
+    """Share that is done, 0 to 1"""
+
+
 class SensorCorrelationAnswer(Shape):
     """How one component's change goes with one sensor's temperature over the maps."""
 
@@ -1228,6 +1257,44 @@ class SensorCorrelationAnswer(Shape):
 
     reason: str
     """Why there is no r, or why it cannot be proposed; else empty"""
+
+
+class SensorNow(Shape):
+    """A sensor now."""
+
+    sensor: str
+    """Sensor"""
+
+    temperature_c: float | None
+    """Its latest temperature [°C], null without any"""
+
+    age_s: float | None
+    """How old that is [s]"""
+
+    rate_k_per_h: float | None
+    """How fast it changes [K/h], over the last half hour at most; null where that is not known
+    """
+
+    health: Literal["ok", "missing", "stale", "out-of-range", "stuck", "jump", "faulty"]
+    """`ok`, `missing`, `stale`, `out-of-range`, `stuck`, `jump`, or `faulty`: an adopted effect
+    says that it is
+    """
+
+    detail: str
+    """What is the matter, empty where nothing"""
+
+    outside_maps_k: float | None
+    """By how much it is outside the maps of the components that follow it [K]: 0 inside, negative
+    below the coldest; null where none follows it
+    """
+
+    maps_c: list[Any] | None
+    """Temperatures of the coldest and the hottest map between which all of these components are
+    known [°C]
+    """
+
+    assigned_to: list[str]
+    """Codes of the components that are assigned to it"""
 
 
 class SensorSchema(Shape):
@@ -1811,6 +1878,27 @@ class BandAnswer(Shape):
     """Moves that show whether the sign is right"""
 
 
+class BeyondMaps(Shape):
+    """Components that lie outside their maps."""
+
+    sensor: str
+    """Sensor whose temperature lies outside"""
+
+    outside_k: float
+    """By how much [K]: positive above the hottest map, negative below the coldest"""
+
+    components: list[str]
+    """Codes of the components that follow it"""
+
+    held_at: str | None
+    """Label of the map at which they are held, null where they are extrapolated"""
+
+    lacks: LargestValue | None
+    """The largest that going on in a straight line through the two nearest maps would add to the
+    compensation; null where they are extrapolated
+    """
+
+
 class CompareAnswer(Shape):
     """What a controller holds against what it should hold."""
 
@@ -2354,6 +2442,84 @@ class MachineAnswer(Shape):
     """What the last verifications say of the active model: `within` or `beyond` its limits (…/watch
     says more); null where none was judged
     """
+
+
+class MachineStatus(Shape):
+    """Whether a machine can be trusted now, and why not."""
+
+    machine: str
+    """The machine's id"""
+
+    name: str
+    """The machine's name"""
+
+    configuration: str
+    """Order of its axes"""
+
+    verdict: Literal["trusted", "limited", "not-trusted"]
+    """`trusted`: the table is what the maps and effects say, on fresh temperatures. `limited`:
+    there is a table, and the sentences say where it is not. `not-trusted`: there is none, or it
+    stands still
+    """
+
+    state: Literal[
+        "no-model",
+        "no-reading",
+        "sensor-fault",
+        "outside-maps",
+        "stale",
+        "extrapolated",
+        "clamped",
+        "held",
+        "effect-missing",
+        "incomplete",
+        "drifting",
+        "stand-in",
+        "fresh",
+    ]
+    """The worst of what is the matter, `fresh` where nothing is. It goes 30 s after its cause"""
+
+    since: AwareDatetime | None
+    """Since when, as far back as the readings in memory reach; null where that is not known"""
+
+    sentences: list[str]
+    """What is the matter, the worst first; then what can be trusted all the same"""
+
+    computed_at: AwareDatetime
+    """When this was judged, UTC"""
+
+    reading_time: AwareDatetime | None
+    """Time of the latest reading that is in use"""
+
+    reading_age_s: float | None
+    """How old it is [s]"""
+
+    model_version: int | None
+    """Version of the active model"""
+
+    components: int
+    """How many components the table has; 0 without a table"""
+
+    largest: LargestValue | None
+    """The largest compensation of the table: of a displacement where there is one"""
+
+    change_per_h: LargestValue | None
+    """The largest change of the compensation in an hour, of a displacement where there is one, if
+    the sensors went on as in the last half hour; of components without adopted effects, as those
+    may have a memory. Null where that is not known
+    """
+
+    beyond: list[BeyondMaps]
+    """Components outside their maps, the furthest first"""
+
+    watch: str
+    """`within` or `beyond` the limits by the sequential test of verifications; `not-judged`"""
+
+    analysis: RunningAnalysis | None
+    """The analysis that waits or runs"""
+
+    sensors: list[SensorNow]
+    """Every sensor now, those that components are assigned to first"""
 
 
 class ModelAnswer(Shape):

@@ -33,6 +33,7 @@ from thermap.answers import (
     LevelsAnswer,
     LinesAnswer,
     MachineAnswer,
+    MachineStatus,
     ModelAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
@@ -137,6 +138,16 @@ def machines() -> Call[list[MachineAnswer]]:
 def machine(machine_id: str) -> Call[MachineAnswer]:
     """GET /v1/machines/{machine}."""
     return Call("GET", of_machine(machine_id), reader_of(MachineAnswer))
+
+
+def statuses() -> Call[list[MachineStatus]]:
+    """GET /v1/status."""
+    return Call("GET", "/v1/status", reader_of(list[MachineStatus]))
+
+
+def status(machine_id: str) -> Call[MachineStatus]:
+    """GET …/status."""
+    return Call("GET", of_machine(machine_id, "status"), reader_of(MachineStatus))
 
 
 def needed_components(

@@ -41,6 +41,7 @@ COMMANDS: Final = {
         "compensate",
         "Show the compensation table: for these temperatures, or at the latest reading.",
     ),
+    "status": Home("status", "status", "Say whether machines can be trusted now, and why not."),
     "controllers": Home(
         "controllers", "controllers", "List the controllers' file formats and their options."
     ),

@@ -198,6 +198,10 @@ class LiveRegistry:
         with self._lock:
             self._machines.pop(machine_id, None)
 
+    def machines(self) -> list[LiveMachine]:
+        """List the machines by id."""
+        return [machine for _, machine in sorted(self._machines.copy().items())]
+
     def behind(self) -> list[LiveMachine]:
         """List the machines whose readings or past have to be read from the database."""
         return [m for m in list(self._machines.values()) if m.is_behind or m.past.is_behind]

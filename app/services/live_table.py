@@ -135,17 +135,21 @@ def current_table(context: Context, state: CurrentState) -> CurrentTable:
         As `compensation_table`.
     """
     try:
-        clocks = [
-            *early_warnings(state.early),
-            *ahead_warnings(state.ahead, more_ahead=state.more_ahead),
-        ]
-        warnings = [*database_warnings(context, state.current), *clocks]
-        table = _table(state.current, state.sensors, state.moment, context.now(), warnings)
+        table = table_of_state(context, state)
     except SensorUnavailable as error:
         raise NoReading(error.detail) from None
-    if state.early:
-        table = table._replace(complete=False)
     return CurrentTable(table, state)
+
+
+def table_of_state(context: Context, state: CurrentState) -> CompensationTable:
+    """Compute the same; SensorUnavailable where a sensor is missing."""
+    clocks = [
+        *early_warnings(state.early),
+        *ahead_warnings(state.ahead, more_ahead=state.more_ahead),
+    ]
+    warnings = [*database_warnings(context, state.current), *clocks]
+    table = _table(state.current, state.sensors, state.moment, context.now(), warnings)
+    return table._replace(complete=False) if state.early else table
 
 
 def _moment(

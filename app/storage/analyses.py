@@ -14,6 +14,7 @@ from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session, undefer
 
 from app.errors import UnknownThing, existing_names
+from app.status.machine_status import RunningAnalysis
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
 from app.storage.tables import AnalysisRow
 
@@ -150,6 +151,17 @@ def running_analyses(session: Session) -> dict[int, tuple[str, int]]:
         AnalysisRow.status == AnalysisStatus.RUNNING
     )
     return {number: (owner or "", beats) for number, owner, beats in session.execute(query)}
+
+
+def unfinished_analyses(session: Session) -> dict[str, RunningAnalysis]:
+    """Give the oldest analysis of each machine that waits or runs."""
+    query = (
+        select(AnalysisRow.machine_id, AnalysisRow.id, AnalysisRow.progress)
+        .where(AnalysisRow.status.in_([AnalysisStatus.QUEUED, AnalysisStatus.RUNNING]))
+        .order_by(AnalysisRow.id.desc())
+    )
+    # The oldest comes last, and stays.
+    return {m: RunningAnalysis(number, share) for m, number, share in session.execute(query)}
 
 
 def has_queued(session: Session) -> bool:

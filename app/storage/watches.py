@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
-from typing import Any, Final
+from datetime import UTC, datetime
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -56,6 +56,29 @@ def watch_statuses(session: Session) -> dict[str, str]:
         & (WatchRow.status != NOT_JUDGED),
     )
     return {row.machine_id: row.status for row in session.execute(query)}
+
+
+class Watched(NamedTuple):
+    """What the watch of a machine's active version says, and since when it is beyond."""
+
+    status: str
+    beyond_since: datetime | None = None
+
+
+NOT_WATCHED = Watched(NOT_JUDGED)
+
+
+def watched_machines(session: Session) -> dict[str, Watched]:
+    """Say of every watched machine where its active version's watch stands."""
+    found = {name: Watched(status) for name, status in watch_statuses(session).items()}
+    for name, watched in found.items():
+        if watched.status == "beyond":
+            version = session.scalar(select(MachineRow.active_version).where(MachineRow.id == name))
+            stored = None if version is None else find_watch(session, name, version)
+            since_s = None if stored is None else stored.state.beyond_since_s
+            since = None if since_s is None else datetime.fromtimestamp(since_s, UTC)
+            found[name] = watched._replace(beyond_since=since)
+    return found
 
 
 def write_watch(

@@ -20,7 +20,7 @@ NO_UNIT = {
 in each one's own name."""
 
 UNITS = re.compile(
-    r"\[(mm|µm|µrad|µm/m|µrad/m|°C|°C/min|°|s|min|1/min|square of the errors' unit)[\];]"
+    r"\[(mm|µm|µrad|µm/m|µrad/m|°C|°C/min|°|K|K/h|s|min|1/min|square of the errors' unit)[\];]"
 )
 
 

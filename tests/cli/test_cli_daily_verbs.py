@@ -47,6 +47,24 @@ def measured(client):
     return client.store_verification("mcfv5050", VERIFICATION).id
 
 
+# -- whether they can be trusted -------------------------------------------------------------
+
+
+def test_whether_machines_can_be_trusted(thermap, client):
+    client.create_machine(SECOND)
+    client.store_readings("mcfv5050", [reading(START, 24.0)])
+    why = "No reading since 2026-03-01 06:00 UTC. The table has stood still since then."
+    said = " ".join(lines(thermap("status")))
+    assert said.startswith("machine verdict state since (UTC) why mcfv5050 Not trusted no-reading")
+    assert "mill Not trusted no-model" in said
+    shown = lines(thermap("status", "mcfv5050"))
+    assert shown[:2] == ["Not trusted · no-reading since 2026-03-01 06:00 UTC", why]
+    assert "largest compensation EZZ −40.0 µm at Z 500" in shown
+    assert "watch: not-judged" in shown
+    assert answered(thermap("status", "mcfv5050", "--json"))["sentences"] == [why]
+    assert "mill" in thermap("status", "another").output
+
+
 # -- machines ------------------------------------------------------------------------------
 
 

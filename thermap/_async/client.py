@@ -32,6 +32,7 @@ from thermap.answers import (
     LinesAnswer,
     MachineAnswer,
     MachinedPartAnswer,
+    MachineStatus,
     MeasurementAnswer,
     ModelAnswer,
     ModelComparisonAnswer,
@@ -128,6 +129,14 @@ class AsyncThermapClient:
     async def machine(self, machine: str) -> MachineAnswer:
         """Show one machine."""
         return await self.send(calls.machine(machine))
+
+    async def statuses(self) -> list[MachineStatus]:
+        """Say of every machine whether it can be trusted now, by id."""
+        return await self.send(calls.statuses())
+
+    async def status(self, machine: str) -> MachineStatus:
+        """Say whether a machine can be trusted now, and why not."""
+        return await self.send(calls.status(machine))
 
     async def needed_components(
         self, machine: str, preset: str | None = None, tool_length_mm: float = 0.0

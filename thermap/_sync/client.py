@@ -32,6 +32,7 @@ from thermap.answers import (
     LinesAnswer,
     MachineAnswer,
     MachinedPartAnswer,
+    MachineStatus,
     MeasurementAnswer,
     ModelAnswer,
     ModelComparisonAnswer,
@@ -128,6 +129,14 @@ class ThermapClient:
     def machine(self, machine: str) -> MachineAnswer:
         """Show one machine."""
         return self.send(calls.machine(machine))
+
+    def statuses(self) -> list[MachineStatus]:
+        """Say of every machine whether it can be trusted now, by id."""
+        return self.send(calls.statuses())
+
+    def status(self, machine: str) -> MachineStatus:
+        """Say whether a machine can be trusted now, and why not."""
+        return self.send(calls.status(machine))
 
     def needed_components(
         self, machine: str, preset: str | None = None, tool_length_mm: float = 0.0

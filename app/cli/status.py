@@ -1,0 +1,108 @@
+"""thermap status: whether machines can be trusted now, in the service's own words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import listing, or_nothing, show, when
+from app.cli.options import JsonOption, UrlOption, connect
+from thermap import DEFAULT_URL
+
+if TYPE_CHECKING:
+    from thermap.answers import LargestValue, MachineStatus, SensorNow
+
+WORDS: Final = {"trusted": "Trusted", "limited": "Limited", "not-trusted": "Not trusted"}
+_STYLES: Final = {"trusted": "", "limited": "bold yellow", "not-trusted": "bold red"}
+
+
+def status(
+    machine: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="MACHINE",
+            envvar="THERMAP_MACHINE",
+            help="The machine's id; without it all machines, a line each.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Say whether machines can be trusted now, and why not.
+
+    The verdict and its sentences are the service's: pages and streams say the same.
+
+    Example: `thermap status mcfv5050`
+    """
+    from thermap import calls
+
+    with connect(url) as thermap:
+        if machine is None:
+            show(thermap, calls.statuses(), statuses_view, json=json)
+        else:
+            show(thermap, calls.status(machine), status_view, json=json)
+
+
+def statuses_view(found: Sequence[MachineStatus]) -> RenderableType:
+    """Lay out all machines, those that cannot be trusted first."""
+    table = listing("machine", "verdict", "state", "since (UTC)", "why")
+    order = list(reversed(WORDS))
+    for one in sorted(found, key=lambda m: order.index(m.verdict)):
+        table.add_row(
+            one.machine, _verdict(one), one.state, when(one.since), " ".join(one.sentences[:1])
+        )
+    return or_nothing(table, "no machine is stored yet; `thermap import machine.json` stores one")
+
+
+def status_view(one: MachineStatus) -> RenderableType:
+    """Lay out one machine: the verdict, why, and the sensors."""
+    head = Text.assemble(_verdict(one), f" · {one.state}")
+    if one.since is not None:
+        head.append(f" since {when(one.since)} UTC")
+    said = [Text(sentence) for sentence in one.sentences]
+    return Group(head, *said, Text(), *(Text(fact) for fact in _facts(one)), _sensors(one.sensors))
+
+
+def _verdict(one: MachineStatus) -> Text:
+    return Text(WORDS[one.verdict], style=_STYLES[one.verdict])
+
+
+def _facts(one: MachineStatus) -> Iterator[str]:
+    if one.largest is not None:
+        yield f"largest compensation {_value(one.largest)}"
+    if one.change_per_h is not None:
+        yield f"at the present rates it changes by {_value(one.change_per_h)} in an hour"
+    yield f"watch: {one.watch}" + (
+        ""
+        if one.analysis is None
+        else f"; analysis {one.analysis.id} at {one.analysis.progress:.0%}"
+    )
+
+
+def _value(one: LargestValue) -> str:
+    place = "" if one.axis is None else f" at {one.axis.upper()} {one.position_mm:g}"
+    sign = "−" if one.value < 0 else "+"
+    return f"{one.component} {sign}{abs(one.value):.1f} {one.unit}{place}"
+
+
+def _sensors(sensors: Sequence[SensorNow]) -> RenderableType:
+    table = listing("sensor", "°C", "K/h", "age", "maps °C", "health", right="lrrrll")
+    for one in sensors:
+        maps = "–" if one.maps_c is None else f"{one.maps_c[0]:g} to {one.maps_c[1]:g}"
+        table.add_row(
+            one.sensor,
+            _number(one.temperature_c, ".2f"),
+            _number(one.rate_k_per_h, "+.1f"),
+            _number(one.age_s, ".0f", " s"),
+            maps,
+            one.detail or one.health,
+        )
+    return or_nothing(table, "no sensors")
+
+
+def _number(value: float | None, form: str, unit: str = "") -> str:
+    return "–" if value is None else f"{value:{form}}{unit}".replace("-", "−")

@@ -1,0 +1,116 @@
+"""Whether machines can be trusted now: the verdict, from what is in memory and in the database."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from app.errors import InvalidContent, NoReading, StorageUnavailable
+from app.live.registry import LiveMachine
+from app.services.context import Context
+from app.services.live_table import (
+    ahead_warnings,
+    current_state,
+    database_warnings,
+    early_warnings,
+    table_of_state,
+)
+from app.services.load_machine import lacks_reading, load_machine, restore_past
+from app.status.judge import Situation, judge
+from app.status.machine_status import MachineStatus, RunningAnalysis
+from app.storage.analyses import unfinished_analyses
+from app.storage.limits import QUESTION
+from app.storage.watches import NOT_WATCHED, Watched, watched_machines
+from app.thermal.sensor_health import Health, SensorState
+from app.thermal.temperature_history import TemperatureHistory
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What the database says of all machines' watches and analyses."""
+
+    watches: Mapping[str, Watched] = field(default_factory=dict)
+    analyses: Mapping[str, RunningAnalysis] = field(default_factory=dict)
+
+
+def show_status(context: Context, machine_id: str) -> MachineStatus:
+    """Say whether a machine can be trusted now.
+
+    While the database is away the verdict goes on from memory; the watch is then not judged.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    live = context.live.get(machine_id) or load_machine(context, machine_id)
+    if lacks_reading(context, live) and context.live.database.trouble is None:
+        with suppress(StorageUnavailable):
+            restore_past(context, live)
+    return status_of(context, live, _stored(context))
+
+
+def show_statuses(context: Context) -> list[MachineStatus]:
+    """Say the same of every machine in memory, by id."""
+    stored = _stored(context)
+    return [status_of(context, live, stored) for live in context.live.machines()]
+
+
+def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineStatus:
+    """Judge a machine in memory; nothing is asked of the database."""
+    current = live.current
+    machine = current.model.machine
+    watched = stored.watches.get(machine.id, NOT_WATCHED)
+    history = TemperatureHistory.of_readings(
+        machine.sensors,
+        [(r.time.timestamp(), r.temperatures_c) for r in live.readings.held.used],
+    )
+    situation = Situation(
+        model=current.model,
+        model_version=current.version,
+        judged_at=context.now(),
+        sensors=[SensorState(name, Health.MISSING) for name in machine.sensors],
+        history=history,
+        latest=None,
+        table=NoReading("no reading has come yet"),
+        notes=_notes(context, live),
+        watch=watched.status,
+        drifting_since=watched.beyond_since,
+        analysis=stored.analyses.get(machine.id),
+    )
+    try:
+        state = current_state(context, machine.id, live)
+    except NoReading:
+        return judge(situation)
+    situation = replace(
+        situation,
+        sensors=state.sensors,
+        latest=state.reading.time,
+        clocks=early_warnings(state.early),
+    )
+    try:
+        return judge(replace(situation, table=table_of_state(context, state)))
+    except InvalidContent as why:
+        return judge(replace(situation, table=why))
+
+
+def _notes(context: Context, live: LiveMachine) -> list[str]:
+    """What an operator should know of the database and of clocks, as sentences."""
+    held = live.readings.held
+    said = [
+        *database_warnings(context, live.current),
+        *ahead_warnings(held.ahead, more_ahead=held.more_ahead),
+    ]
+    return [f"{words[0].upper()}{words[1:]}." for words in said]
+
+
+def _stored(context: Context) -> Stored:
+    """Ask the database, unless it is known to be away: who judges goes on without it."""
+    if context.live.database.trouble is not None:
+        return Stored()
+    try:
+        with context.database.reading(QUESTION) as session:
+            return Stored(watched_machines(session), unfinished_analyses(session))
+    except StorageUnavailable:
+        return Stored()

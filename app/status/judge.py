@@ -1,0 +1,559 @@
+"""The verdict on a machine: what is the matter with its table now, the worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.compensation.table import CompensationTable, ComponentCompensation, shortenings
+from app.errors import (
+    NotEnoughMaps,
+    OutsideMaps,
+    SensorUnavailable,
+    ThermapError,
+    counted,
+    list_names,
+)
+from app.geometry.components import Component, Kind
+from app.status.machine_status import (
+    BeyondMaps,
+    Largest,
+    MachineStatus,
+    RunningAnalysis,
+    SensorNow,
+    State,
+)
+from app.thermal.bracket import Status
+from app.thermal.compiled_model import CompiledModel
+from app.thermal.group import Group, Member
+from app.thermal.group_state import GroupState
+from app.thermal.sensor_health import Health, SensorState, judge_record
+from app.thermal.temperature_history import TemperatureHistory
+from app.units import SECONDS_PER_H
+
+NO_READING_AGES: Final = 10.0
+"""After so many times the age at which a temperature is old, there counts as none."""
+
+LINGERS: Final = timedelta(seconds=30)
+"""How long a temperature outside the maps is still said: a state that comes and goes with every
+reading tells nobody anything."""
+
+RATE_OVER_S: Final = 1800.0
+"""Over how long a sensor's rate is taken, at most [s]."""
+
+RATE_OVER_AT_LEAST_S: Final = 180.0
+"""Over how long at least [s]: of a shorter time the steps of the sensor are the rate."""
+
+NOTHING_RESTS: Final = "no component rests on it"
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """Everything that a verdict rests on.
+
+    Parameters
+    ----------
+    model, model_version
+        The active model and its version.
+    sensors
+        Every sensor's state now.
+    history
+        The latest readings.
+    latest
+        Time of the reading in use, None without any.
+    table
+        The table at the latest reading, or why there is none.
+    clocks
+        What is said of readings whose clock is wrong, that the table rests on.
+    notes
+        What else a user should know, without effect on the verdict.
+    watch, drifting_since
+        What the sequential test of verifications says, and since when it is beyond its limits.
+    """
+
+    model: CompiledModel
+    model_version: int | None
+    judged_at: datetime
+    sensors: Sequence[SensorState]
+    history: TemperatureHistory
+    latest: datetime | None
+    table: CompensationTable | ThermapError
+    clocks: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    watch: str = "not-judged"
+    drifting_since: datetime | None = None
+    analysis: RunningAnalysis | None = None
+
+
+class Cause(NamedTuple):
+    """Something that is the matter, with the components that it touches."""
+
+    state: State
+    sentence: str
+    since: datetime | None = None
+    touches: tuple[str, ...] = ()
+
+
+def judge(situation: Situation) -> MachineStatus:
+    """Say whether a machine can be trusted now, and why not.
+
+    The worst cause gives the state; causes of one state stay in the order of the sensors. A
+    temperature that was outside the maps is said for another 30 s.
+    """
+    table = situation.table
+    beyond: list[BeyondMaps] = []
+    if isinstance(table, ThermapError):
+        causes = [_no_table(situation, table)]
+    else:
+        beyond = _beyond(situation.model, table)
+        causes = list(_causes(situation, table, beyond))
+        causes += _otherwise_incomplete(table, causes)
+    causes.sort(key=lambda cause: cause.state.gravity)
+    components = [] if isinstance(table, ThermapError) else table.components
+    state = causes[0].state if causes else State.FRESH
+    # A table that stands still is one to be seen, but nothing that changes.
+    stands_still = state is State.NO_READING
+    chain = situation.model.machine.chain
+    return MachineStatus(
+        machine=situation.model.machine.id,
+        name=situation.model.machine.name,
+        configuration=chain.text,
+        verdict=state.verdict,
+        state=state,
+        since=causes[0].since if causes else None,
+        sentences=(*_sentences(situation, causes, components), *situation.notes),
+        computed_at=situation.judged_at,
+        reading_time=situation.latest,
+        reading_age_s=_age_s(situation),
+        model_version=situation.model_version,
+        components=len(components),
+        largest=largest_of((c.component, c.positions_mm, c.compensation) for c in components),
+        change_per_h=None if stands_still else _change_per_h(situation),
+        beyond=tuple(beyond),
+        watch=situation.watch,
+        analysis=situation.analysis,
+        sensors=tuple(_sensors_now(situation)),
+    )
+
+
+def largest_of(
+    values: Iterable[tuple[Component, FloatArray, FloatArray]],
+) -> Largest | None:
+    """Find the largest value of components: of a displacement where there is one.
+
+    Parameters
+    ----------
+    values
+        Component, its positions [mm], and its values there [its unit].
+    """
+    found = [
+        (component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS), abs(own[at]), component, own[at], p)
+        for component, positions, own in values
+        if own.size
+        for at in (int(np.abs(own).argmax()),)
+        for p in (float(positions[at]) if component.is_table else None,)
+    ]
+    if not found:
+        return None
+    _, _, component, value, position_mm = max(found, key=lambda one: one[:2])
+    return Largest.of(component, float(value), position_mm)
+
+
+def _no_table(situation: Situation, why: ThermapError) -> Cause:
+    """Say why there is no table."""
+    if isinstance(why, NotEnoughMaps) or not situation.model.groups:
+        return Cause(
+            State.NO_MODEL,
+            "No component has maps of two thermal states: there is no compensation table.",
+        )
+    if situation.latest is None:
+        return Cause(State.NO_READING, "No reading has come yet: there is no compensation table.")
+    if isinstance(why, OutsideMaps):
+        return Cause(State.OUTSIDE_MAPS, f"There is no table: {why.detail}.")
+    if isinstance(why, SensorUnavailable):
+        usable = {s.sensor for s in situation.sensors if s.health in (Health.OK, Health.STALE)}
+        without = [g for g in situation.model.groups if not {s.sensor for s in g.scales} & usable]
+        failed = {s.sensor: s for s in situation.sensors if s.sensor in {g.sensor for g in without}}
+        details = "; ".join(s.detail for s in failed.values() if s.detail)
+        codes = [code for group in without for code in group.codes]
+        since = [_failed_since(situation, name) for name in failed]
+        return Cause(
+            State.SENSOR_FAULT,
+            f"There is no table: {details or why.detail}. Nothing stands in for it, and "
+            f"{counted(len(codes), 'component')} cannot be computed.",
+            min((time for time in since if time), default=None),
+        )
+    return Cause(State.SENSOR_FAULT, f"There is no table: {why.detail}.")
+
+
+def _causes(
+    situation: Situation, table: CompensationTable, beyond: Sequence[BeyondMaps]
+) -> Iterator[Cause]:
+    yield from _old(situation, table)
+    yield from _outside(situation, table, beyond)
+    for effect in table.effects:
+        name = f"{effect.kind} of {list_names(effect.components)}"
+        for words in effect.held:
+            yield Cause(State.HELD, _sentence(words), touches=effect.components)
+        if effect.missing:
+            yield Cause(
+                State.EFFECT_MISSING,
+                f"{name} is not in the table: {effect.missing}.",
+                touches=effect.components,
+            )
+    yield from _incomplete(situation, table)
+    if situation.watch == "beyond":
+        yield Cause(
+            State.DRIFTING,
+            "Verifications are beyond what the model allows: the machine has changed.",
+            situation.drifting_since,
+        )
+    yield from _standing_in(situation, table)
+
+
+def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
+    """Say which temperatures are old, and what rests on them."""
+    latest = situation.latest
+    if latest is None:
+        return
+    oldest_s = NO_READING_AGES * _max_age_s(situation.model)
+    if situation.judged_at - latest > timedelta(seconds=oldest_s):
+        at = _clock(latest, situation.judged_at)
+        yield Cause(
+            State.NO_READING,
+            f"No reading since {at}. The table has stood still since then.",
+            latest,
+            tuple(c.component.code for c in table.components),
+        )
+        return
+    machine = situation.model.machine
+    for sensor in situation.sensors:
+        if sensor.health is not Health.STALE or sensor.age_s is None:
+            continue
+        codes = _resting_on(table, sensor.sensor)
+        measured = situation.judged_at - timedelta(seconds=sensor.age_s)
+        at = _clock(measured, situation.judged_at)
+        verb = "rests" if len(codes) == 1 else "rest"
+        rest = f"{counted(len(codes), 'component')} {verb} on it" if codes else NOTHING_RESTS
+        yield Cause(
+            State.STALE,
+            f"{sensor.sensor} has not been read since {at}: {rest}.",
+            measured + timedelta(seconds=machine.sensors[sensor.sensor].max_age_s),
+            tuple(codes),
+        )
+
+
+def _outside(
+    situation: Situation, table: CompensationTable, beyond: Sequence[BeyondMaps]
+) -> Iterator[Cause]:
+    """Say which sensors are outside the maps, or were a moment ago, and what is done."""
+    statuses = {c.component.code: c.basis for c in table.components}
+    told: set[str] = set()
+    for one in beyond:
+        told |= set(one.components)
+        held = one.held_at is not None
+        done = f"held at {one.held_at}" if held else "extrapolated"
+        verb = "is" if len(one.components) == 1 else "are"
+        yield Cause(
+            State.CLAMPED if held else State.EXTRAPOLATED,
+            f"{one.sensor} is {_outside_words(one.outside_k)}: "
+            f"{counted(len(one.components), 'component')} {verb} {done}.",
+            _outside_since(situation, table, one),
+            one.components,
+        )
+        if one.lacks is not None and round(abs(one.lacks.value), 1) > 0.0:
+            yield Cause(
+                State.CLAMPED,
+                f"If the trend goes on, {one.lacks.component} lacks "
+                f"{abs(one.lacks.value):.1f} {one.lacks.unit}{one.lacks.place}.",
+            )
+    # An effect may read the maps of a component by another sensor than the assigned one.
+    for code, basis in statuses.items():
+        if code not in told and basis.status in (Status.CLAMPED, Status.EXTRAPOLATED):
+            yield Cause(
+                State(str(basis.status)),
+                f"{code} is {basis.status}: {basis.sensor} is outside the maps.",
+                touches=(code,),
+            )
+    since_s = (situation.judged_at - LINGERS).timestamp()
+    for group_state in table.states:
+        if group_state.status in (Status.CLAMPED, Status.EXTRAPOLATED):
+            continue
+        scale = group_state.scale
+        times, values = situation.history.known(scale.sensor)
+        excess = _excess(values, scale.temperatures_c)
+        recent = np.flatnonzero((excess != 0.0) & (times >= since_s))
+        if recent.size:
+            ago_s = situation.judged_at.timestamp() - times[recent[-1]]
+            is_clamped = situation.model.machine.out_of_range == "clamp"
+            yield Cause(
+                State.CLAMPED if is_clamped else State.EXTRAPOLATED,
+                f"{scale.sensor} was {_outside_words(float(excess[recent[-1]]))} "
+                f"{max(ago_s, 0.0):.0f} s ago.",
+            )
+
+
+def _incomplete(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
+    """Say what the table lacks although maps have it, and which clocks are wrong."""
+    for code, why in situation.model.omitted.items():
+        yield Cause(State.INCOMPLETE, f"{code} is not in the table: {why}.", touches=(code,))
+    corrected = {c.component.code for c in table.corrected}
+    for group_state in table.states:
+        for words in shortenings(group_state, corrected):
+            yield Cause(State.INCOMPLETE, _sentence(words))
+    for words in situation.clocks:
+        yield Cause(State.INCOMPLETE, _sentence(words), situation.latest)
+
+
+def _otherwise_incomplete(table: CompensationTable, causes: Sequence[Cause]) -> Iterator[Cause]:
+    """Let no table count as whole that says of itself that it is not."""
+    if table.complete or any(c.state.gravity <= State.INCOMPLETE.gravity for c in causes):
+        return
+    for words in table.warnings or ["The table is not complete"]:
+        yield Cause(State.INCOMPLETE, _sentence(words))
+
+
+def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
+    """Say which sensors another one stands in for, and which failed without harm."""
+    details = {s.sensor: s for s in situation.sensors}
+    served: dict[tuple[str, str], list[str]] = {}
+    for c in table.components:
+        if c.basis.stand_in_for and c.basis.sensor:
+            served.setdefault((c.basis.sensor, c.basis.stand_in_for), []).append(c.component.code)
+    for (sensor, assigned), codes in served.items():
+        failed = details.get(assigned)
+        why = f": {failed.detail}" if failed and failed.detail else ""
+        yield Cause(
+            State.STAND_IN,
+            f"{sensor} stands in for {assigned} in {counted(len(codes), 'component')}{why}.",
+            _failed_since(situation, assigned),
+        )
+    replaced = {assigned for _, assigned in served}
+    for state in situation.sensors:
+        if state.health not in (Health.OK, Health.STALE) and state.sensor not in replaced:
+            rest = "" if _resting_on(table, state.sensor) else f"; {NOTHING_RESTS}"
+            yield Cause(State.FRESH, f"{state.detail}{rest}.")
+
+
+def _sentences(
+    situation: Situation, causes: Sequence[Cause], components: Sequence[ComponentCompensation]
+) -> list[str]:
+    """Write what is the matter, and what is good all the same."""
+    state = causes[0].state if causes else State.FRESH
+    said = list(dict.fromkeys(cause.sentence for cause in causes))
+    if not components or state is State.NO_READING:
+        return said
+    count = len(components)
+    age_s = _age_s(situation) or 0.0
+    if state is State.FRESH:
+        verb = "lies between its maps" if count == 1 else "lie between their maps"
+        all_of = "The one component" if count == 1 else f"All {count} components"
+        return [f"{all_of} {verb}, on a reading {age_s:.0f} s old.", *said]
+    touched = {code for cause in causes for code in cause.touches}
+    others = sum(c.component.code not in touched for c in components)
+    if touched and 0 < others < count and state is not State.DRIFTING:
+        drifts = any(cause.state is State.DRIFTING for cause in causes)
+        if not drifts:
+            words = counted(others, "other component")
+            said.append(f"The {words.removeprefix('1 ')} can be trusted.")
+    return said
+
+
+def _beyond(model: CompiledModel, table: CompensationTable) -> list[BeyondMaps]:
+    """List the components outside their maps, and what going on in a line would add."""
+    statuses = {c.component.code: c.basis for c in table.components}
+    found = []
+    for state in table.states:
+        if state.status not in (Status.CLAMPED, Status.EXTRAPOLATED):
+            continue
+        members = [
+            m
+            for m in state.members
+            if statuses[m.component.code].status == state.status
+            and statuses[m.component.code].sensor == state.sensor
+        ]
+        if not members:
+            continue
+        is_held = state.status is Status.CLAMPED
+        ends = state.scale.temperatures_c
+        found.append(
+            BeyondMaps(
+                sensor=state.sensor,
+                outside_k=round(float(_excess(np.array([state.temperature_c]), ends)[0]), 4),
+                components=tuple(m.component.code for m in members),
+                held_at=(state.upper_map if state.weight > 0.5 else state.lower_map)
+                if is_held
+                else None,
+                lacks=_lacking(state, members) if is_held else None,
+            )
+        )
+    return sorted(found, key=lambda one: -abs(one.outside_k))
+
+
+def _lacking(state: GroupState, members: Sequence[Member]) -> Largest | None:
+    """What the straight line through the two nearest maps would add to the compensation."""
+    scale, lower = state.scale, state.bracket.lower
+    maps = state.group.maps_in_use(scale.rows[lower], scale.rows[lower + 1])
+    t_n, t_m = scale.temperatures_c[lower], scale.temperatures_c[lower + 1]
+    going_on = (state.temperature_c - t_n) / (t_m - t_n)
+    added = (state.weight - going_on) * (maps.nodes[1] - maps.nodes[0])
+    codes = {m.component.code for m in members}
+    return largest_of(
+        (m.component, m.positions_mm, added[m.forward])
+        for m in maps.members
+        if m.component.code in codes
+    )
+
+
+def _change_per_h(situation: Situation) -> Largest | None:
+    """How the compensation of components without effects changes at the sensors' rates."""
+    table = situation.table
+    if isinstance(table, ThermapError):
+        return None
+    with_effects = {code for effect in table.effects for code in effect.components}
+    found = []
+    for state in table.states:
+        rate = _rate_k_per_h(situation, state.sensor)
+        members = [m for m in state.members if m.component.code not in with_effects]
+        if rate is None or not members:
+            continue
+        scale, lower = state.scale, state.bracket.lower
+        maps = state.group.maps_in_use(scale.rows[lower], scale.rows[lower + 1])
+        per_k = (maps.nodes[1] - maps.nodes[0]) / state.span_c
+        if state.status is Status.CLAMPED:
+            per_k = np.zeros_like(per_k)
+        codes = {m.component.code for m in members}
+        found += [
+            (m.component, m.positions_mm, -rate * per_k[m.forward])
+            for m in maps.members
+            if m.component.code in codes
+        ]
+    return largest_of(found)
+
+
+def _sensors_now(situation: Situation) -> Iterator[SensorNow]:
+    """Describe every sensor, the assigned ones first."""
+    groups = situation.model.groups
+    assigned: dict[str, list[str]] = {}
+    for group in groups:
+        assigned.setdefault(group.sensor, []).extend(group.codes)
+    for sensor in sorted(situation.sensors, key=lambda s: s.sensor not in assigned):
+        own = [g for g in groups if g.sensor == sensor.sensor]
+        maps_c = _known_between(own)
+        outside = None
+        if maps_c is not None and sensor.temperature_c is not None:
+            outside = round(float(_excess(np.array([sensor.temperature_c]), maps_c)[0]), 4)
+        yield SensorNow(
+            sensor=sensor.sensor,
+            temperature_c=sensor.temperature_c,
+            age_s=sensor.age_s,
+            rate_k_per_h=_rate_k_per_h(situation, sensor.sensor),
+            health=sensor.health,
+            detail=sensor.detail,
+            outside_maps_k=outside,
+            maps_c=maps_c,
+            assigned_to=tuple(assigned.get(sensor.sensor, ())),
+        )
+
+
+def _known_between(groups: Sequence[Group]) -> tuple[float, float] | None:
+    """Between which temperatures all groups of one sensor lie between maps [°C]."""
+    if not groups:
+        return None
+    ends = [group.scales[0].temperatures_c for group in groups]
+    return max(t[0] for t in ends), min(t[-1] for t in ends)
+
+
+def _rate_k_per_h(situation: Situation, sensor: str) -> float | None:
+    """How fast a sensor changes [K/h]: a straight line through its last half hour."""
+    state = next((s for s in situation.sensors if s.sensor == sensor), None)
+    if state is None or state.health is not Health.OK or situation.latest is None:
+        return None
+    times, values = situation.history.known(sensor)
+    kept = times >= situation.latest.timestamp() - RATE_OVER_S
+    times, values = times[kept], values[kept]
+    if times.size < 3 or times[-1] - times[0] < RATE_OVER_AT_LEAST_S:
+        return None
+    t = times - times.mean()
+    return round(float(t @ (values - values.mean()) / (t @ t)) * SECONDS_PER_H, 3) + 0.0
+
+
+def _excess(values_c: FloatArray, ends_c: Sequence[float]) -> FloatArray:
+    """By how much temperatures are above the last [K], or below the first, negative; else 0."""
+    found: FloatArray = np.maximum(values_c - ends_c[-1], 0.0) + np.minimum(
+        values_c - ends_c[0], 0.0
+    )
+    return found
+
+
+def _outside_since(
+    situation: Situation, table: CompensationTable, one: BeyondMaps
+) -> datetime | None:
+    """Since when a sensor has been outside the maps, as far back as the readings reach."""
+    scale = next(s.scale for s in table.states if s.sensor == one.sensor)
+    times, values = situation.history.known(one.sensor)
+    inside = np.flatnonzero(_excess(values, scale.temperatures_c) == 0.0)
+    first = int(inside[-1]) + 1 if inside.size else 0
+    return _time(times[first]) if first < times.size else situation.latest
+
+
+def _failed_since(situation: Situation, sensor: str) -> datetime | None:
+    """Since when a sensor has not been believed, as far back as the readings reach."""
+    machine = situation.model.machine
+    times, _ = situation.history.known(sensor)
+    verdicts = judge_record(machine, machine.sensors[sensor], situation.history)
+    if not verdicts or verdicts[-1] is Health.OK:
+        return None
+    believed = [i for i, health in enumerate(verdicts) if health is Health.OK]
+    return _time(times[believed[-1] + 1 if believed else 0])
+
+
+def _resting_on(table: CompensationTable, sensor: str) -> list[str]:
+    """List the components of the table that rest on a sensor, their effects included."""
+    by_maps = {c.component.code for c in table.components if c.basis.sensor == sensor}
+    by_effects = {
+        code for effect in table.effects if sensor in effect.sensors for code in effect.components
+    }
+    codes = by_maps | by_effects
+    return [c.component.code for c in table.components if c.component.code in codes]
+
+
+def _max_age_s(model: CompiledModel) -> float:
+    """The longest time that a temperature on which components rest may be old [s]."""
+    sensors: Mapping[str, object] = {g.sensor: None for g in model.groups} or model.machine.sensors
+    return max((model.machine.sensors[name].max_age_s for name in sensors), default=0.0)
+
+
+def _age_s(situation: Situation) -> float | None:
+    if situation.latest is None:
+        return None
+    return max((situation.judged_at - situation.latest).total_seconds(), 0.0)
+
+
+def _outside_words(outside_k: float) -> str:
+    side = "above the hottest" if outside_k > 0.0 else "below the coldest"
+    return f"{abs(outside_k):.2f} K {side} map"
+
+
+def _sentence(words: str) -> str:
+    """End words with a full stop."""
+    return words if words.endswith(".") else f"{words}."
+
+
+def _time(time_s: float) -> datetime:
+    return datetime.fromtimestamp(float(time_s), UTC)
+
+
+def _clock(time: datetime, now: datetime) -> str:
+    """Write a time as short as it can be understood, with its zone."""
+    is_near = abs(now - time) < timedelta(hours=20)
+    return (
+        f"{time.astimezone(UTC):%H:%M UTC}"
+        if is_near
+        else f"{time.astimezone(UTC):%Y-%m-%d %H:%M UTC}"
+    )

@@ -1,0 +1,184 @@
+"""The shape of a machine's status: one verdict with its reasons, largest first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Annotated, TypeAlias
+
+from pydantic import Field
+
+from app.answer import Answer, UnitSymbol
+from app.geometry.components import Component
+from app.thermal.sensor_health import Health
+
+
+class Verdict(StrEnum):
+    """What an operator may do with the machine."""
+
+    TRUSTED = "trusted"
+    LIMITED = "limited"
+    NOT_TRUSTED = "not-trusted"
+
+
+class State(StrEnum):
+    """What a machine's table rests on, the worst first."""
+
+    NO_MODEL = "no-model"
+    NO_READING = "no-reading"
+    SENSOR_FAULT = "sensor-fault"
+    OUTSIDE_MAPS = "outside-maps"
+    STALE = "stale"
+    EXTRAPOLATED = "extrapolated"
+    CLAMPED = "clamped"
+    HELD = "held"
+    EFFECT_MISSING = "effect-missing"
+    INCOMPLETE = "incomplete"
+    DRIFTING = "drifting"
+    STAND_IN = "stand-in"
+    FRESH = "fresh"
+
+    @property
+    def gravity(self) -> int:
+        """Its place among all, 0 for the worst."""
+        return list(State).index(self)
+
+    @property
+    def verdict(self) -> Verdict:
+        """What it amounts to."""
+        if self.gravity <= State.OUTSIDE_MAPS.gravity:
+            return Verdict.NOT_TRUSTED
+        return Verdict.TRUSTED if self.gravity >= State.STAND_IN.gravity else Verdict.LIMITED
+
+
+Position: TypeAlias = Annotated[float | None, Field(examples=[400.0])]
+
+
+@dataclass(frozen=True, slots=True)
+class Largest(Answer, published_as="LargestValue"):
+    """The largest of a component's values, with its sign and its place."""
+
+    component: str
+    """Code of the component"""
+    value: float
+    """Value with its sign, in `unit`"""
+    unit: UnitSymbol
+    """Unit of the value"""
+    axis: str | None
+    """Axis of the position, null for a component without positions"""
+    position_mm: Position
+    """Where it is [mm], null for a component without positions"""
+
+    @classmethod
+    def of(cls, component: Component, value: float, position_mm: float | None) -> Largest:
+        """Describe a value of a component, to 0.1 nm or 0.1 nrad."""
+        at = position_mm if component.is_table else None
+        return cls(component.code, round(value, 4), component.unit.symbol, component.axis, at)
+
+    @property
+    def place(self) -> str:
+        """Where it is, in words that follow its value: `at Z 400`; empty without a position."""
+        if self.axis is None or self.position_mm is None:
+            return ""
+        return f" at {self.axis.upper()} {self.position_mm:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class BeyondMaps(Answer):
+    """Components that lie outside their maps."""
+
+    sensor: str
+    """Sensor whose temperature lies outside"""
+    outside_k: float
+    """By how much [K]: positive above the hottest map, negative below the coldest"""
+    components: tuple[str, ...]
+    """Codes of the components that follow it"""
+    held_at: str | None
+    """Label of the map at which they are held, null where they are extrapolated"""
+    lacks: Largest | None
+    """The largest that going on in a straight line through the two nearest maps would add to the
+    compensation; null where they are extrapolated"""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNow(Answer):
+    """A sensor now."""
+
+    sensor: str
+    """Sensor"""
+    temperature_c: float | None
+    """Its latest temperature [°C], null without any"""
+    age_s: float | None
+    """How old that is [s]"""
+    rate_k_per_h: float | None
+    """How fast it changes [K/h], over the last half hour at most; null where that is not known"""
+    health: Health
+    """`ok`, `missing`, `stale`, `out-of-range`, `stuck`, `jump`, or `faulty`: an adopted effect
+    says that it is"""
+    detail: str
+    """What is the matter, empty where nothing"""
+    outside_maps_k: float | None
+    """By how much it is outside the maps of the components that follow it [K]: 0 inside, negative
+    below the coldest; null where none follows it"""
+    maps_c: tuple[float, float] | None
+    """Temperatures of the coldest and the hottest map between which all of these components are
+    known [°C]"""
+    assigned_to: tuple[str, ...]
+    """Codes of the components that are assigned to it"""
+
+
+@dataclass(frozen=True, slots=True)
+class RunningAnalysis(Answer):
+    """An analysis that waits or runs."""
+
+    id: int
+    """Number of the analysis"""
+    progress: float
+    """Share that is done, 0 to 1"""
+
+
+@dataclass(frozen=True, slots=True)
+class MachineStatus(Answer):
+    """Whether a machine can be trusted now, and why not."""
+
+    machine: str
+    """The machine's id"""
+    name: str
+    """The machine's name"""
+    configuration: str
+    """Order of its axes"""
+    verdict: Verdict
+    """`trusted`: the table is what the maps and effects say, on fresh temperatures. `limited`:
+    there is a table, and the sentences say where it is not. `not-trusted`: there is none, or it
+    stands still"""
+    state: State
+    """The worst of what is the matter, `fresh` where nothing is. It goes 30 s after its cause"""
+    since: datetime | None
+    """Since when, as far back as the readings in memory reach; null where that is not known"""
+    sentences: tuple[str, ...]
+    """What is the matter, the worst first; then what can be trusted all the same"""
+    computed_at: datetime
+    """When this was judged, UTC"""
+    reading_time: datetime | None
+    """Time of the latest reading that is in use"""
+    reading_age_s: float | None
+    """How old it is [s]"""
+    model_version: int | None
+    """Version of the active model"""
+    components: int
+    """How many components the table has; 0 without a table"""
+    largest: Largest | None
+    """The largest compensation of the table: of a displacement where there is one"""
+    change_per_h: Largest | None
+    """The largest change of the compensation in an hour, of a displacement where there is one, if
+    the sensors went on as in the last half hour; of components without adopted effects, as those
+    may have a memory. Null where that is not known"""
+    beyond: tuple[BeyondMaps, ...]
+    """Components outside their maps, the furthest first"""
+    watch: str
+    """`within` or `beyond` the limits by the sequential test of verifications; `not-judged`"""
+    analysis: RunningAnalysis | None
+    """The analysis that waits or runs"""
+    sensors: tuple[SensorNow, ...]
+    """Every sensor now, those that components are assigned to first"""
