@@ -32,9 +32,11 @@ from app.api.routes import (
     readings,
     residuals,
     status,
+    streams,
     verifications,
 )
 from app.api.short_way import ThermapService
+from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns, take_turn
 from app.services.context import Context
 from app.services.follow_database import DatabaseFollower
@@ -47,6 +49,7 @@ from app.storage.migrate import upgrade
 
 ROOMS = (
     compensation,
+    streams,
     status,
     controllers,
     geometry,
@@ -121,6 +124,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.context = context
     service.state.runner = runner
     service.state.database_is_new = upgraded.was_empty
+    service.state.streams = TableStreams(lambda: service.state.context)
     service.state.turns = Turns(settings.waiting_requests, settings.waiting_limit_s)
     # The context as it is then: whoever makes the service may give it another clock.
     service.state.readiness = SharedQuestion(

@@ -19,6 +19,7 @@ _CURL.add_argument("-X", dest="method")
 _CURL.add_argument("-H", dest="headers", action="append", default=[])
 _CURL.add_argument("-d", dest="body")
 _CURL.add_argument("-o", dest="output")
+_CURL.add_argument("-N", dest="has_no_end", action="store_true")
 _CURL.add_argument("url", nargs="?")
 
 
@@ -36,6 +37,8 @@ class CurlRequest:
         Its status as long as the analysis that it is about is not done, where it has one.
     method, url, headers, body
         What curl sends.
+    has_no_end
+        Whether its answer goes on for as long as somebody listens.
     """
 
     text: str
@@ -45,6 +48,7 @@ class CurlRequest:
     url: str
     headers: Mapping[str, str]
     body: str | None
+    has_no_end: bool
 
     @classmethod
     def of(cls, text: str) -> Self:
@@ -63,7 +67,7 @@ class CurlRequest:
         if stated is None or name != "curl" or curl.url is None or unknown:
             raise ValueError(
                 "expected `# STATUS: words` above one curl command with no options but "
-                f"-X, -H, -d and -o, got\n{text}"
+                f"-X, -H, -d, -o and -N, got\n{text}"
             )
         return cls(
             text=text,
@@ -73,6 +77,7 @@ class CurlRequest:
             url=curl.url,
             headers=dict(header.split(": ", 1) for header in curl.headers),
             body=curl.body,
+            has_no_end=curl.has_no_end,
         )
 
     @property

@@ -35,6 +35,12 @@ curl http://127.0.0.1:8000/v1/machines/mcfv5050/compensation
 # 200: 304 without the table where it is still the one with this ETag
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/compensation -H 'If-None-Match: "an ETag that came"'
 
+# 200: the table now, and whenever a value has changed by more than 0.5 µm
+curl -N "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/stream?min_change_um=0.5"
+
+# 200: the same of every machine
+curl -N http://127.0.0.1:8000/v1/stream
+
 # 200: the table at these temperatures [°C]
 curl -X POST http://127.0.0.1:8000/v1/machines/mcfv5050/compensation \
      -H "Content-Type: application/json" \

@@ -61,6 +61,7 @@ async def sent(client, request):
 async def test_the_requests_work_in_their_order(service):
     """As the demonstration's machine is; nobody waits for an analysis, and none runs."""
     service.state.runner.stop()
+    service.state.streams.end()  # they end after what they have to tell now
     async with client_of(service) as client:
         await furnished(client)
         before = (await client.get("/v1/machines")).json()
@@ -75,6 +76,7 @@ async def test_the_requests_work_in_their_order(service):
 @pytest.mark.slow
 @pytest.mark.anyio
 async def test_the_requests_work_in_their_order_once_the_analysis_is_done(service):
+    service.state.streams.end()
     async with client_of(service) as client:
         await furnished(client)
         for request in REQUESTS:

@@ -6,13 +6,18 @@ All of it is `async`: a function that is not takes a thread, which may be waitin
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import Depends, Path, Query, Request
 from fastapi.dependencies.models import Dependant
+from starlette.concurrency import run_in_threadpool
 
-from app.errors import InvalidContent, list_names
+from app.api.turns import Turns
+from app.errors import InvalidContent, StorageUnavailable, list_names
+from app.live.registry import LiveMachine
 from app.services.context import Context
+from app.services.load_machine import lacks_reading, load_machine, restore_past
 from app.services.run_analyses import AnalysisRunner
 
 
@@ -26,6 +31,33 @@ async def get_runner(request: Request) -> AnalysisRunner:
     """Give who runs the queued analyses."""
     runner: AnalysisRunner = request.app.state.runner
     return runner
+
+
+async def machine_in_memory(request: Request, context: Context, machine_id: str) -> LiveMachine:
+    """Find a machine in memory, or bring it there once, when it is our turn.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    live = context.live.get(machine_id)
+    if live is None:
+        turns: Turns = request.app.state.turns
+        async with turns.taken():
+            live = await run_in_threadpool(load_machine, context, machine_id)
+    return live
+
+
+async def machine_with_readings(request: Request, context: Context, machine_id: str) -> LiveMachine:
+    """Find the same, with its latest readings as far as the database is there."""
+    live = await machine_in_memory(request, context, machine_id)
+    if lacks_reading(context, live) and context.live.database.trouble is None:
+        turns: Turns = request.app.state.turns
+        with suppress(StorageUnavailable):
+            async with turns.taken():
+                await run_in_threadpool(restore_past, context, live)
+    return live
 
 
 async def refuse_unknown_query(request: Request) -> None:

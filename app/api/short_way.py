@@ -48,6 +48,9 @@ REMEMBERED = 1024
 With standard errors half as much again.
 """
 
+WITHOUT_BODY = "thermap.without_body"
+"""Marks a request of which only the head is answered: a stream would never end."""
+
 _SOME_TIME = datetime(1970, 1, 1, tzinfo=UTC)
 _SOME_TIME_TEXT = orjson.dumps(_SOME_TIME, option=OPTIONS)
 
@@ -71,7 +74,8 @@ class ThermapService(FastAPI):
             metrics.count(UNKNOWN, UNKNOWN, refused.status_code, perf_counter() - started)
             return
         if scope["method"] == "HEAD":
-            await super().__call__({**scope, "method": "GET"}, receive, _without_body(send))
+            as_get = {**scope, "method": "GET", WITHOUT_BODY: True}
+            await super().__call__(as_get, receive, _without_body(send))
             return
         if not _may_be_plain(scope):
             await super().__call__(scope, receive, send)

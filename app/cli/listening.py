@@ -19,6 +19,7 @@ import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
 
+from app.api.streams import TableStreams
 from app.api.turns import Turns
 from app.cli.http_protocol import PatientProtocol, PatientServer
 from app.errors import InvalidContent, ThermapError
@@ -74,18 +75,22 @@ class CannotListen(ThermapError):
 class EndingServer(PatientServer):
     """A server that ends in time: threads that hang in the database do not keep it.
 
-    Who waits for a turn at the database is sent away at once, who is at work has until
-    `ANSWER_S`; everybody gets an answer. What was answered with 201 is on the disk before the
+    Who waits for a turn at the database is sent away at once, streams end, who is at work has
+    until `ANSWER_S`; everybody gets an answer. What was answered with 201 is on the disk before the
     answer, so nothing is lost.
     """
 
-    def __init__(self, config: uvicorn.Config, patience_s: float, turns: Turns) -> None:
+    def __init__(
+        self, config: uvicorn.Config, patience_s: float, turns: Turns, streams: TableStreams
+    ) -> None:
         super().__init__(config, patience_s)
         self._turns = turns
+        self._streams = streams
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Let every request that has come have an answer, and end."""
         self._turns.end()
+        self._streams.end()
         asyncio.get_running_loop().call_later(ANSWER_S, self.end_connections)
         await super().shutdown(sockets)
 
@@ -176,6 +181,7 @@ def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
         ),
         service.state.patience_s,
         service.state.turns,
+        service.state.streams,
     )
 
 

@@ -48,12 +48,12 @@ def show_status(context: Context, machine_id: str) -> MachineStatus:
     if lacks_reading(context, live) and context.live.database.trouble is None:
         with suppress(StorageUnavailable):
             restore_past(context, live)
-    return status_of(context, live, _stored(context))
+    return status_of(context, live, stored_of_machines(context))
 
 
 def show_statuses(context: Context) -> list[MachineStatus]:
     """Say the same of every machine in memory, by id."""
-    stored = _stored(context)
+    stored = stored_of_machines(context)
     return [status_of(context, live, stored) for live in context.live.machines()]
 
 
@@ -105,7 +105,7 @@ def _notes(context: Context, live: LiveMachine) -> list[str]:
     return [f"{words[0].upper()}{words[1:]}." for words in said]
 
 
-def _stored(context: Context) -> Stored:
+def stored_of_machines(context: Context) -> Stored:
     """Ask the database, unless it is known to be away: who judges goes on without it."""
     if context.live.database.trouble is not None:
         return Stored()

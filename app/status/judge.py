@@ -289,12 +289,12 @@ def _outside(
         excess = _excess(values, scale.temperatures_c)
         recent = np.flatnonzero((excess != 0.0) & (times >= since_s))
         if recent.size:
-            ago_s = situation.judged_at.timestamp() - times[recent[-1]]
+            until = _time(times[recent[-1]])
             is_clamped = situation.model.machine.out_of_range == "clamp"
             yield Cause(
                 State.CLAMPED if is_clamped else State.EXTRAPOLATED,
                 f"{scale.sensor} was {_outside_words(float(excess[recent[-1]]))} "
-                f"{max(ago_s, 0.0):.0f} s ago.",
+                f"until {until:%H:%M:%S} UTC.",
             )
 
 
@@ -349,11 +349,10 @@ def _sentences(
     if not components or state is State.NO_READING:
         return said
     count = len(components)
-    age_s = _age_s(situation) or 0.0
     if state is State.FRESH:
         verb = "lies between its maps" if count == 1 else "lie between their maps"
         all_of = "The one component" if count == 1 else f"All {count} components"
-        return [f"{all_of} {verb}, on a reading {age_s:.0f} s old.", *said]
+        return [f"{all_of} {verb}, on fresh temperatures.", *said]
     touched = {code for cause in causes for code in cause.touches}
     others = sum(c.component.code not in touched for c in components)
     if touched and 0 < others < count and state is not State.DRIFTING:

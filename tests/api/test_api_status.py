@@ -50,7 +50,7 @@ async def test_a_fresh_machine_between_its_maps_is_trusted(client, clock):
     clock.advance(4)
     found = await status(client)
     assert verdict(found) == ("trusted", "fresh")
-    assert found["sentences"] == ["All 4 components lie between their maps, on a reading 4 s old."]
+    assert found["sentences"] == ["All 4 components lie between their maps, on fresh temperatures."]
     assert (found["machine"], found["name"], found["configuration"]) == (
         "mcfv5050",
         "MCFV5050LN",
@@ -145,7 +145,7 @@ async def test_a_state_goes_half_a_minute_after_its_cause(client, clock):
     clock.advance(20)
     found = await status(client)
     assert verdict(found) == ("limited", "clamped")
-    assert found["sentences"][0] == "x-middle was 0.40 K above the hottest map 25 s ago."
+    assert found["sentences"][0] == "x-middle was 0.40 K above the hottest map until 06:00:00 UTC."
     assert found["beyond"] == []
     clock.advance(6)
     assert verdict(await status(client)) == ("trusted", "fresh")

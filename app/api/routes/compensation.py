@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Request
-from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
-from app.api.dependencies import ContextDep, MachinePath
+from app.api.dependencies import (
+    ContextDep,
+    MachinePath,
+    machine_in_memory,
+    machine_with_readings,
+)
 from app.api.schemas.compensation import (
     CompensationAnswer,
     CompensationRequest,
@@ -18,12 +21,7 @@ from app.api.schemas.compensation import (
 )
 from app.api.schemas.predictions import PredictionAnswer, PredictionRequest
 from app.api.table_json import current_table_json, table_json
-from app.api.turns import Turns
-from app.errors import StorageUnavailable
-from app.live.registry import LiveMachine
-from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at
-from app.services.load_machine import lacks_reading, load_machine, restore_past
 from app.services.predictions import predict_errors
 
 router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
@@ -39,7 +37,7 @@ async def post_compensation(
     request: Request, context: ContextDep, machine: MachinePath, body: CompensationRequest
 ) -> Response:
     """Compute the table at these temperatures; nothing is stored."""
-    current = (await _in_memory(request, context, machine)).current
+    current = (await machine_in_memory(request, context, machine)).current
     warnings = database_warnings(context, current)
     table = table_at(current, body.temperatures_c, context.now(), warnings, body.state)
     return Response(table_json(table), media_type=JSON)
@@ -62,12 +60,7 @@ async def get_compensation(
     The ETag changes with the model, the reading and the sensors' states; while it
     does not, If-None-Match is answered with 304.
     """
-    live = await _in_memory(request, context, machine)
-    if lacks_reading(context, live) and context.live.database.trouble is None:
-        turns: Turns = request.app.state.turns
-        with suppress(StorageUnavailable):
-            async with turns.taken():
-                await run_in_threadpool(restore_past, context, live)
+    live = await machine_with_readings(request, context, machine)
     state = current_state(context, machine, live)
     headers = {"ETag": f'W/"{state.tag}"', "Cache-Control": "no-cache"}
     if _matches(if_none_match, state.tag):
@@ -97,16 +90,6 @@ def post_predictions(
         counted_as_zero=found.counted_as_zero,
         warnings=found.warnings,
     )
-
-
-async def _in_memory(request: Request, context: Context, machine_id: str) -> LiveMachine:
-    """Find the machine in memory, or bring it there once, when it is our turn."""
-    live = context.live.get(machine_id)
-    if live is None:
-        turns: Turns = request.app.state.turns
-        async with turns.taken():
-            live = await run_in_threadpool(load_machine, context, machine_id)
-    return live
 
 
 def _matches(if_none_match: str, tag: str) -> bool:

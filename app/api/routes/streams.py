@@ -1,0 +1,118 @@
+"""Tables and verdicts as they change: server-sent events."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Header, Query, Request
+from starlette.responses import Response, StreamingResponse
+
+from app.api.bodies import BodyRoute
+from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
+from app.api.short_way import WITHOUT_BODY
+from app.api.streams import TableStreams, Wanted
+
+router = APIRouter(route_class=BodyRoute, prefix="/v1", tags=["live"])
+
+EVENTS: Final = "text/event-stream"
+
+_HEADERS: Final = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
+"""Proxies are to pass on every event when it comes."""
+
+_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "description": "Events without end. `table`: the JSON of `GET …/compensation`. `state`: "
+        "the same, because completeness, a sensor's health or the model version changed although "
+        "no value did; without `components` and with the reason in `detail` where there is no "
+        "table. `status`: the JSON of `GET …/status`, when the verdict or its words change. A "
+        "comment every 15 s without an event",
+        "content": {
+            EVENTS: {
+                "schema": {"type": "string"},
+                "example": 'event: table\ndata: {"machine": "mcfv5050", …}\nid: 1764000000001\n\n',
+            }
+        },
+    }
+}
+
+MinChange = Annotated[
+    float,
+    Query(
+        ge=0.0,
+        allow_inf_nan=False,
+        description="A table comes when one of its values has changed by more than this since the "
+        "last one that was sent [µm; angular components µrad, squareness µm/m]",
+    ),
+]
+MaxStep = Annotated[
+    float | None,
+    Query(
+        gt=0.0,
+        allow_inf_nan=False,
+        description="No value changes by more than this from one table to the next [µm; angular "
+        "components µrad, squareness µm/m]: a larger change comes in several tables, one a second, "
+        "that say `stepping`; a jump would mark the surface",
+    ),
+]
+LastEventId = Annotated[
+    str,
+    Header(
+        description="`id` of the last event that came: the table comes again only if it has "
+        "changed since"
+    ),
+]
+
+
+@router.get(
+    "/machines/{machine}/compensation/stream",
+    summary="The compensation table whenever it changes",
+    response_class=StreamingResponse,
+    responses=_RESPONSES,
+)
+async def get_table_stream(
+    request: Request,
+    context: ContextDep,
+    machine: MachinePath,
+    min_change_um: MinChange = 0.1,
+    max_step_um: MaxStep = None,
+    last_event_id: LastEventId = "",
+) -> Response:
+    """Send the table at the latest reading at once, and whenever it has changed.
+
+    A follower that reads slowly gets the newest table, not all between. The stream ends when
+    the machine is deleted or the service ends.
+    """
+    await machine_with_readings(request, context, machine)
+    wanted = Wanted(min_change_um, max_step_um, _number(last_event_id))
+    return _stream(request, machine, wanted)
+
+
+@router.get(
+    "/stream",
+    summary="The tables of all machines whenever they change",
+    response_class=StreamingResponse,
+    responses=_RESPONSES,
+)
+async def get_stream(
+    request: Request,
+    min_change_um: MinChange = 0.1,
+    max_step_um: MaxStep = None,
+    last_event_id: LastEventId = "",
+) -> Response:
+    """Send the same of every machine; each event's JSON names its `machine`."""
+    return _stream(request, None, Wanted(min_change_um, max_step_um, _number(last_event_id)))
+
+
+def _stream(request: Request, machine_id: str | None, wanted: Wanted) -> Response:
+    if WITHOUT_BODY in request.scope:
+        return Response(media_type=EVENTS, headers=_HEADERS)
+    streams: TableStreams = request.app.state.streams
+    return StreamingResponse(
+        streams.follow(machine_id, wanted), media_type=EVENTS, headers=_HEADERS
+    )
+
+
+def _number(last_event_id: str) -> int | None:
+    """Read the id of an event; None where it is none of ours: everything is told then."""
+    is_number = last_event_id.isascii() and last_event_id.isdigit() and len(last_event_id) < 19
+    return int(last_event_id) if is_number else None
