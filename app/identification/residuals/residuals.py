@@ -22,6 +22,7 @@ from app.effects.projection import Projection, missing_at_points, places_of
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.residuals.frozen_observations import FROZEN, frozen_rows
+from app.identification.residuals.rounding import rounding
 from app.search.figures import rms
 from app.search.rows import DeclaredNoise, Rows
 from app.thermal.bracket import Status
@@ -341,12 +342,21 @@ def channel_unit(channel: str) -> Unit:
 
 
 def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
-    """Take the repeatability that verifications state, for channels in µm."""
+    """Take the repeatability that verifications state, for channels in µm.
+
+    What an instrument reads in coarse steps scatters by its rounding too, and stated is how well
+    it repeats. In steps of two repeatabilities the variance is a third larger.
+    """
     found = {}
+    lengths = np.array([channel_unit(channel) is Unit.UM for channel in rows.channels])
+    # Few values of one channel do not show a step that those of all lengths together do.
+    common = rounding(rows.measured[lengths[rows.channel]])
     for number, channel in enumerate(rows.channels):
-        which = rows.verification[rows.channel == number]
+        own = rows.channel == number
+        which = rows.verification[own]
         stated = [rows.verifications[i].repeatability_um for i in which.tolist()]
         known = [s for s in stated if s is not None]
-        if channel_unit(channel) is Unit.UM and known and len(known) == len(stated):
-            found[number] = DeclaredNoise(repeatability=rms(np.array(known)))
+        if lengths[number] and known and len(known) == len(stated):
+            scatter = np.hypot(rms(np.array(known)), common or rounding(rows.measured[own]))
+            found[number] = DeclaredNoise(repeatability=float(scatter))
     return found
