@@ -351,7 +351,7 @@ def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
     lengths = np.array([channel_unit(channel) is Unit.UM for channel in rows.channels])
     # Few values of one channel do not show a step that those of all lengths together do.
     common = rounding(rows.measured[lengths[rows.channel]])
-    for number, channel in enumerate(rows.channels):
+    for number in range(len(rows.channels)):
         own = rows.channel == number
         which = rows.verification[own]
         stated = [rows.verifications[i].repeatability_um for i in which.tolist()]
