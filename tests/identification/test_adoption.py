@@ -44,7 +44,12 @@ def term(slope=SURE, status=Status.CONFIRMED, **stated):
     return replace(plain, **stated)
 
 
-def judged(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, seed=1, floor=1.0):
+def judged(true, *claimed, **stated):
+    """Say of effects that claim what they say of rows where something is true whether they help."""
+    return judgement(true, *claimed, **stated).helps
+
+
+def judgement(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, seed=1, floor=1.0):
     """Judge effects that claim what they say of rows where something is true."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
@@ -64,7 +69,7 @@ def judged(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, seed
             held_out={0: HeldOut(len(rows), rows.visits, Figure(1.0, 0.9, 1.1), floor)},
         ),
     )
-    return judge_help(found, effects).helps
+    return judge_help(found, effects)
 
 
 def swinging(rows, size=2.0):
@@ -154,6 +159,9 @@ def test_a_drift_of_one_record_may_be_the_instruments():
     drift = np.arange(EACH) * 2.0
     (one,) = judged(drift, drift, kinds=("drift",), rows=rows)
     assert one == (False, OF_EITHER)
+    # Blocks of the same record that were held out show a walking instrument too.
+    assert judgement(drift, drift, kinds=("drift",), rows=rows).unsure == {0}
+    assert judgement(drift, drift, kinds=("thermal-lag",), rows=rows).unsure == set()
 
 
 def test_the_last_visits_can_refuse_a_trend():

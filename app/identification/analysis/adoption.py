@@ -59,13 +59,13 @@ class Help(NamedTuple):
 class Judged(NamedTuple):
     """Which of the found effects help, and whether what is refitted beside them holds.
 
-    With those that are `harming` a visit that was held out gets markedly worse: nobody is sure
-    of their names.
+    Nobody is sure of the names of those that are `unsure`: with them a visit that was held out
+    gets markedly worse, or one set-up alone shows what an instrument does as well as a machine.
     """
 
     helps: list[Help]
     refits_hold: bool = True
-    harming: frozenset[int] = frozenset()
+    unsure: frozenset[int] = frozenset()
 
 
 class _Worse(NamedTuple):
@@ -98,7 +98,11 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         for i, (effect, term) in enumerate(zip(effects, terms, strict=True))
     ]
     own = [found.explained(effect) for effect in effects]
-    harming: set[int] = set()
+    unsure = {
+        i
+        for i, effect in enumerate(effects)
+        if effect.kind in EITHER and _is_of_one_setup(found, effect)
+    }
     while chosen := [i for i, words in enumerate(said) if words is None]:
         dropped = [
             i
@@ -116,16 +120,16 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         if not own[least][worse.rows].any():
             break
         said[least] = _gets_worse(found, worse)
-        harming.add(least)
+        unsure.add(least)
     helps = [Help(words is None, words) for words in said]
     if found.findings.known is None or not (found.findings.refitted or found.findings.dropped):
-        return Judged(helps, harming=frozenset(harming))
+        return Judged(helps, unsure=frozenset(unsure))
     # What takes no part was fitted beside what is refitted: it is judged by what is left of both.
     rest = [part for part, one in zip(own, helps, strict=True) if not one.helps]
     together = found.findings.adopted - sum(rest, np.zeros(len(found.use)))
     predicted = together if any(one.helps for one in helps) else found.findings.known
     holds_refitted = next(_markedly_worse(found, predicted), None) is None
-    return Judged(helps, holds_refitted, frozenset(harming))
+    return Judged(helps, holds_refitted, frozenset(unsure))
 
 
 def _spoilt(effect: Effect, effects: Sequence[Effect]) -> str | None:

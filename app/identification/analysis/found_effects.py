@@ -42,7 +42,7 @@ def found_effects(
         As adoption would store them, and whether they help, in the order of the terms.
     """
     return [
-        _found_effect(found, *one, harms=i in judged.harming)
+        _found_effect(found, *one, is_unsure=i in judged.unsure)
         for i, one in enumerate(zip(effects, found.findings.terms, judged.helps, strict=True))
     ]
 
@@ -98,7 +98,7 @@ def is_unexplained_at(findings: Findings, channels: Sequence[int]) -> bool:
 
 
 def _found_effect(
-    found: FinishedSearch, effect: Effect, term: FoundTerm, helps: Help, *, harms: bool
+    found: FinishedSearch, effect: Effect, term: FoundTerm, helps: Help, *, is_unsure: bool
 ) -> FoundEffect:
     before, after, unit = _sizes(found, effect, term)
     is_proxy = is_unexplained_at(found.findings, _own_channels(found, effect, term))
@@ -108,7 +108,7 @@ def _found_effect(
         before_rms=before,
         after_rms=after,
         unit=unit,
-        status=str(Status.SUSPECTED if confirmed and (is_proxy or harms) else term.status),
+        status=str(Status.SUSPECTED if confirmed and (is_proxy or is_unsure) else term.status),
         helps=helps.helps,
         why_not=helps.why_not,
         is_proxy=is_proxy,
