@@ -10,8 +10,8 @@ import pytest
 
 from app.controllers.export import export
 from app.controllers.registry import format_named
+from examples.linuxcnc.controller import LINUXCNC, run_moves
 from tests.controllers.example_tables import curve, error_table, options_for
-from tests.controllers.linuxcnc_machine import LINUXCNC, run_moves
 
 pytestmark = [
     pytest.mark.slow,

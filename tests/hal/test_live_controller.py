@@ -11,7 +11,7 @@ from app.cli import application
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
-from tests.controllers.linuxcnc_machine import LINUXCNC, live_controller
+from examples.linuxcnc.controller import LINUXCNC, running
 from thermap import ThermapClient
 
 pytestmark = [
@@ -112,32 +112,23 @@ class Shop:
             yield
 
 
-def offsets_um(ask):
-    motor = ask.get(*(f"thermap-{axis}.out" for axis in "xyz"))
-    nominal = ask.get(*(f"joint.{n}.pos-cmd" for n in range(3)))
+def offsets_um(machine):
+    motor = machine.get(*(f"thermap-{axis}.out" for axis in "xyz"))
+    nominal = machine.get(*(f"joint.{n}.pos-cmd" for n in range(3)))
     return [(m - c) * 1000.0 for m, c in zip(motor, nominal, strict=True)]
 
 
-def wait_for(ask, within_s, **pins):
-    """Wait until pins of the component have these values."""
-    names = [f"thermap.{name.replace('_', '-')}" for name in pins]
-    until = time.monotonic() + within_s
-    while (found := ask.get(*names)) != list(pins.values()):
-        assert time.monotonic() < until, dict(zip(names, found, strict=True))
-        time.sleep(0.02)
-
-
-def expect_offsets(ask, point, t_c):
+def expect_offsets(machine, point, t_c):
     wanted = [-error_um(axis, point, t_c) for axis in "xyz"]
-    assert offsets_um(ask) == pytest.approx(wanted, abs=TOLERANCE_UM)
+    assert offsets_um(machine) == pytest.approx(wanted, abs=TOLERANCE_UM)
     return wanted
 
 
-def warm_to(ask, t_c, largest_um):
+def warm_to(machine, t_c, largest_um):
     """Change the temperatures, and wait as long as the documents say at most."""
-    ask(set=dict.fromkeys(SENSORS, t_c))
-    wait_for(ask, 15.0, connected=True, settled=False)  # the answer has come
-    wait_for(ask, largest_um / RATE_UM_PER_S + 5.0, settled=True, connected=True, stale=False)
+    machine.set(dict.fromkeys(SENSORS, t_c))
+    machine.wait_for(60.0, connected=True, settled=False)  # the answer has come
+    machine.wait_for(largest_um / RATE_UM_PER_S + 60.0, settled=True, connected=True, stale=False)
 
 
 def expect_no_jump(asked):
@@ -149,14 +140,14 @@ def expect_no_jump(asked):
         assert asked["speeds"][axis] <= RATE_UM_PER_S * (1.0 + 2 * PERIOD_S / 0.4)
 
 
-def restart(ask, wiring):
+def restart(machine, wiring):
     """End the component, and start it again: the curves stay where they are all the while."""
     start = next(line for line in wiring.splitlines() if line.startswith("loadusr"))
-    (going,) = ask.get("thermap.heartbeat")
-    ask(forget=True, shell=f"halcmd unloadusr thermap && halcmd {start}")
-    ask(set=dict.fromkeys(SENSORS, 21.0))
-    wait_for(ask, 15.0, connected=True, stale=False, settled=True)
-    assert ask.get("thermap.heartbeat") < [going]
+    (going,) = machine.get("thermap.heartbeat")
+    machine.ask(forget=True, shell=f"halcmd unloadusr thermap && halcmd {start}")
+    machine.set(dict.fromkeys(SENSORS, 21.0))
+    machine.wait_for(60.0, connected=True, stale=False, settled=True)
+    assert machine.get("thermap.heartbeat") < [going]
 
 
 def test_the_motors_follow_hold_and_never_jump(tmp_path):
@@ -170,38 +161,38 @@ def test_the_motors_follow_hold_and_never_jump(tmp_path):
         words += ["--period", str(PERIOD_S), "--every", str(EVERY_S)]
         written = CliRunner().invoke(application, words)
         assert written.exit_code == 0, written.output
-    with live_controller(written.stdout, RATE_UM_PER_S) as ask:
+    with running(wiring=written.stdout, rate_um_per_s=RATE_UM_PER_S) as machine:
         # The controller starts without the service, and nothing moves the motors.
-        assert ask.get("thermap.connected", "thermap.stale") == [False, True]
-        assert offsets_um(ask) == [0.0, 0.0, 0.0]
+        assert machine.get("thermap.connected", "thermap.stale") == [False, True]
+        assert offsets_um(machine) == [0.0, 0.0, 0.0]
         point = (150.0, 260.0, 420.0)
-        ask(mdi="G53 G0 X{} Y{} Z{}".format(*point))
+        machine.move("G53 G0 X{} Y{} Z{}".format(*point))
         with shop.open():
-            warm_to(ask, 24.0, 120.0)
-            expect_offsets(ask, point, 24.0)
-            warm_to(ask, 30.0, 120.0)
-            held = expect_offsets(ask, point, 30.0)
-            expect_no_jump(ask())
+            warm_to(machine, 24.0, 120.0)
+            expect_offsets(machine, point, 24.0)
+            warm_to(machine, 30.0, 120.0)
+            held = expect_offsets(machine, point, 30.0)
+            expect_no_jump(machine.ask())
         # The service is gone: what was last is held, whatever the temperatures do.
-        wait_for(ask, 10.0, connected=False, stale=True)
-        ask(forget=True, set=dict.fromkeys(SENSORS, 21.0))
+        machine.wait_for(60.0, connected=False, stale=True)
+        machine.ask(forget=True, set=dict.fromkeys(SENSORS, 21.0))
         time.sleep(1.0)
-        assert offsets_um(ask) == pytest.approx(held, abs=1e-6)
-        assert set(ask()["moved"].values()) == {0.0}
+        assert offsets_um(machine) == pytest.approx(held, abs=1e-6)
+        assert set(machine.ask()["moved"].values()) == {0.0}
         # And held is a curve, not a number: the motors still stand where it says.
         point = (35.0, 480.0, 255.0)
-        ask(mdi="G53 G0 X{} Y{} Z{}".format(*point))
-        expect_offsets(ask, point, 30.0)
-        ask(forget=True)
+        machine.move("G53 G0 X{} Y{} Z{}".format(*point))
+        expect_offsets(machine, point, 30.0)
+        machine.ask(forget=True)
         with shop.open():
-            wait_for(ask, 15.0, connected=True, stale=False, settled=False)
-            wait_for(ask, 15.0, connected=True, stale=False, settled=True)
-            expect_offsets(ask, point, 21.0)
-            expect_no_jump(ask())
-            restart(ask, written.stdout)
-            expect_offsets(ask, point, 21.0)
-            assert set(ask()["moved"].values()) == {0.0}
-            ask(set={"thermap.enable": 0})
-            wait_for(ask, 10.0, active=False, settled=True)
-            assert offsets_um(ask) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
-            expect_no_jump(ask())
+            machine.wait_for(60.0, connected=True, stale=False, settled=False)
+            machine.wait_for(60.0, connected=True, stale=False, settled=True)
+            expect_offsets(machine, point, 21.0)
+            expect_no_jump(machine.ask())
+            restart(machine, written.stdout)
+            expect_offsets(machine, point, 21.0)
+            assert set(machine.ask()["moved"].values()) == {0.0}
+            machine.set({"thermap.enable": 0})
+            machine.wait_for(60.0, active=False, settled=True)
+            assert offsets_um(machine) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+            expect_no_jump(machine.ask())

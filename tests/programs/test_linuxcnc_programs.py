@@ -11,7 +11,7 @@ from app.programs.path import Manner
 from app.programs.positioning import positioning_program
 from app.programs.program import Move, Stop
 from app.programs.step_diagonal import step_diagonal_program
-from tests.controllers.linuxcnc_machine import LINUXCNC, run_program
+from examples.linuxcnc.controller import LINUXCNC, run_program
 from tests.programs.example_programs import MACHINE, every_program
 
 pytestmark = [
@@ -76,15 +76,15 @@ def test_the_running_controller_ends_where_the_program_says(program):
     """With a work offset active, which the program must not see."""
     ended, stops, visited = way_of(program)
     found = run_program(WORDS.write(program))
-    assert found["said"] == []
-    assert found["ended"] == pytest.approx(ended, abs=TOLERANCE_MM)
-    assert len(found["stops"]) == len(stops)
-    for stood, wanted in zip(found["stops"], stops, strict=True):
+    assert found.said == []
+    assert found.ended == pytest.approx(ended, abs=TOLERANCE_MM)
+    assert len(found.stops) == len(stops)
+    for stood, wanted in zip(found.stops, stops, strict=True):
         assert stood == pytest.approx(wanted, abs=TOLERANCE_MM)
     # It starts at home, 0, and never leaves what the program visits.
     for number, axis in enumerate("xyz"):
         reached = [0.0, *(place[axis] for place in visited if axis in place)]
-        assert found["low"][number] >= min(reached) - TOLERANCE_MM
-        assert found["high"][number] <= max(reached) + TOLERANCE_MM
-        assert found["low"][number] == pytest.approx(min(reached), abs=0.5)
-        assert found["high"][number] == pytest.approx(max(reached), abs=0.5)
+        assert found.low[number] >= min(reached) - TOLERANCE_MM
+        assert found.high[number] <= max(reached) + TOLERANCE_MM
+        assert found.low[number] == pytest.approx(min(reached), abs=0.5)
+        assert found.high[number] == pytest.approx(max(reached), abs=0.5)
