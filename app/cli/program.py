@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -26,6 +27,7 @@ from app.errors import counted, list_names
 from app.measurement.positioning import RUNS_OF_THE_STANDARD
 from app.programs.body_diagonal import RUNS, body_diagonal_program
 from app.programs.dialects import DIALECTS, dialect_named
+from app.programs.moving_axis import MotionStep, moving_axis_program
 from app.programs.path import Manner
 from app.programs.positioning import positioning_program
 from app.programs.program import MeasuringProgram, Stop
@@ -105,6 +107,15 @@ StepOption = Annotated[
     ),
 ]
 
+EveryOption = Annotated[
+    float, typer.Option("--every", metavar="MIN", help="Pause between readings.")
+]
+StartOption = Annotated[
+    str | None,
+    typer.Option("--start", metavar="TIME", help="Planned start, for the readings' times."),
+]
+AxisOption = Annotated[str, typer.Option("--axis", help="x, y or z.")]
+
 _MANNER: Final = Manner()
 
 program = command_group()
@@ -125,274 +136,54 @@ class _WrittenFile:
     content: str
 
 
-@program.command("positioning")
-def write_positioning(
+def _writes(make: Callable[..., MeasuringProgram]) -> Callable[..., None]:
+    """Make a command of what makes a program: all of them share how it is written and how moved.
+
+    The command takes the options of `make`, but for its `machine` and `manner`, and those that
+    `_machine_and_manner` and `_write` read.
+    """
+    own = [p for p in _options(make) if p.name not in ("machine", "manner")]
+    moved, written = _options(_machine_and_manner), _options(_write)[1:]
+
+    def command(**stated: Any) -> None:
+        machine, manner = _machine_and_manner(**{p.name: stated[p.name] for p in moved})
+        found = make(machine, manner, **{p.name: stated[p.name] for p in own})
+        _write(found, **{p.name: stated[p.name] for p in written})
+
+    (argument, *options) = moved
+    command.__doc__ = make.__doc__
+    command.__signature__ = Signature([argument, *own, *written, *options])  # type: ignore[attr-defined]
+    return command
+
+
+def _options(function: Callable[..., object]) -> list[Parameter]:
+    """Give a function's parameters; by their names, so that any may have a default."""
+    parameters = signature(function, eval_str=True).parameters.values()
+    return [one.replace(kind=Parameter.KEYWORD_ONLY) for one in parameters]
+
+
+def _machine_and_manner(
     machine: MachineArgument,
-    controller: ControllerOption,
-    axis: Annotated[str, typer.Option("--axis", help="x, y or z.")],
-    output: OutputOption = None,
-    targets: Annotated[
-        int | None,
-        typer.Option(
-            "--targets", metavar="N", help="How many; default 11, or 5 per metre if more."
-        ),
-    ] = None,
-    at: Annotated[
-        str | None,
-        typer.Option("--at", metavar="MM,MM,…", help="These targets instead of chosen ones."),
-    ] = None,
-    runs: Annotated[int, typer.Option("--runs", help="In each direction.")] = RUNS_OF_THE_STANDARD,
-    line: LineOption = None,
-    seed: Annotated[
-        int,
-        typer.Option(
-            "--seed", envvar="THERMAP_SEED", min=0, help="Of the targets' random offsets."
-        ),
-    ] = 0,
     feed: FeedOption = _MANNER.feed_mm_per_min,
     dwell: DwellOption = _MANNER.dwell_s,
     reading: ReadingOption = _MANNER.reading_s,
     overrun: OverrunOption = _MANNER.overrun_mm,
     window: WindowOption = _MANNER.window_mm,
     retract: RetractOption = None,
-    overwrite: OverwriteOption = False,
     url: UrlOption = DEFAULT_URL,
-) -> None:
-    """Positioning of an axis by ISO 230-2: targets with a random offset, runs both ways.
-
-    Example: `thermap program positioning mcfv5050 --axis x -c siemens --output posx`
-    """
-    if at is not None and targets is not None:
-        raise typer.BadParameter("expected --at or --targets, got both", param_hint="--at")
-    found = positioning_program(
-        _machine(machine, url),
-        _manner(feed, dwell, reading, overrun, window, retract),
-        axis.lower(),
-        targets_mm=None if at is None else _numbers(at, "--at"),
-        count=targets,
-        runs=runs,
-        line_mm=read_named_numbers(line, "--line", "a position in mm"),
-        seed=seed,
-    )
-    _write(found, controller, output, overwrite)
-
-
-@program.command("step-diagonal")
-def write_step_diagonal(
-    machine: MachineArgument,
-    controller: ControllerOption,
-    output: OutputOption = None,
-    steps: StepsOption = 10,
-    origin: OriginOption = None,
-    step: StepOption = None,
-    feed: FeedOption = _MANNER.feed_mm_per_min,
-    dwell: DwellOption = _MANNER.dwell_s,
-    reading: ReadingOption = _MANNER.reading_s,
-    overrun: OverrunOption = _MANNER.overrun_mm,
-    window: WindowOption = _MANNER.window_mm,
-    retract: RetractOption = None,
-    overwrite: OverwriteOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
-    """Sequential step diagonals: x, then y, then z, along each of the four body diagonals.
-
-    Example: `thermap program step-diagonal mcfv5050 -c heidenhain --output diagonals`
-    """
-    found = step_diagonal_program(
-        _machine(machine, url),
-        _manner(feed, dwell, reading, overrun, window, retract),
-        steps=steps,
-        origin_mm=_point(origin, "--origin"),
-        step_mm=_point(step, "--step"),
-    )
-    _write(found, controller, output, overwrite)
-
-
-@program.command("body-diagonal")
-def write_body_diagonal(
-    machine: MachineArgument,
-    controller: ControllerOption,
-    output: OutputOption = None,
-    steps: StepsOption = 10,
-    runs: Annotated[int, typer.Option("--runs", help="There and back, of each diagonal.")] = RUNS,
-    origin: OriginOption = None,
-    step: StepOption = None,
-    feed: FeedOption = _MANNER.feed_mm_per_min,
-    dwell: DwellOption = _MANNER.dwell_s,
-    reading: ReadingOption = _MANNER.reading_s,
-    overrun: OverrunOption = _MANNER.overrun_mm,
-    window: WindowOption = _MANNER.window_mm,
-    retract: RetractOption = None,
-    overwrite: OverwriteOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
-    """Body diagonals by ISO 230-6: all axes together, there and back.
-
-    Example: `thermap program body-diagonal mcfv5050 -c fanuc --output diagonals`
-    """
-    found = body_diagonal_program(
-        _machine(machine, url),
-        _manner(feed, dwell, reading, overrun, window, retract),
-        steps=steps,
-        runs=runs,
-        origin_mm=_point(origin, "--origin"),
-        step_mm=_point(step, "--step"),
-    )
-    _write(found, controller, output, overwrite)
-
-
-@program.command("warm-up")
-def write_warm_up(
-    machine: MachineArgument,
-    controller: ControllerOption,
-    spindle: Annotated[
-        list[str],
-        typer.Option("--spindle", metavar="RPM=MIN", help="A spindle step; in this order."),
-    ],
-    place: Annotated[
-        list[str],
-        typer.Option("--place", metavar="X,Y,Z", help="A measuring position; once for each."),
-    ],
-    output: OutputOption = None,
-    cooling: Annotated[
-        float, typer.Option("--cooling", metavar="MIN", help="With the spindle stopped, after it.")
-    ] = 60.0,
-    every: Annotated[
-        float, typer.Option("--every", metavar="MIN", help="Pause between readings.")
-    ] = 5.0,
-    spin_down: Annotated[
-        float, typer.Option("--spin-down", metavar="S", help="Until the spindle stands.")
-    ] = 15.0,
-    in_place: Annotated[
-        bool,
-        typer.Option(
-            "--in-place",
-            help="Stay at the measuring position and read while the spindle turns: for sensors "
-            "without contact.",
-        ),
-    ] = False,
-    sensor_distance: Annotated[
-        float | None,
-        typer.Option(
-            "--sensor-distance",
-            metavar="MM",
-            help="How much further along z a second pair of sensors reads x and y.",
-        ),
-    ] = None,
-    start: Annotated[
-        str | None,
-        typer.Option("--start", metavar="TIME", help="Planned start, for the readings' times."),
-    ] = None,
-    feed: FeedOption = _MANNER.feed_mm_per_min,
-    dwell: DwellOption = _MANNER.dwell_s,
-    reading: ReadingOption = _MANNER.reading_s,
-    overrun: OverrunOption = _MANNER.overrun_mm,
-    window: WindowOption = _MANNER.window_mm,
-    retract: RetractOption = None,
-    overwrite: OverwriteOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
-    """Warming up and cooling down by ISO 230-3: spindle steps, and returns to be measured.
-
-    Example: `thermap program warm-up mcfv5050 -c linuxcnc --spindle 4000=60 --spindle 8000=60
-    --cooling 90 --place 250,200,100 --output warm-up`
-    """
-    steps = [_spindle_step(text) for text in spindle]
-    steps += [SpindleStep(0.0, cooling)] if cooling else []
-    found = warm_up_program(
-        _machine(machine, url),
-        _manner(feed, dwell, reading, overrun, window, retract),
-        steps,
-        [read_point(text, "--place", "250,200,100") for text in place],
-        every_min=every,
-        spin_down_s=spin_down,
-        in_place=in_place,
-        sensor_distance_mm=sensor_distance,
-        start_s=None if start is None else read_time(start, "--start").timestamp(),
-    )
-    _write(found, controller, output, overwrite)
-
-
-@program.command("visit")
-def write_visit(
-    machine: MachineArgument,
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="The observations, as `thermap analyse --plan` has."),
-    ],
-    controller: ControllerOption,
-    output: OutputOption = None,
-    line: LineOption = None,
-    feed: FeedOption = _MANNER.feed_mm_per_min,
-    dwell: DwellOption = _MANNER.dwell_s,
-    reading: ReadingOption = _MANNER.reading_s,
-    overrun: OverrunOption = _MANNER.overrun_mm,
-    window: WindowOption = _MANNER.window_mm,
-    retract: RetractOption = None,
-    overwrite: OverwriteOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
-    """Write a planned visit: its observations in order of time, each approached as stated.
-
-    Example: `thermap program visit mcfv5050 planned.csv -c siemens --output monday`
-    """
-    from app.api.schemas.analyses import PlannedVerification
-
-    (read,) = read_verifications([file], machine, is_planned=True)
-    for remark in read.remarks:
-        typer.echo(f"{file}: note: {remark}", err=True)
-    found = visit_program(
-        _machine(machine, url),
-        _manner(feed, dwell, reading, overrun, window, retract),
-        PlannedVerification.model_validate(read.body).to_verification(),
-        line_mm=read_named_numbers(line, "--line", "a position in mm"),
-    )
-    _write(found, controller, output, overwrite)
-
-
-def _machine(name: str, url: str) -> Machine:
-    with connect(url) as thermap:
-        return settings_of_stored(thermap.machine(name)).to_machine()
-
-
-def _manner(
-    feed: float,
-    dwell: float,
-    reading: float,
-    overrun: float,
-    window: float,
-    retract: Iterable[str] | None,
-) -> Manner:
+) -> tuple[Machine, Manner]:
     places = read_named_numbers(retract, "--retract", "a position in mm")
-    return Manner(feed, dwell, reading, overrun, window, places or None)
+    manner = Manner(feed, dwell, reading, overrun, window, places or None)
+    with connect(url) as thermap:
+        return settings_of_stored(thermap.machine(machine)).to_machine(), manner
 
 
-def _numbers(text: str, option: str) -> list[float]:
-    numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
-    found = [number for number in numbers if number is not None]
-    if len(found) < len(numbers):
-        raise typer.BadParameter(
-            f"expected positions in mm such as 0,100,250.5, got {text!r}", param_hint=option
-        )
-    return found
-
-
-def _point(text: str | None, option: str) -> list[float] | None:
-    return None if text is None else read_point(text, option, "50,50,40")
-
-
-def _spindle_step(text: str) -> SpindleStep:
-    """Read `RPM=MIN`; a speed may come twice."""
-    ((speed, minutes),) = read_named_numbers([text], "--spindle", "minutes").items()
-    speed_rpm = read_number(speed)
-    if speed_rpm is None:
-        raise typer.BadParameter(
-            f"expected RPM=MIN such as 4000=60, got {text!r}", param_hint="--spindle"
-        )
-    return SpindleStep(speed_rpm, minutes)
-
-
-def _write(found: MeasuringProgram, controller: str, output: Path | None, overwrite: bool) -> None:
+def _write(
+    found: MeasuringProgram,
+    controller: ControllerOption,
+    output: OutputOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
     """Write both files, or none, and say what they are for."""
     dialect = dialect_named(controller)
     files = [
@@ -418,3 +209,261 @@ def _write(found: MeasuringProgram, controller: str, output: Path | None, overwr
     typer.echo(f"{names}: written to {output}")
     command = found.readings.command.replace("FILE", str(output / files[1].name))
     typer.echo(f"fill in {files[1].name}, then: {command}")
+
+
+@program.command("positioning")
+@_writes
+def write_positioning(
+    machine: Machine,
+    manner: Manner,
+    axis: AxisOption,
+    targets: Annotated[
+        int | None,
+        typer.Option(
+            "--targets", metavar="N", help="How many; default 11, or 5 per metre if more."
+        ),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="MM,MM,…", help="These targets instead of chosen ones."),
+    ] = None,
+    runs: Annotated[int, typer.Option("--runs", help="In each direction.")] = RUNS_OF_THE_STANDARD,
+    line: LineOption = None,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", envvar="THERMAP_SEED", min=0, help="Of the targets' random offsets."
+        ),
+    ] = 0,
+) -> MeasuringProgram:
+    """Positioning of an axis by ISO 230-2: targets with a random offset, runs both ways.
+
+    Example: `thermap program positioning mcfv5050 --axis x -c siemens --output posx`
+    """
+    if at is not None and targets is not None:
+        raise typer.BadParameter("expected --at or --targets, got both", param_hint="--at")
+    return positioning_program(
+        machine,
+        manner,
+        axis.lower(),
+        targets_mm=None if at is None else _numbers(at, "--at"),
+        count=targets,
+        runs=runs,
+        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+        seed=seed,
+    )
+
+
+@program.command("step-diagonal")
+@_writes
+def write_step_diagonal(
+    machine: Machine,
+    manner: Manner,
+    steps: StepsOption = 10,
+    origin: OriginOption = None,
+    step: StepOption = None,
+) -> MeasuringProgram:
+    """Sequential step diagonals: x, then y, then z, along each of the four body diagonals.
+
+    Example: `thermap program step-diagonal mcfv5050 -c heidenhain --output diagonals`
+    """
+    return step_diagonal_program(
+        machine,
+        manner,
+        steps=steps,
+        origin_mm=_point(origin, "--origin"),
+        step_mm=_point(step, "--step"),
+    )
+
+
+@program.command("body-diagonal")
+@_writes
+def write_body_diagonal(
+    machine: Machine,
+    manner: Manner,
+    steps: StepsOption = 10,
+    runs: Annotated[int, typer.Option("--runs", help="There and back, of each diagonal.")] = RUNS,
+    origin: OriginOption = None,
+    step: StepOption = None,
+) -> MeasuringProgram:
+    """Body diagonals by ISO 230-6: all axes together, there and back.
+
+    Example: `thermap program body-diagonal mcfv5050 -c fanuc --output diagonals`
+    """
+    return body_diagonal_program(
+        machine,
+        manner,
+        steps=steps,
+        runs=runs,
+        origin_mm=_point(origin, "--origin"),
+        step_mm=_point(step, "--step"),
+    )
+
+
+@program.command("warm-up")
+@_writes
+def write_warm_up(
+    machine: Machine,
+    manner: Manner,
+    spindle: Annotated[
+        list[str],
+        typer.Option("--spindle", metavar="RPM=MIN", help="A spindle step; in this order."),
+    ],
+    place: Annotated[
+        list[str],
+        typer.Option("--place", metavar="X,Y,Z", help="A measuring position; once for each."),
+    ],
+    cooling: Annotated[
+        float, typer.Option("--cooling", metavar="MIN", help="With the spindle stopped, after it.")
+    ] = 60.0,
+    every: EveryOption = 5.0,
+    spin_down: Annotated[
+        float, typer.Option("--spin-down", metavar="S", help="Until the spindle stands.")
+    ] = 15.0,
+    in_place: Annotated[
+        bool,
+        typer.Option(
+            "--in-place",
+            help="Stay at the measuring position and read while the spindle turns: for sensors "
+            "without contact.",
+        ),
+    ] = False,
+    sensor_distance: Annotated[
+        float | None,
+        typer.Option(
+            "--sensor-distance",
+            metavar="MM",
+            help="How much further along z a second pair of sensors reads x and y.",
+        ),
+    ] = None,
+    start: StartOption = None,
+) -> MeasuringProgram:
+    """Warming up and cooling down by ISO 230-3: spindle steps, and returns to be measured.
+
+    Example: `thermap program warm-up mcfv5050 -c linuxcnc --spindle 4000=60 --spindle 8000=60
+    --cooling 90 --place 250,200,100 --output warm-up`
+    """
+    steps = [SpindleStep(*_step(text, "--spindle", "RPM=MIN such as 4000=60")) for text in spindle]
+    steps += [SpindleStep(0.0, cooling)] if cooling else []
+    return warm_up_program(
+        machine,
+        manner,
+        steps,
+        [read_point(text, "--place", "250,200,100") for text in place],
+        every_min=every,
+        spin_down_s=spin_down,
+        in_place=in_place,
+        sensor_distance_mm=sensor_distance,
+        start_s=_seconds(start),
+    )
+
+
+@program.command("moving-axis")
+@_writes
+def write_moving_axis(
+    machine: Machine,
+    manner: Manner,
+    axis: AxisOption,
+    moving: Annotated[
+        list[str],
+        typer.Option(
+            "--moving", metavar="MM/MIN=MIN", help="Back and forth at a feed; in this order."
+        ),
+    ],
+    cooling: Annotated[
+        float, typer.Option("--cooling", metavar="MIN", help="Standing still, after it.")
+    ] = 60.0,
+    every: EveryOption = 5.0,
+    begin: Annotated[
+        float | None,
+        typer.Option(
+            "--from", metavar="MM", help="Lowest position; the travel less the overrun otherwise."
+        ),
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="MM", help="Highest position; likewise.")
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at",
+            metavar="MM,MM,…",
+            help="Where it is read; the ends of the motion and its middle otherwise.",
+        ),
+    ] = None,
+    line: LineOption = None,
+    start: StartOption = None,
+) -> MeasuringProgram:
+    """Warming up by a moving axis, by ISO 230-3: back and forth, and stopped to be measured.
+
+    Example: `thermap program moving-axis mcfv5050 -c siemens --axis x --moving 15000=60
+    --cooling 90 --from 50 --to 450 --output x-warm`
+    """
+    steps = [MotionStep(*_step(text, "--moving", "MM/MIN=MIN such as 15000=60")) for text in moving]
+    steps += [MotionStep(0.0, cooling)] if cooling else []
+    return moving_axis_program(
+        machine,
+        manner,
+        axis.lower(),
+        steps,
+        between_mm=(begin, end),
+        targets_mm=None if at is None else _numbers(at, "--at"),
+        every_min=every,
+        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+        start_s=_seconds(start),
+    )
+
+
+@program.command("visit")
+@_writes
+def write_visit(
+    machine: Machine,
+    manner: Manner,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="The observations, as `thermap analyse --plan` has."),
+    ],
+    line: LineOption = None,
+) -> MeasuringProgram:
+    """Write a planned visit: its observations in order of time, each approached as stated.
+
+    Example: `thermap program visit mcfv5050 planned.csv -c siemens --output monday`
+    """
+    from app.api.schemas.analyses import PlannedVerification
+
+    (read,) = read_verifications([file], machine.id, is_planned=True)
+    for remark in read.remarks:
+        typer.echo(f"{file}: note: {remark}", err=True)
+    return visit_program(
+        machine,
+        manner,
+        PlannedVerification.model_validate(read.body).to_verification(),
+        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+    )
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
+    found = [number for number in numbers if number is not None]
+    if len(found) < len(numbers):
+        raise typer.BadParameter(
+            f"expected positions in mm such as 0,100,250.5, got {text!r}", param_hint=option
+        )
+    return found
+
+
+def _point(text: str | None, option: str) -> list[float] | None:
+    return None if text is None else read_point(text, option, "50,50,40")
+
+
+def _seconds(start: str | None) -> float | None:
+    return None if start is None else read_time(start, "--start").timestamp()
+
+
+def _step(text: str, option: str, expected: str) -> tuple[float, float]:
+    """Read a speed and its minutes, `4000=60`; a speed may come twice."""
+    ((speed, minutes),) = read_named_numbers([text], option, "minutes").items()
+    number = read_number(speed)
+    if number is None:
+        raise typer.BadParameter(f"expected {expected}, got {text!r}", param_hint=option)
+    return number, minutes

@@ -289,20 +289,22 @@ class Path:
             if axis in place_mm:
                 self.go({axis: place_mm[axis]})
 
-    def go(self, place_mm: Place) -> None:
-        """Go straight to a place at the feed.
+    def go(self, place_mm: Place, feed_mm_per_min: float | None = None) -> None:
+        """Go straight to a place at a feed.
 
         Parameters
         ----------
         place_mm
             Axis to position [mm].
+        feed_mm_per_min
+            Another feed than that of the manner.
 
         Raises
         ------
         InvalidContent
             If it lies outside the travel.
         """
-        self._move(place_mm, self.manner.feed_mm_per_min)
+        self._move(place_mm, feed_mm_per_min or self.manner.feed_mm_per_min)
 
     def read(self) -> None:
         """Stand still for the instrument."""

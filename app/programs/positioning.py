@@ -135,12 +135,11 @@ def positioning_program(
         raise InvalidContent.of_field("runs", f"expected 1 to {MOST_RUNS} runs, got {runs}")
     if targets_mm is None:
         begin, end = travel.min_mm + manner.overrun_mm, travel.max_mm - manner.overrun_mm
-        targets = choose_targets(begin, end, count, seed=seed)
+        chosen: Sequence[float] = choose_targets(begin, end, count, seed=seed)
         origin = f"random offsets up to {SCATTER:.0%} of the interval, seed {seed}"
     else:
-        targets = [expect_whole("targets", mm) for mm in targets_mm]
-        origin = "targets as stated"
-    _expect_increasing(targets, manner)
+        chosen, origin = targets_mm, "targets as stated"
+    targets = expect_targets(chosen, manner)
     line = middle_of(machine, line_mm or {}, but=axis)
     path = Path(machine, manner)
     _walk(path, axis, targets, runs, line)
@@ -168,13 +167,27 @@ def positioning_program(
     )
 
 
-def _expect_increasing(targets: Sequence[float], manner: Manner) -> None:
+def expect_targets(targets_mm: Sequence[float], manner: Manner) -> list[float]:
+    """Refuse targets that do not increase, or that an instrument could confuse.
+
+    Returns
+    -------
+    list of float
+        The targets [mm].
+
+    Raises
+    ------
+    InvalidContent
+        If there are fewer than two, or one has more decimals than controllers take.
+    """
+    targets = [expect_whole("targets", mm) for mm in targets_mm]
     gaps = np.diff(targets)
     if not gaps.size or gaps.min() <= 0.0:
         raise InvalidContent.of_field(
             "targets", f"expected at least two increasing targets in mm, got {list(targets)}"
         )
     manner.expect_apart(float(gaps.min()), "targets")
+    return targets
 
 
 def _walk(path: Path, axis: str, targets: Sequence[float], runs: int, line: Place) -> None:

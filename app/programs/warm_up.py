@@ -11,20 +11,25 @@ distortion that the rotating spindle causes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from app.errors import InvalidContent, counted
 from app.geometry.components import LINEAR_LETTERS
 from app.programs.path import FASTEST_RPM, Manner, Path, expect_whole, own_place
+from app.programs.pauses import (
+    LONGEST_MIN,
+    TIME_COLUMNS,
+    expect_few_returns,
+    pauses_s,
+    planned_time,
+    time_cells,
+)
 from app.programs.program import MeasuringProgram, Readings
 from app.thermal.machine import Machine
-from app.units import SECONDS_PER_MIN, iso_time
 
-MOST_RETURNS: Final = 2000
 FARTHEST_SENSOR_MM: Final = 10_000.0
-LONGEST_MIN: Final = 7 * 24 * 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,16 +163,10 @@ def _check(
                 f"expected a whole speed of 0 to {FASTEST_RPM:g} 1/min for above 0 to "
                 f"{LONGEST_MIN:g} min, got {step.speed_rpm:g} 1/min for {step.minutes:g} min",
             )
-    if not 0.0 < every_min <= LONGEST_MIN or not 0.0 < spin_down_s <= LONGEST_MIN:
+    expect_few_returns([step.minutes for step in steps], every_min)
+    if not 0.0 < spin_down_s <= LONGEST_MIN:
         raise InvalidContent.of_field(
-            "every",
-            f"expected a pause above 0 min and a spin-down above 0 s, got {every_min:g} min "
-            f"and {spin_down_s:g} s",
-        )
-    returns = sum(step.minutes / every_min + 1 for step in steps)
-    if returns > MOST_RETURNS:
-        raise InvalidContent.of_field(
-            "every", f"expected at most {MOST_RETURNS} returns, got {returns:.0f}: read less often"
+            "spin_down", f"expected a spin-down above 0 s, got {spin_down_s:g} s"
         )
 
 
@@ -212,7 +211,7 @@ class _Walk:
         turns = step.speed_rpm > 0
         phase = f"{step.speed_rpm:g} 1/min" if turns else "cooling"
         self.path.remark(f"{phase}, {step.minutes:g} min")
-        for pause_s in _pauses(step.minutes, every_min):
+        for pause_s in pauses_s(step.minutes, every_min):
             if not self.in_place:
                 self.path.retract()
             if turns or self.in_place:
@@ -236,15 +235,6 @@ class _Walk:
             self.readings.append(Reading(self.path.seconds, (x, y, z), speed_rpm))
 
 
-def _pauses(minutes: float, every_min: float) -> Iterator[float]:
-    """Part a step into pauses [s]; the last one may be shorter."""
-    left = minutes
-    while left > 1e-9:
-        part = min(every_min, left)
-        yield part * SECONDS_PER_MIN
-        left -= part
-
-
 _SPEEDS: Final = "# The state spindle_rpm is the speed of the step, also where it stands to be read"
 
 
@@ -264,14 +254,14 @@ def _drift_file(
     ]
     if walk.turned_s:
         # The first reading with a speed is late by a pause: the growth until then counts too.
-        lines.append(f"# running_from: {_time(walk.turned_s[0][0], start_s)}")
-        lines.append(f"# running_to: {_time(walk.turned_s[-1][1], start_s)}")
+        lines.append(f"# running_from: {planned_time(walk.turned_s[0][0], start_s)}")
+        lines.append(f"# running_to: {planned_time(walk.turned_s[-1][1], start_s)}")
     if sensor_distance_mm is not None:
         lines.append(f"# sensor_distance_mm: {sensor_distance_mm!r}")
-    columns = ["time", "after_min", *sensors, *(f"temperature {name}" for name in machine.sensors)]
+    columns = [TIME_COLUMNS, *sensors, *(f"temperature {name}" for name in machine.sensors)]
     lines.append(",".join([*columns, "state spindle_rpm"]))
-    empty = "," * (len(columns) - 2)
-    lines += [f"{_when(one, start_s)}{empty},{one.speed_rpm:g}" for one in readings]
+    empty = "," * (len(columns) - 1)
+    lines += [f"{time_cells(one.seconds, start_s)}{empty},{one.speed_rpm:g}" for one in readings]
     command = f"thermap import --method thermal-drift FILE --machine {machine.id}"
     return Readings("".join(f"{line}\n" for line in lines), command)
 
@@ -285,20 +275,11 @@ def _verification_file(
         "# label: warm-up",
         f"# machine: {machine.id}",
         "# datum: first",
-        "time,after_min,point_x_mm,point_y_mm,point_z_mm,"
+        f"{TIME_COLUMNS},point_x_mm,point_y_mm,point_z_mm,"
         "measured_x_um,measured_y_um,measured_z_um,state spindle_rpm",
     ]
     for one in readings:
         place = ",".join(repr(mm) for mm in one.place_mm)
-        lines.append(f"{_when(one, start_s)},{place},,,,{one.speed_rpm:g}")
+        lines.append(f"{time_cells(one.seconds, start_s)},{place},,,,{one.speed_rpm:g}")
     command = f"thermap analyse {machine.id} --verification FILE"
     return Readings("".join(f"{line}\n" for line in lines), command)
-
-
-def _when(one: Reading, start_s: float | None) -> str:
-    """Write the planned time, and the minutes after the start for who writes the clock's."""
-    return f"{_time(one.seconds, start_s)},{one.seconds / SECONDS_PER_MIN:.2f}"
-
-
-def _time(seconds: float, start_s: float | None) -> str:
-    return "" if start_s is None else iso_time(start_s + seconds)

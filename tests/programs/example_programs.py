@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.programs.body_diagonal import body_diagonal_program
+from app.programs.moving_axis import MotionStep, moving_axis_program
 from app.programs.path import Manner
 from app.programs.positioning import positioning_program
 from app.programs.step_diagonal import step_diagonal_program
@@ -71,6 +72,13 @@ def every_program(manner=None):
             manner,
             [SpindleStep(4000.0, 12.0), SpindleStep(0.0, 90.0)],
             [(250.0, 0.0, -200.0), (100.0, 50.0, -150.0)],
+            start_s=START_S,
+        ),
+        moving_axis_program(
+            MACHINE,
+            manner,
+            "y",
+            [MotionStep(15_000.0, 12.0), MotionStep(0.0, 10.0)],
             start_s=START_S,
         ),
         visit_program(MACHINE, manner, PLANNED),

@@ -12,6 +12,7 @@ from app.geometry.body_diagonal import DIAGONALS
 from app.geometry.chain import Chain
 from app.programs.body_diagonal import body_diagonal_program
 from app.programs.dialects import DIALECTS, ascii_text, dialect_named
+from app.programs.moving_axis import MotionStep, moving_axis_program
 from app.programs.path import Manner
 from app.programs.positioning import choose_targets, positioning_program
 from app.programs.step_diagonal import step_diagonal_program
@@ -235,6 +236,33 @@ def test_times_of_the_warm_up_are_planned_from_its_start():
     assert minutes[-1] == pytest.approx((PROGRAMS["WARMUP"].seconds) / 60, abs=0.01)
 
 
+def test_an_axis_goes_back_and_forth_between_its_readings():
+    """400 mm less the overrun at 15 m/min for 5 min: 96 strokes there and back, twice."""
+    found = actions(PROGRAMS["MOVEY"])
+    moves = [rest[0]["y"] for feed, *rest in found if feed == 15_000.0]
+    assert set(moves) == {-195.0, 195.0}
+    assert moves[:4] == [195.0, -195.0, 195.0, -195.0]
+    # 12 min, read every 5 min: 5, 5 and 2 min.
+    assert len(moves) == 2 * (96 + 96 + 38)
+    assert [rest[0] for kind, *rest in found if kind == "dwell" and rest[0] > 4.0] == [300.0] * 2
+    places = [at["y"] for at, _ in halts(found)]
+    ways = [came["y"] for _, came in halts(found)]
+    assert places == [-195.0, 0.0, 195.0, 195.0, 0.0, -195.0] * 6
+    assert ways == [1, 1, 1, -1, -1, -1] * 6
+
+
+def test_a_motion_stays_where_it_was_asked_for():
+    program = moving_axis_program(
+        MACHINE, Manner(), "z", [MotionStep(6000.0, 1.0)],
+        between_mm=(-250.0, -50.0), targets_mm=[-200.0, -100.0], every_min=0.5,
+    )  # fmt: skip
+    moves = [rest[0]["z"] for feed, *rest in actions(program) if feed == 6000.0]
+    assert set(moves) == {-250.0, -50.0}
+    assert len(moves) == 2 * 2 * 8
+    assert {at["z"] for at, _ in halts(actions(program))} == {-200.0, -100.0}
+    assert "travel used: X 250.000; Y 0.000; Z -250.000 to 0.000" in program.head
+
+
 LATHE = Machine(
     "lathe", "lathe", Chain.parse("XFZ"), {"x": Travel(-10.0, 200.0), "z": Travel(0.0, 600.0)}
 )
@@ -280,6 +308,23 @@ BARE = Machine("bare", "bare", MACHINE.chain, {"x": Travel(0.0, 500.0)})
         (lambda m: warm_up_program(
             m, Manner(), [SpindleStep(9, 9)], [(1, 1, -1)], sensor_distance_mm=0.0),
          "at most 10000 mm, at one measuring position, got 0 mm"),
+        (lambda m: moving_axis_program(m, Manner(), "x", [MotionStep(0, 9)]), "step of motion"),
+        (lambda m: moving_axis_program(m, Manner(), "x", [MotionStep(-1, 9)]), "one step of mot"),
+        (lambda m: moving_axis_program(m, Manner(), "x", [MotionStep(9, 0)]), "for 0 min"),
+        (lambda m: moving_axis_program(m, Manner(), "x", [MotionStep(9e3, 9)], every_min=0.0),
+         "every: expected a pause above 0"),
+        (lambda m: moving_axis_program(
+            m, Manner(), "x", [MotionStep(9e3, 9)], between_mm=(300, 200)),
+         "lower to a higher position, got 300 to 200"),
+        (lambda m: moving_axis_program(m, Manner(), "x", [MotionStep(9e3, 9)], between_mm=(0, 90)),
+         "got X -5 mm, 5.000 mm beyond 0 mm"),
+        (lambda m: moving_axis_program(
+            m, Manner(), "x", [MotionStep(9e3, 9)], between_mm=(20, 90), targets_mm=[10, 50]),
+         "where the axis moves, 20 to 90 mm, got 10 to 50 mm"),
+        (lambda m: moving_axis_program(
+            m, Manner(), "x", [MotionStep(6e4, 6000)], between_mm=(20, 30), every_min=60),
+         "at most 50,000 strokes of 10 mm, each of which is a block"),
+        (lambda m: moving_axis_program(LATHE, Manner(), "y", [MotionStep(9e3, 9)]), "of XFZ"),
         (lambda m: visit_program(m, Manner(), type(PLANNED)("v", [observed(0, "SXY")])),
          "with a position, got none"),
         (lambda m: visit_program(

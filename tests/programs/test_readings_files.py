@@ -207,7 +207,19 @@ def test_a_warm_up_at_one_place_is_a_drift_test(distance_mm):
     )
 
 
-@pytest.mark.parametrize("name", ["VISIT", "WARMUP"])
+def test_a_moving_axis_is_a_verification_of_its_displacement(tmp_path):
+    read, found = read_back(tmp_path, "MOVEY", lambda row, c: 2.5 if c == "measured_um" else None)
+    assert len(found.observations) == 6 * 6
+    assert found.datum == "first"
+    first, last = found.observations[0], found.observations[-1]
+    assert (first.component, first.position_mm, first.directions[1]) == ("EYY", -195.0, 1)
+    assert (last.position_mm, last.directions[1]) == (-195.0, -1)
+    feeds = [one.state["feed_mm_per_min"] for one in found.observations]
+    assert feeds == [0] * 6 + [15_000] * 18 + [0] * 12
+    assert any("after_min" in remark for remark in read.remarks)
+
+
+@pytest.mark.parametrize("name", ["VISIT", "WARMUP", "MOVEY"])
 def test_an_empty_verification_is_refused(name, tmp_path):
     path = tmp_path / "empty.csv"
     path.write_text(PROGRAMS[name].readings.content, encoding="utf-8")
