@@ -107,6 +107,11 @@ class Curve:
             self, errors=(self.errors + self.backward_errors) / 2.0, backward_errors=None
         )
 
+    def half_reversal(self) -> Curve:
+        """Give what each direction has beside the mean of both: forward this, backward minus it."""
+        backward = self.errors if self.backward_errors is None else self.backward_errors
+        return Curve(self.component, self.positions_mm, frozen((self.errors - backward) / 2.0))
+
     @property
     def largest_reversal(self) -> float:
         """The largest difference between the two directions [the component's unit]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
@@ -14,6 +14,7 @@ from app.compensation.table import CompensationTable, ComponentCompensation
 from app.controllers.curve import Curve
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind
 from app.geometry.error_field import ErrorField
+from app.geometry.error_table import Table
 from app.geometry.volumetric_error import NO_TOOL
 from app.geometry.work_volume import points_of
 from app.thermal.machine import Machine
@@ -59,6 +60,8 @@ class ErrorTable:
         Code to the largest displacement [µm] that the component alone makes in the volume.
     warnings
         What is to be said of the table.
+    reversals_um
+        Code to the largest displacement [µm] in the volume that half of its reversal makes.
     """
 
     origin: Origin
@@ -67,13 +70,14 @@ class ErrorTable:
     ranges_mm: Mapping[str, Range]
     sizes_um: Mapping[str, float]
     warnings: Sequence[str] = ()
+    reversals_um: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls,
         table: CompensationTable,
         machine: Machine,
-        field: ErrorField | None = None,
+        errors: ErrorField | None = None,
         tool_offset_mm: ArrayLike = NO_TOOL,
     ) -> ErrorTable:
         """Take a compensation table apart into curves.
@@ -84,7 +88,7 @@ class ErrorTable:
             The compensation table.
         machine
             Whose it is.
-        field
+        errors
             The same errors as a function of position, by which components are sized; where there
             is none nothing is sized.
         tool_offset_mm : array-like, shape (3,) [mm]
@@ -100,11 +104,16 @@ class ErrorTable:
             statuses={one.component.code: str(one.basis.status) for one in components},
             ranges_mm=ranges,
             sizes_um={
-                code: _size_um(curve, field, ranges, tool_offset_mm)
+                code: _size_um(curve, errors, ranges, tool_offset_mm)
                 for code, curve in curves.items()
-                if field is not None
+                if errors is not None
             },
             warnings=tuple(table.warnings),
+            reversals_um={
+                code: _size_um(curve.half_reversal(), errors, ranges, tool_offset_mm)
+                for code, curve in curves.items()
+                if errors is not None and curve.backward_errors is not None
+            },
         )
 
     def folded(self) -> ErrorTable:
@@ -178,23 +187,31 @@ def _folded(
 
 
 def _size_um(
-    curve: Curve, field: ErrorField, ranges: Mapping[str, Range], tool_offset_mm: ArrayLike
+    curve: Curve, errors: ErrorField, ranges: Mapping[str, Range], tool_offset_mm: ArrayLike
 ) -> float:
     """Find the largest displacement that one component alone makes in the volume.
 
     It is linear between the nodes of its own axis and in the other coordinates, so that the
     largest lies at a node and at a corner.
     """
-    code = curve.code
-    alone = field.only(lambda one: one.code == code)
     along: list[FloatArray] = []
     for axis in LINEAR_LETTERS:
         at = np.array(ranges.get(axis, (0.0, 0.0)))
         if axis == curve.component.axis:
             at = np.union1d(at, curve.positions_mm)
         along.append(at)
-    errors_um, _ = alone.at(points_of(*along), tool_offset_mm)
-    largest = float(np.linalg.norm(errors_um, axis=1).max())
+    largest = 0.0
+    for _, values in curve.sides:
+        displaced_um, _ = _alone(curve, values, errors).at(points_of(*along), tool_offset_mm)
+        largest = max(largest, float(np.linalg.norm(displaced_um, axis=1).max()))
     if curve.component.is_rotation or curve.component.times is not None:
         return largest
-    return max(largest, *(float(np.abs(errors).max()) for _, errors in curve.sides))
+    return max(largest, *(float(np.abs(values).max()) for _, values in curve.sides))
+
+
+def _alone(curve: Curve, values: FloatArray, errors: ErrorField) -> ErrorField:
+    """Give the volumetric error of one component in one direction; `errors` has their mean."""
+    if not curve.component.is_table:
+        return errors.only(lambda one: one.code == curve.code)
+    tables = {curve.code: Table(curve.positions_mm, values)}
+    return ErrorField.make(errors.chain, tables, errors.measuring_lines)

@@ -108,9 +108,7 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
         )
     why = f"{controller.title} has no table for it"
     rest = [
-        NotHeld(
-            code, table.sizes_um[code], why if code not in controller.holds else "not asked for"
-        )
+        _left_out(table, code, why if code not in controller.holds else "not asked for")
         for code in table.curves
         if code not in curves
         and code in table.sizes_um
@@ -124,6 +122,13 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
             )
     shifted, constants = _zero_at_reference(curves, options, controller)
     return Wanted(replace(source, curves=shifted), [*rest, *constants])
+
+
+def _left_out(table: ErrorTable, code: str, why: str) -> NotHeld:
+    one = table.curves[code].component
+    if one.kind is Kind.ROTARY_LOCATION and one.is_rotation:
+        return NotHeld(code, float(np.abs(table.curves[code].errors).max()), why, one.unit.symbol)
+    return NotHeld(code, table.sizes_um[code], why)
 
 
 def _asked(controller: Format, source: ErrorTable, options: Options) -> list[str]:
@@ -202,7 +207,8 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
     for held in rendered.held:
         curve = wanted.table.curves[held.code]
         if curve.largest_reversal > NOTHING and held.backward_errors is None:
-            curve, half = curve.mean(), curve.largest_reversal / 2.0
+            half = table.reversals_um.get(held.code, curve.largest_reversal / 2.0)
+            curve = curve.mean()
             why = f"{controller.title} has one table for both directions: it has their mean, and "
             not_held.append(NotHeld(held.code, half, why + "half of the reversal is left"))
         resampled.append(Resampled(held.code, held.component.unit.symbol, difference(held, curve)))
@@ -218,7 +224,7 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
     files = [*rendered.files, _check_file(controller, table, options, checks, not_held)]
     return Export(
         files=files,
-        not_held=sorted(not_held, key=lambda one: -one.largest_um),
+        not_held=sorted(not_held, key=lambda one: -one.largest),
         resampling=resampled,
         check=checks,
         warnings=warnings,
@@ -271,8 +277,11 @@ def _check_file(
         for c in checks
     ]
     if not_held:
-        lines += ["", "Not in these files (largest displacement in um at these temperatures):"]
-        lines += [f"{n.component}  {n.largest_um:.2f}  {_plain_text(n.why)}" for n in not_held]
+        lines += ["", "Not in these files (largest displacement at these temperatures):"]
+        lines += [
+            f"{n.component}  {n.largest:.2f} {_plain_text(n.unit)}  {_plain_text(n.why)}"
+            for n in not_held
+        ]
     return ControllerFile(CHECK_FILE, "\n".join(lines) + "\n", "check")
 
 

@@ -13,6 +13,7 @@ from app.controllers.curve import Curve
 from app.controllers.error_table import ErrorTable
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.units import Unit
 
 Axis = Annotated[str, Field(pattern=r"^[xyz]$")]
 Sign = Literal["error", "compensation"]
@@ -76,11 +77,21 @@ class ControllerFile:
 
 @dataclass(frozen=True, slots=True)
 class NotHeld:
-    """What a controller cannot hold: the component, its largest [µm], and why."""
+    """What a controller cannot hold, and why.
+
+    Parameters
+    ----------
+    largest
+        Largest displacement that it makes in the work volume [µm]; of a tilt of a rotary axis,
+        whose displacement depends on where the workpiece lies on its table, the angle [µrad].
+    unit
+        Of it.
+    """
 
     component: str
-    largest_um: float
+    largest: float
     why: str
+    unit: str = Unit.UM.symbol
 
 
 @dataclass(frozen=True, slots=True)

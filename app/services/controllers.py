@@ -155,7 +155,7 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
     for band in bands:
         for one in band.found.not_held:
             known = not_held.setdefault((one.component, one.why), one)
-            if one.largest_um > known.largest_um:
+            if one.largest > known.largest:
                 not_held[one.component, one.why] = one
         for other in band.found.resampling:
             last = resampled.setdefault(other.component, other)
@@ -170,7 +170,7 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
                 for file in band.found.files
             ),
         ],
-        not_held=sorted(not_held.values(), key=lambda one: -one.largest_um),
+        not_held=sorted(not_held.values(), key=lambda one: -one.largest),
         resampling=list(resampled.values()),
         check=[],
         warnings=[

@@ -235,3 +235,82 @@ async def test_files_that_would_be_read_wrongly_are_refused(client):
     ]
     assert "expected files of machine 'mcfv5050', got those of 'lathe'" in await refused(ours)
     assert "each name once" in await refused([*head, *head])
+
+
+# -- what a controller cannot hold -------------------------------------------------------------
+
+LARGE = {
+    "id": "large",
+    "name": "in both directions, nonrigid, with a rotary axis",
+    "configuration": "XYFZ",
+    "axes": {axis: {"min_mm": 0, "max_mm": 500} for axis in "xyz"},
+    "sensors": [{"name": "s"}],
+}
+
+
+def large_map(share):
+    at = {"positions_mm": [0, 250, 500]}
+    rows = [
+        {"component": "EXX", "errors_um": [0, 5, 9], "backward_errors_um": [-4, 1, 5]} | at,
+        {"component": "EBX", "errors_urad": [0, 20, 30], "backward_errors_urad": [-10, 10, 20]}
+        | at,
+        {"component": "EZX^y", "slopes_um_per_m": [0, 2, 8]} | at,
+        {"component": "XOC", "value_um": 7},
+        {"component": "BOC", "value_urad": -40},
+    ]
+    for row in rows:
+        for name, values in row.items():
+            if isinstance(values, list) and name != "positions_mm":
+                row[name] = [share * value for value in values]
+            elif name.startswith("value"):
+                row[name] = share * values
+    return {
+        "label": f"share {share}",
+        "measured_at": iso(START),
+        "temperatures_c": {"s": 20.0 + 10.0 * share},
+        "components": rows,
+    }
+
+
+async def test_what_is_not_held_is_as_large_as_what_it_displaces(client):
+    """At 28 °C, of corners 500 mm away in two directions: 500·√2 mm times the angle.
+
+    EBX is 24 µrad at most forward; half of its reversal is 4 µrad. What a rotary axis' tilt
+    displaces depends on where the workpiece is: it stays an angle.
+    """
+    assert (await client.post("/v1/machines", json=LARGE)).status_code == 201
+    for share in (0.0, 1.0):
+        stored = await client.post("/v1/machines/large/error-maps", json=large_map(share))
+        assert stored.status_code == 201, stored.text
+
+    async def not_held(controller, **options):
+        answer = await client.post(
+            "/v1/machines/large/compensation/export",
+            params={"controller": controller},
+            json={"temperatures_c": {"s": 28.0}, "options": options},
+        )
+        assert answer.status_code == 200, answer.text
+        whole = named(answer.json())["thermap-check.txt"]
+        found = {}
+        for one in answer.json()["not_held"]:
+            what = next(w for w in ("no table", "both directions", "reference") if w in one["why"])
+            found[one["component"], what] = (one["largest"], one["unit"])
+            unit = one["unit"].replace("µ", "u")
+            assert f"{one['component']}  {one['largest']:.2f} {unit}  " in whole
+        return found
+
+    halves = {
+        ("EXX", "both directions"): (1.6, "µm"),
+        ("EBX", "both directions"): (pytest.approx(4e-3 * 500 * math.sqrt(2), abs=1e-4), "µm"),
+    }
+    slope = {("EZX^y", "no table"): (3.2, "µm")}
+    assert await not_held("isg-csv") == halves | slope
+    assert await not_held("etalon") == halves | slope
+    assert await not_held("fanuc", sign="error") == slope | {
+        ("EXX", "both directions"): (1.6, "µm"),
+        ("EXX", "reference"): (1.6, "µm"),
+        ("EBX", "no table"): (pytest.approx(24e-3 * 500 * math.sqrt(2), abs=1e-4), "µm"),
+        ("XOC", "no table"): (5.6, "µm"),
+        ("BOC", "no table"): (32.0, "µrad"),
+    }
+    assert await not_held("csv") == {}

@@ -34,18 +34,18 @@ def test_every_component_is_held_or_its_size_is_said(name):
     missing = {one.component for one in found.not_held if "has no table" in one.why}
     assert held | missing >= set(TABLE.curves)
     assert not held & missing
-    sizes = {one.component: one.largest_um for one in found.not_held if one.component in missing}
+    sizes = {one.component: one.largest for one in found.not_held if one.component in missing}
     assert sizes == {code: TABLE.sizes_um[code] for code in missing}
-    assert [one.largest_um for one in found.not_held] == sorted(sizes_of(found), reverse=True)
+    assert [one.largest for one in found.not_held] == sorted(sizes_of(found), reverse=True)
 
 
 def sizes_of(found):
-    return [one.largest_um for one in found.not_held]
+    return [one.largest for one in found.not_held]
 
 
 def test_linuxcnc_holds_the_own_axis_alone():
     found = export(format_named("linuxcnc"), TABLE, options_for("linuxcnc", home_mm={"x": 100.0}))
-    assert [(n.component, n.largest_um) for n in found.not_held] == [
+    assert [(n.component, n.largest) for n in found.not_held] == [
         ("EBX", 12.0),
         ("SXY", 10.0),
         ("EYX", 9.1),
@@ -67,7 +67,7 @@ def test_squareness_is_folded_into_straightness_over_the_whole_axis():
 def test_one_table_for_both_directions_leaves_half_the_reversal():
     found = export(format_named("heidenhain"), TABLE, options_for("heidenhain"))
     (half,) = [n for n in found.not_held if "both directions" in n.why]
-    assert (half.component, half.largest_um) == ("EXX", 1.0)
+    assert (half.component, half.largest) == ("EXX", 1.0)
     exx = next(one for one in found.held if one.code == "EXX")
     assert exx.at(np.array([0.0]))[0] == pytest.approx(1.0, abs=0.01)
 
@@ -77,7 +77,7 @@ def test_a_format_that_is_zero_at_its_reference_says_what_constant_is_left():
     exx = next(one for one in found.held if one.code == "EXX")
     assert exx.errors == pytest.approx([-1.0, 0.0, 5.0])
     assert exx.backward_errors == pytest.approx([-3.0, -1.0, 3.0])
-    constants = {n.component: n.largest_um for n in found.not_held if "shift" in n.why}
+    constants = {n.component: n.largest for n in found.not_held if "shift" in n.why}
     assert constants == {"EXX": pytest.approx(3.0)}
 
 

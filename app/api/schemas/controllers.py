@@ -167,7 +167,7 @@ class NotHeldAnswer(Schema):
     component: str = Field(description="ISO 230-1 code", examples=["EYX"])
     largest: Number = Field(
         description="Largest displacement that it makes in the work volume at these temperatures, "
-        "in `unit`",
+        "in `unit`; of a tilt of a rotary axis the angle",
         examples=[9.1],
     )
     unit: str = Field(description="Its unit", examples=["µm"])
@@ -177,7 +177,7 @@ class NotHeldAnswer(Schema):
     def of(cls, one: NotHeld) -> NotHeldAnswer:
         """Take it as it is."""
         return cls(
-            component=one.component, largest=_tenth_nm(one.largest_um), unit="µm", why=one.why
+            component=one.component, largest=_tenth_nm(one.largest), unit=one.unit, why=one.why
         )
 
 
