@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -12,12 +13,20 @@ import typer
 import app as package
 from app.cli.options import MachineArgument, UrlOption, command_group, connect, write_file
 from app.errors import ThermapError, list_names
-from app.hal.curves import AXES, CURVES, Nodes, nodes_of
+from app.hal.curves import (
+    AXES,
+    CURVES,
+    SQUARENESS,
+    Nodes,
+    halves_told,
+    largest_half,
+    nodes_of,
+)
 from app.hal.wiring import NotWired, sensor_pin, wiring
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from thermap import ThermapClient
+    from thermap.answers import ErrorMapAnswer, MachineAnswer
 
 LINUXCNC_PYTHON: Final = "/usr/bin/python3"
 MM_PER_INCH: Final = 25.4
@@ -119,8 +128,9 @@ def write_wiring(
     numbers = _joints(joints)
     with connect(url) as thermap:
         stored = thermap.machine(machine)
-        nodes = _nodes(thermap, machine)
-        sensors = [sensor.name for sensor in stored.sensors]
+        maps = thermap.error_maps(machine)
+    nodes = _nodes(stored, maps)
+    sensors = [sensor.name for sensor in stored.sensors]
     command = [
         # Whatever the PATH is where LinuxCNC is started.
         *(sys.executable, "-m", "app", "hal", "follow", machine),
@@ -141,6 +151,8 @@ def write_wiring(
         sys.stdout.write(text)
     else:
         write_file(output, text)
+    if lacking := _not_in_curves(maps):
+        typer.echo(f"note: not in HAL's curves: {list_names(lacking)}", err=True)
 
 
 @hal.command("follow")
@@ -205,18 +217,17 @@ def _is_joint(word: str) -> bool:
     return word in map(str, range(LAST_JOINT + 1))
 
 
-def _nodes(thermap: ThermapClient, machine: str) -> Nodes:
+def _nodes(machine: MachineAnswer, maps: Sequence[ErrorMapAnswer]) -> Nodes:
     """Choose each axis' nodes from its maps and its travel."""
-    travels = thermap.machine(machine).axes
-    missing = [axis for axis in AXES if axis not in travels]
+    missing = [axis for axis in AXES if axis not in machine.axes]
     if missing:
         raise NotStarted(
             f"expected a machine with the travel of X, Y and Z, got none of {list_names(missing)}"
         )
-    maps = thermap.error_maps(machine)
+    travels = [machine.axes[axis] for axis in AXES]
     return {
         axis: nodes_of(
-            (travels[axis].min_mm, travels[axis].max_mm),
+            (travel.min_mm, travel.max_mm),
             [
                 position
                 for one in maps
@@ -225,5 +236,20 @@ def _nodes(thermap: ThermapClient, machine: str) -> Nodes:
                 for position in row.positions_mm or ()
             ],
         )
-        for axis in AXES
+        for axis, travel in zip(AXES, travels, strict=True)
     }
+
+
+def _not_in_curves(maps: Sequence[ErrorMapAnswer]) -> list[str]:
+    """Say what of the maps the motors will not follow."""
+    rows = [row for one in maps for row in one.components]
+    halves: dict[str, float] = {}
+    for row in rows:
+        if row.component in CURVES and row.errors_um and row.backward_errors_um:
+            half_um = largest_half(row.errors_um, row.backward_errors_um)
+            halves[row.component] = max(half_um, halves.get(row.component, 0.0))
+    others = dict.fromkeys(row.component for row in rows)
+    return [
+        *halves_told(halves),
+        *(code for code in others if code not in CURVES and code not in SQUARENESS),
+    ]

@@ -24,6 +24,9 @@ SQUARENESS = {"SXY": "EXY", "SZX": "EXZ", "SYZ": "EYZ"}
 
 MM_PER_M = 1000.0
 
+NOTHING_UM = 0.005
+"""Less is written as 0.00 [µm]."""
+
 Nodes = Mapping[str, Sequence[float]]
 """Axis to the positions of its curves' points [mm], increasing."""
 
@@ -44,7 +47,8 @@ class Table:
     curves
         Compensation at the nodes [µm], all nine; 0 where the service has no component.
     deviation_um
-        By how much the lines between the nodes differ from the table at most [µm].
+        By how much the lines between the nodes differ from the table at most, in either
+        direction [µm].
     not_held
         Components that curves of one axis cannot hold, and half of each reversal, in words.
     stale, complete
@@ -123,15 +127,14 @@ def table_of(answer: Mapping[str, Any], nodes: Nodes, limit_um: float) -> Table:
         code = row["component"]
         if code in CURVES:
             own = nodes[CURVES[code][1]]
-            positions, values = row["positions_mm"], row["compensation_um"]
-            backward = row.get("backward_compensation_um")
-            if backward:
-                half = max(abs(b - a) for a, b in zip(values, backward)) / 2.0
-                values = [(a + b) / 2.0 for a, b in zip(values, backward)]
-                not_held.append(f"half of the reversal of {code}, up to {half:.2f} µm")
-            curve = [interpolated(at, positions, values) for at in own]
-            off = (abs(interpolated(p, own, curve) - v) for p, v in zip(positions, values))
-            deviation = max(deviation, *off)
+            positions, forward = row["positions_mm"], row["compensation_um"]
+            backward = row.get("backward_compensation_um") or forward
+            means = [(a + b) / 2.0 for a, b in zip(forward, backward)]
+            not_held += halves_told({code: largest_half(forward, backward)})
+            curve = [interpolated(at, positions, means) for at in own]
+            for position, *sides in zip(positions, forward, backward):
+                here = interpolated(position, own, curve)
+                deviation = max(deviation, *(abs(here - value) for value in sides))
             curves[code] = [a + b for a, b in zip(curves[code], curve)]
         elif code in SQUARENESS:
             folded = curves[SQUARENESS[code]]
@@ -147,6 +150,26 @@ def table_of(answer: Mapping[str, Any], nodes: Nodes, limit_um: float) -> Table:
                 f"to {largest:.1f} µm: it is not followed"
             )
     return Table(curves, deviation, tuple(not_held), answer["stale"], answer["complete"])
+
+
+def largest_half(forward: Sequence[float], backward: Sequence[float]) -> float:
+    """Give half of the largest difference between both directions [as stated]."""
+    return max(abs(b - a) for a, b in zip(forward, backward)) / 2.0
+
+
+def halves_told(halves_um: Mapping[str, float]) -> list[str]:
+    """Say what curves lack that both directions share: component to half of its reversal [µm].
+
+    Examples
+    --------
+    >>> halves_told({"EXX": 2.0, "EYY": 0.001})
+    ['half of the reversal of EXX, up to 2.00 µm']
+    """
+    return [
+        f"half of the reversal of {code}, up to {half_um:.2f} µm"
+        for code, half_um in halves_um.items()
+        if half_um >= NOTHING_UM
+    ]
 
 
 def largest_moves(curves: Curves) -> dict[str, float]:

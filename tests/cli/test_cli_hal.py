@@ -17,7 +17,8 @@ def words_of(text, beginning):
 
 def test_the_hal_file_has_the_machine_s_positions_and_sensors(thermap, service_url, tmp_path):
     found = thermap("hal", "wiring", "mcfv5050", "--joints", "2,1,0", "--rate", "2.5")
-    assert (found.exit_code, found.stderr) == (0, "")
+    assert found.exit_code == 0
+    assert found.stderr == "note: not in HAL's curves: EBX\n"
     positions = [
         float(line.split()[2])
         for line in found.stdout.splitlines()
@@ -38,6 +39,48 @@ def test_the_hal_file_has_the_machine_s_positions_and_sensors(thermap, service_u
     )
     assert again.exit_code == 0
     assert file.read_text() == found.stdout
+
+
+def test_what_the_motors_will_not_follow_is_said_beforehand(thermap, client):
+    client.create_machine(
+        {
+            "id": "both",
+            "name": "measured in both directions",
+            "configuration": "XYFZ",
+            "axes": {axis: {"min_mm": 0, "max_mm": 100} for axis in "xyz"},
+            "sensors": [{"name": "x-middle"}],
+        }
+    )
+    client.store_error_map(
+        "both",
+        {
+            "label": "cold",
+            "measured_at": "2026-03-01T06:00:00Z",
+            "temperatures_c": {"x-middle": 20.0},
+            "components": [
+                {
+                    "component": "EXX",
+                    "positions_mm": [0, 100],
+                    "errors_um": [0.0, 5.0],
+                    "backward_errors_um": [-4.0, 2.0],
+                },
+                {
+                    "component": "EYY",
+                    "positions_mm": [0, 100],
+                    "errors_um": [0.0, 5.0],
+                    "backward_errors_um": [0.001, 5.0],
+                },
+                {"component": "EBX", "positions_mm": [0, 100], "errors_urad": [0.0, 9.0]},
+                {"component": "SXY", "value_um_per_m": 3.0},
+            ],
+        },
+    )
+    found = thermap("hal", "wiring", "both")
+    assert found.exit_code == 0
+    assert found.stderr == (
+        "note: not in HAL's curves: half of the reversal of EXX, up to 2.00 µm, EBX\n"
+    )
+    assert "note" not in found.stdout
 
 
 @pytest.mark.parametrize("joints", ["0,1", "0,1,1", "0,1,16", "x,y,z"])

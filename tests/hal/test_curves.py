@@ -76,6 +76,7 @@ def test_both_directions_share_their_mean_and_half_of_the_reversal_is_told():
     both = row("EYY", [0, 300], [0.0, 4.0], backward_compensation_um=[0.0, 7.0])
     found = table_of(answer(both, {"component": "EBX"}), NODES, 100.0)
     assert found.curves["EYY"] == [0.0, 5.5]
+    assert found.deviation_um == 1.5
     assert found.not_held == ("half of the reversal of EYY, up to 1.50 µm", "EBX")
 
 

@@ -11,7 +11,7 @@ from app.cli import application
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
-from examples.linuxcnc.controller import LINUXCNC, running
+from examples.linuxcnc.controller import LINUXCNC, UNITS, running
 from thermap import ThermapClient
 
 pytestmark = [
@@ -112,16 +112,31 @@ class Shop:
             yield
 
 
-def offsets_um(machine):
+def offsets_um(machine, units="mm"):
     motor = machine.get(*(f"thermap-{axis}.out" for axis in "xyz"))
     nominal = machine.get(*(f"joint.{n}.pos-cmd" for n in range(3)))
-    return [(m - c) * 1000.0 for m, c in zip(motor, nominal, strict=True)]
+    return [(m - c) * UNITS[units] * 1000.0 for m, c in zip(motor, nominal, strict=True)]
 
 
-def expect_offsets(machine, point, t_c):
+def expect_offsets(machine, point, t_c, units="mm"):
     wanted = [-error_um(axis, point, t_c) for axis in "xyz"]
-    assert offsets_um(machine) == pytest.approx(wanted, abs=TOLERANCE_UM)
+    assert offsets_um(machine, units) == pytest.approx(wanted, abs=TOLERANCE_UM)
     return wanted
+
+
+def furnished(shop):
+    with ThermapClient(shop.url) as client:
+        client.create_machine(MACHINE)
+        for t_c in (COLD_C, WARM_C):
+            client.store_error_map("vmc", map_at(f"at {t_c:g}", t_c))
+
+
+def wiring_of(shop, *more):
+    words = ["hal", "wiring", "vmc", "--url", shop.url, "--rate", str(RATE_UM_PER_S)]
+    words += ["--period", str(PERIOD_S), "--every", str(EVERY_S), *more]
+    written = CliRunner().invoke(application, words)
+    assert written.exit_code == 0, written.output
+    return written.stdout
 
 
 def warm_to(machine, t_c, largest_um):
@@ -140,12 +155,12 @@ def expect_no_jump(asked):
         assert asked["speeds"][axis] <= RATE_UM_PER_S * (1.0 + 2 * PERIOD_S / 0.4)
 
 
-def restart(machine, wiring):
+def restart(machine, wiring, t_c):
     """End the component, and start it again: the curves stay where they are all the while."""
     start = next(line for line in wiring.splitlines() if line.startswith("loadusr"))
     (going,) = machine.get("thermap.heartbeat")
     machine.ask(forget=True, shell=f"halcmd unloadusr thermap && halcmd {start}")
-    machine.set(dict.fromkeys(SENSORS, 21.0))
+    machine.set(dict.fromkeys(SENSORS, t_c))
     machine.wait_for(60.0, connected=True, stale=False, settled=True)
     assert machine.get("thermap.heartbeat") < [going]
 
@@ -153,15 +168,9 @@ def restart(machine, wiring):
 def test_the_motors_follow_hold_and_never_jump(tmp_path):
     shop = Shop(f"sqlite:///{tmp_path / 'shop.db'}")
     with shop.open():
-        with ThermapClient(shop.url) as client:
-            client.create_machine(MACHINE)
-            for t_c in (COLD_C, WARM_C):
-                client.store_error_map("vmc", map_at(f"at {t_c:g}", t_c))
-        words = ["hal", "wiring", "vmc", "--url", shop.url, "--rate", str(RATE_UM_PER_S)]
-        words += ["--period", str(PERIOD_S), "--every", str(EVERY_S)]
-        written = CliRunner().invoke(application, words)
-        assert written.exit_code == 0, written.output
-    with running(wiring=written.stdout, rate_um_per_s=RATE_UM_PER_S) as machine:
+        furnished(shop)
+        wiring = wiring_of(shop)
+    with running(wiring=wiring, rate_um_per_s=RATE_UM_PER_S) as machine:
         # The controller starts without the service, and nothing moves the motors.
         assert machine.get("thermap.connected", "thermap.stale") == [False, True]
         assert offsets_um(machine) == [0.0, 0.0, 0.0]
@@ -189,10 +198,29 @@ def test_the_motors_follow_hold_and_never_jump(tmp_path):
             machine.wait_for(60.0, connected=True, stale=False, settled=True)
             expect_offsets(machine, point, 21.0)
             expect_no_jump(machine.ask())
-            restart(machine, written.stdout)
+            restart(machine, wiring, 21.0)
             expect_offsets(machine, point, 21.0)
             assert set(machine.ask()["moved"].values()) == {0.0}
             machine.set({"thermap.enable": 0})
             machine.wait_for(60.0, active=False, settled=True)
             assert offsets_um(machine) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
             expect_no_jump(machine.ask())
+
+
+def test_an_inch_machine_is_moved_by_as_much(tmp_path):
+    """Its positions, its offsets and the curves are inches; the rate stays in µm/s."""
+    shop = Shop(f"sqlite:///{tmp_path / 'shop.db'}")
+    with shop.open():
+        furnished(shop)
+        wiring = wiring_of(shop, "--units", "inch")
+        with running(wiring=wiring, rate_um_per_s=RATE_UM_PER_S, units="inch") as machine:
+            point = (150.0, 260.0, 420.0)
+            machine.move("G21 G53 G0 X{} Y{} Z{}".format(*point))
+            commanded = machine.get(*(f"joint.{n}.pos-cmd" for n in range(3)))
+            assert commanded == pytest.approx([mm / 25.4 for mm in point])
+            warm_to(machine, 30.0, 120.0)
+            expect_offsets(machine, point, 30.0, "inch")
+            expect_no_jump(machine.ask())
+            restart(machine, wiring, 30.0)
+            expect_offsets(machine, point, 30.0, "inch")
+            assert set(machine.ask()["moved"].values()) == {0.0}
