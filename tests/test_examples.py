@@ -7,6 +7,8 @@ import pytest
 
 from examples import close_the_loop as loop
 from examples import step_diagonal_to_table as chain
+from examples.linuxcnc import __main__ as on_linuxcnc
+from examples.linuxcnc import controller
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +45,9 @@ def test_the_loop_is_closed_on_visits_of_which_nobody_knew(tmp_path):
     assert closed.status == "confirmed"
     assert closed.after_um < 0.8 * closed.before_um
     assert component in closed.report
+
+
+def test_without_linuxcnc_the_example_says_what_is_missing(monkeypatch):
+    monkeypatch.setattr(controller, "LINUXCNC", None)
+    with pytest.raises(SystemExit, match=r"is not installed: .* \(Debian 12: apt-get install"):
+        on_linuxcnc.main()

@@ -27,6 +27,9 @@ INSTALL: Final = "apt-get install --no-install-recommends linuxcnc-uspace"
 PATIENCE_S: Final = 180.0
 """How long a start, or an answer, is waited for: a busy computer is slow."""
 
+END_S: Final = 60.0
+"""How long it may take to end."""
+
 ONE_AT_A_TIME: Final = Path(tempfile.gettempdir()) / "thermap-tests-linuxcnc.lock"
 
 DRIVE: Final = Path(__file__).with_name("drive.py")
@@ -203,6 +206,21 @@ class Controller:
             time.sleep(0.02)
 
 
+def expect_installed() -> None:
+    """Say what is missing where LinuxCNC is not installed.
+
+    Raises
+    ------
+    NotRunning
+        With the command that installs it.
+    """
+    if LINUXCNC is None:
+        raise NotRunning(
+            f"LinuxCNC is not installed: expected the command linuxcnc, got none (Debian 12: "
+            f"{INSTALL})"
+        )
+
+
 @contextmanager
 def running(
     files: Mapping[str, str] | None = None,
@@ -228,10 +246,7 @@ def running(
     NotRunning
         If it is not installed or does not start, with what it said.
     """
-    if LINUXCNC is None:
-        raise NotRunning(
-            f"LinuxCNC is not installed: expected the command linuxcnc (Debian 12: {INSTALL})"
-        )
+    expect_installed()
     exported = files or {}
     tables = {name: text for name, text in exported.items() if name.endswith(".comp")}
     hal = MOTION + (wiring + COMPENSATED_MOTORS if wiring else MOTORS)
@@ -337,11 +352,20 @@ def _started(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
         )
     try:
         yield process
-        process.wait(PATIENCE_S)
     finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGTERM)
-            process.wait(30)
+        _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Let it end in order: what is killed leaves its real-time part, which the next one meets."""
+    for told in (None, signal.SIGTERM, signal.SIGKILL):
+        if told is not None:
+            os.killpg(process.pid, told)
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            continue
+        return
 
 
 def _wait_until_ready(folder: Path, process: subprocess.Popen[bytes]) -> None:

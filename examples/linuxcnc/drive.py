@@ -177,7 +177,8 @@ def run(text):
         stat.poll()
     wait("rest", lambda: stat.inpos)
     ended = [motor for _, motor in settled()]
-    return dict(ended=ended, stops=stops, rests=rests.found, low=low, high=high, said=said)
+    found = {"ended": ended, "stops": stops, "rests": rests.found}
+    return found | {"low": low, "high": high, "said": said}
 
 
 class Watched:
@@ -199,7 +200,7 @@ class Watched:
     def figures(self):
         """Say how far, by which steps and how fast [µm, µm/s]."""
         with self._lock:
-            found = dict(moved=self._moved, beyond=self._beyond, speeds=self._speeds)
+            found = {"moved": self._moved, "beyond": self._beyond, "speeds": self._speeds}
             return {name: dict(figures) for name, figures in found.items()}
 
     def end(self):

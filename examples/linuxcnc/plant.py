@@ -56,11 +56,11 @@ class Warmth:
         return cls(t_c, t_c, t_c)
 
 
-def actual_mm(rest: Rest, warmth: Warmth) -> tuple[float, float]:
+def actual_mm(rest: Rest, warmth: Warmth) -> dict[str, float]:
     """Say where X and Z of the plant stand, with the motors where they are [mm]."""
     x, _, z = rest.motors_mm
     x_um = x_error_um(x, rest.ways[0], warmth.x_middle_c)
-    return x + x_um / 1000.0, z + z_error_um(z, warmth.column_c) / 1000.0
+    return {"x": x + x_um / 1000.0, "z": z + z_error_um(z, warmth.column_c) / 1000.0}
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import subprocess
 import pytest
 
 from app.programs.dialects import LINUXCNC as WORDS
+from app.programs.moving_axis import MotionStep, moving_axis_program
 from app.programs.path import Manner
 from app.programs.positioning import positioning_program
 from app.programs.program import Move, Stop
@@ -63,6 +64,15 @@ def test_the_interpreter_reads_every_program(name, tmp_path):
 @pytest.mark.parametrize(
     "program",
     [
+        moving_axis_program(
+            MACHINE,
+            HASTY,
+            "y",
+            [MotionStep(18_000.0, 0.05), MotionStep(0.0, 0.01)],
+            between_mm=(-60.0, 60.0),
+            targets_mm=[-50.0, 50.0],
+            every_min=0.03,
+        ),
         positioning_program(
             MACHINE, HASTY, "x", targets_mm=[10, 24.5, 40], runs=1, line_mm={"y": 9, "z": -20}
         ),

@@ -1,24 +1,17 @@
 """The loop closed on the running LinuxCNC, on a plant with errors that nobody has declared.
 
-`thermap program positioning` moves the machine; behind its motors stands a plant whose errors grow
-with temperature and have a reversal. A laser reads the plant wherever the motors rest, the files
-that the program came with are filled in and imported, the compensation is exported, the controller
-loads it, and the same program is measured again.
+The steps are the example's (`examples.linuxcnc`): `thermap program` moves the machine; behind its
+motors stands a plant. A laser reads it wherever they rest, the files that the programs came with
+are filled in, and the controller takes what thermap made of them.
 """
 
-import math
 import os
 
-import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from app.cli import application
-from app.cli.listening import listening, serving, url_of
-from app.main import create_app
-from app.settings import Settings
-from tests.controllers.linuxcnc_machine import LINUXCNC, run_program
-from thermap import ThermapClient
+from examples.linuxcnc.__main__ import close_the_loop
+from examples.linuxcnc.controller import LINUXCNC
+from examples.linuxcnc.plant import LASER_UM, LATE_S
 
 pytestmark = [
     pytest.mark.slow,
@@ -28,82 +21,36 @@ pytestmark = [
     ),
 ]
 
-MACHINE = {
-    "id": "vmc",
-    "name": "VMC",
-    "configuration": "XYFZ",
-    "axes": {axis: {"min_mm": 0, "max_mm": 100} for axis in "xyz"},
-    "sensors": [{"name": "x-middle"}],
-}
 
-MAPS_C = {"cold": 20.0, "warm": 30.0}
-WORKING_C = 26.0
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    return close_the_loop(tmp_path_factory.mktemp("shop"))
 
 
-def actual_mm(motor_mm, way, t_c):
-    """Where the plant stands: a screw that grows, a periodic error, 4 µm lost at a reversal."""
-    grown = 0.04 * (t_c - 18.0) * motor_mm + 2.5 * math.sin(motor_mm / 14.0)
-    return motor_mm + (grown + (0.0 if way > 0 else -4.0)) / 1000.0
+def test_what_the_program_measured_the_controller_takes_away(closed):
+    exported, *_ = closed
+    assert [one.name for one in exported] == ["x", "z"]
+    for one in exported:
+        assert one.before_um > 15.0
+        assert one.after_um < 0.1
 
 
-def laser_um(rests, targets, t_c):
-    """Deviations at the targets in order [µm], from the zero at the first rest."""
-    stood = [actual_mm(motors[0], ways[0], t_c) for motors, ways in rests]
-    zero, *read = stood
-    assert len(read) == len(targets)
-    return [1000.0 * (at - zero - (to - targets[0])) for at, to in zip(read, targets, strict=True)]
+def test_what_nobody_declared_is_named(closed):
+    *_, found, _ = closed
+    assert "EZZ follows z-column" in found.summary
+    assert found.status == "confirmed"
+    assert found.late_min == pytest.approx(LATE_S / 60.0, rel=0.1)
 
 
-def filled(form, label, t_c, deviations):
-    """Fill in the file that came with the program."""
-    head = {"# label: ": label, "# measured_at: ": "2026-03-01T06:00:00Z"}
-    head["# temperature x-middle: "] = f"{t_c:g}"
-    left = iter(deviations)
-    lines = [
-        f"{line}{next(left):.4f}" if line.endswith((",+,", ",-,")) else line + head.get(line, "")
-        for line in form.splitlines()
-    ]
-    assert next(left, None) is None
-    return "\n".join(lines) + "\n"
-
-
-def targets_of(form):
-    return [float(r.split(",")[0]) for r in form.splitlines() if r.endswith((",+,", ",-,"))]
-
-
-def test_what_the_program_measured_the_controller_takes_away(tmp_path):
-    service = create_app(Settings(database_url=f"sqlite:///{tmp_path / 'shop.db'}"))
-    with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
-        url = url_of(opened)
-        with ThermapClient(url) as client:
-            client.create_machine(MACHINE)
-
-        def thermap(*words):
-            env = {"THERMAP_URL": url}
-            found = CliRunner().invoke(application, [str(word) for word in words], env=env)
-            assert found.exit_code == 0, found.output
-
-        thermap(
-            *("program", "positioning", "vmc", "-c", "linuxcnc", "--axis", "x", "--runs", 1),
-            *("--at", "10,24,41,55,72", "--line", "y=9", "--line", "z=90", "--feed", 20_000),
-            *("--dwell", 0.12, "--reading", 0.06, "--output", tmp_path),
-        )
-        (program,) = (path.read_text() for path in tmp_path.glob("*.ngc"))
-        (form,) = (path.read_text() for path in tmp_path.glob("*.csv"))
-        targets = targets_of(form)
-
-        # Without compensation the motors rest at the same places at any temperature.
-        without = run_program(program)["rests"]
-        for label, t_c in MAPS_C.items():
-            file = tmp_path / f"{label}.csv"
-            file.write_text(filled(form, label, t_c, laser_um(without, targets, t_c)))
-            thermap("import", "--method", "positioning", file, "--machine", "vmc")
-        out = tmp_path / "cnc"
-        thermap("export", "vmc", "-c", "linuxcnc", "-t", f"x-middle={WORKING_C}", "--output", out)
-        files = {path.name: path.read_text() for path in out.iterdir()}
-        with_it = run_program(program, files)["rests"]
-
-    before = np.abs(laser_um(without, targets, WORKING_C)).max()
-    after = np.abs(laser_um(with_it, targets, WORKING_C)).max()
-    assert before > 15.0
-    assert after < 0.1
+def test_the_motors_follow_what_was_adopted_through_a_warm_up(closed):
+    """The maps alone are wrong by what the column is behind its sensor."""
+    _, before, _, after = closed
+    assert [one.minutes for one in after[:-1]] == [one.minutes for one in before[:-1]]
+    assert after[-1].minutes >= before[-1].minutes
+    late = max(before, key=lambda one: abs(one.late_c))
+    wanted = 0.011 * abs(late.late_c) * (280.0 - 25.0)
+    assert late.largest_um == pytest.approx(wanted, rel=0.1)
+    assert wanted > 10.0
+    # What is left is the scatter of the sensors' single readings and of what was learnt.
+    assert max(one.largest_um for one in after) < 5 * LASER_UM
+    assert after[-1].largest_um < 0.2 * before[-1].largest_um
