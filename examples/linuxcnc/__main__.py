@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Final
 
 from examples.linuxcnc.campaign import (
-    STAGES_MIN,
     VISIT_MM,
     VISITS,
     Found,
