@@ -910,7 +910,9 @@ class NotHeldAnswer(Shape):
     """ISO 230-1 code"""
 
     largest: float
-    """Largest displacement that it makes in the work volume at these temperatures, in `unit`"""
+    """Largest displacement that it makes in the work volume at these temperatures, in `unit`; of a
+    tilt of a rotary axis the angle
+    """
 
     unit: str
     """Its unit"""
