@@ -479,6 +479,9 @@ class DriftVerificationAnswer(Shape):
     components: list[str]
     """What was observed: component codes, and `points`"""
 
+    is_new: bool
+    """False where the same verification was there already"""
+
     stored_readings: int
     """Readings of temperatures that are new"""
 

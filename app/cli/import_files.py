@@ -164,6 +164,11 @@ def import_files(
             f"expected one of {list_names(KEPT_AS)} with --method thermal-drift, got {keep_as!r}",
             param_hint="--as",
         )
+    if preview and keep_as == "verification":
+        raise typer.BadParameter(
+            "says what maps would do to the tables, and a verification changes none: leave it away",
+            param_hint="--preview",
+        )
     mode = ImportMode(
         evaluate_only=evaluate_only,
         preview=preview,

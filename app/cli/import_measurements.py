@@ -43,6 +43,7 @@ from app.errors import counted, list_names
 from thermap import ThermapClient, calls
 from thermap.answers import (
     BodyDiagonalAnswer,
+    DriftVerificationAnswer,
     DrilledPlateAnswer,
     MachinedPartAnswer,
     MeasurementAnswer,
@@ -301,11 +302,16 @@ def _send(
     elif not mode.store or not mode.as_verification:
         typer.echo(f"{one.file}: {answer.method} evaluated, nothing stored")
     if isinstance(answer, ThermalDriftAnswer) and answer.verification is not None:
-        kept = answer.verification
-        typer.echo(
-            f"{one.file}: verification {str(one.body['label']).strip()!r} stored as number "
-            f"{kept.id}: {counted(kept.observations, 'observation')} of "
-            f"{list_names(kept.components)}, and {counted(kept.stored_readings, 'reading')} of the "
-            f"temperatures; `thermap analyse {one.machine}` searches it"
-        )
+        typer.echo(f"{one.file}: {_kept_words(one, answer.verification)}")
     Console(highlight=False).print(measurement_view(answer))
+
+
+def _kept_words(one: MeasuredFile, kept: DriftVerificationAnswer) -> str:
+    """Say under which number a test's course is a verification, and what of it is new."""
+    how = "stored as" if kept.is_new else "was there already,"
+    readings = counted(kept.stored_readings, "new reading")
+    return (
+        f"verification {str(one.body['label']).strip()!r} {how} number {kept.id}: "
+        f"{counted(kept.observations, 'observation')} of {list_names(kept.components)}, and "
+        f"{readings} of the temperatures; `thermap analyse {one.machine}` searches it"
+    )

@@ -29,6 +29,7 @@ from app.services.measurements import MapHeader, Measured, Storing
 from app.services.readings import store_readings
 from app.services.verifications import check_verification, store_verification
 from app.storage.records import StoredVerification
+from app.storage.verifications import find_verification_by_label
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
@@ -67,11 +68,18 @@ class KeptState:
     map_id: int | None = None
 
 
+SAME_READINGS: Final = (
+    "the maps and the verification are the same readings, so that comparing them shows nothing: "
+    "make maps of one test, and verify them by another"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class KeptVerification:
-    """The stored verification, and how many readings of temperatures are new with it."""
+    """The stored verification, whether it is new, and how many readings of temperatures are."""
 
     stored: StoredVerification
+    is_new: bool
     new_readings: int
 
 
@@ -133,22 +141,30 @@ def keep_drift(
     wants_maps = storing.store or storing.preview
     label = _label(header) if wants_maps or as_verification else ""
     maps = [_error_map(header, state, drift.result) for state in states] if wants_maps else []
+    refused = _refused_beside(context, machine, states)
     if maps:
-        _expect_no_other_zero(context, machine, maps)
+        if refused:
+            raise Conflict(refused)
         previews = [preview_error_map(context, machine.id, one) for one in maps]
     verification = None
+    about: list[str] = []
     if as_verification and not storing.preview:
         verification = _verification(label, drift, nest, recorded, header.repeatability_um)
         kept = _keep_verification(context, machine, verification, recorded)
-    notes = table_remarks(machine, drift.result.tables)
+    elif refused and not maps:
+        about = [f"maps of its states would be refused: {refused}"]
+    if (maps or verification) and _are_both(context, machine, label, states, storing, verification):
+        about = [SAME_READINGS]
+    notes = [*table_remarks(machine, drift.result.tables), *about]
     measured = Measured(machine, "thermal-drift", drift.result, None, notes)
     if storing.preview:
-        notes = remarks(machine, maps[-1])
+        notes = [*remarks(machine, maps[-1]), *about]
         measured = replace(measured, remarks=notes, preview=previews[-1])
     elif maps:
         stored = store_error_maps(context, machine.id, maps, accept_losses=storing.accept_losses)
         states = [replace(s, map_id=m.stored.id) for s, m in zip(states, stored, strict=True)]
-        measured = replace(measured, remarks=remarks(machine, maps[-1]), stored=_last_made(stored))
+        notes = [*remarks(machine, maps[-1]), *about]
+        measured = replace(measured, remarks=notes, stored=_last_made(stored))
     return MeasuredDrift(measured, states, kept if verification else None)
 
 
@@ -222,29 +238,56 @@ def _error_map(header: MapHeader, state: KeptState, result: MeasurementResult) -
     )
 
 
-def _expect_no_other_zero(context: Context, machine: Machine, maps: Sequence[ErrorMap]) -> None:
-    """Refuse maps that would be interpolated with others whose zero is another.
+def _refused_beside(context: Context, machine: Machine, states: Sequence[KeptState]) -> str:
+    """Say why maps of the states are refused: others have another zero; empty where none has.
 
     A state's map holds changes since the test began. Beside a map of whole errors, or of another
     test, the difference of the two zeros would be taken for what the temperature does.
     """
-    labels = {one.label for one in maps}
-    codes = set(maps[0].tables)
+    labels = {one.label for one in states}
+    codes = {table.component.code for table in states[-1].tables}
+    other = next(
+        (
+            one
+            for one in _latest_maps(context, machine)
+            if one.label not in labels and codes & set(one.tables)
+        ),
+        None,
+    )
+    if other is None:
+        return ""
+    shared = [code for code in COMPONENTS if code in codes & set(other.tables)]
+    return (
+        f"machine {machine.id!r} has the error map {other.label!r} of {list_names(shared)} "
+        "with another zero than this test, whose tables are changes since its first reading: "
+        "between them the model would take the difference of the zeros for an effect of "
+        "temperature. Store the test as a verification, or delete those maps first"
+    )
+
+
+def _latest_maps(context: Context, machine: Machine) -> list[ErrorMap]:
     with reading_machine(context, machine.id) as change:
         latest = change.latest
-        others = [
-            stored.error_map
-            for stored in (latest.maps if latest else [])
-            if stored.error_map.label not in labels and codes & set(stored.error_map.tables)
-        ]
-    if others:
-        shared = [code for code in COMPONENTS if code in codes & set(others[0].tables)]
-        raise Conflict(
-            f"machine {machine.id!r} has the error map {others[0].label!r} of {list_names(shared)} "
-            "with another zero than this test, whose tables are changes since its first reading: "
-            "between them the model would take the difference of the zeros for an effect of "
-            "temperature. Store the test as a verification, or delete those maps first"
-        )
+        return [stored.error_map for stored in (latest.maps if latest else [])]
+
+
+def _are_both(
+    context: Context,
+    machine: Machine,
+    label: str,
+    states: Sequence[KeptState],
+    storing: Storing,
+    verification: Verification | None,
+) -> bool:
+    """Whether the machine then has maps of the test and its verification, now or from before."""
+    if storing.preview:
+        return False
+    labels = {one.label for one in states}
+    has_maps = storing.store or any(m.label in labels for m in _latest_maps(context, machine))
+    if verification is not None or not has_maps:
+        return has_maps
+    with context.database.reading() as session:
+        return find_verification_by_label(session, machine.id, label) is not None
 
 
 def _verification(
@@ -362,4 +405,4 @@ def _keep_verification(
     ]
     outcome = store_readings(context, machine.id, readings)
     stored = store_verification(context, machine.id, verification)
-    return KeptVerification(stored.stored, outcome.stored)
+    return KeptVerification(stored.stored, stored.is_new, outcome.stored)

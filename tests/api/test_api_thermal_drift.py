@@ -105,6 +105,28 @@ async def test_maps_of_another_zero_are_refused_whole(app, client):
         assert "with another zero" in found["detail"]
         assert "verification" in found["detail"]
     assert contents(app) == before
+    # Who only looks is told too.
+    notes = (await posted(client, warm_up()))["notes"]
+    assert any("would be refused" in note and "with another zero" in note for note in notes)
+    assert not any("would be refused" in n for n in (await posted(client, of_a_spindle()))["notes"])
+
+
+@pytest.mark.parametrize(
+    "queries",
+    [
+        ("store=true&store_verification=true",),
+        ("store=true", "store_verification=true"),
+        ("store_verification=true", "store=true"),
+    ],
+)
+async def test_maps_and_verification_of_one_test_are_said_to_be_the_same_readings(client, queries):
+    body = of_a_spindle(states_min=[0, 120])
+    *before, last = [(await posted(client, body, query))["notes"] for query in queries]
+    assert sum("comparing them shows nothing" in note for note in last) == 1
+    assert not any("comparing" in note for notes in before for note in notes)
+    other = of_a_spindle(label="Another day")
+    verified = (await posted(client, other, "store_verification=true"))["notes"]
+    assert not any("comparing" in note for note in verified)
 
 
 async def test_the_course_is_a_verification_with_its_temperatures(client):
@@ -128,7 +150,9 @@ async def test_the_course_is_a_verification_with_its_temperatures(client):
     residuals = await client.get(f"{ROOM}/verifications/{kept['id']}/residuals")
     assert residuals.status_code == 200, residuals.text
     again = await posted(client, warm_up(), "store_verification=true")
-    assert again["verification"] == kept | {"stored_readings": 0}
+    assert kept["is_new"] is True
+    assert again["verification"] == kept | {"stored_readings": 0, "is_new": False}
+    assert len((await client.get(f"{ROOM}/verifications")).json()) == 1
 
 
 async def test_two_displacements_are_observed_as_their_components(client):

@@ -60,7 +60,7 @@ def test_what_is_simulated_comes_out_again(thermap, client, warmed, tmp_path):
     kept = thermap("import", "--method", "thermal-drift", file, "--as", "verification")
     assert kept.exit_code == 0, kept.output
     # The readings are those that the machine has: the same content is a duplicate.
-    assert "151 observations of points, and 0 readings of the temperatures" in " ".join(
+    assert "151 observations of points, and 0 new readings of the temperatures" in " ".join(
         kept.stdout.split()
     )
     (stored,) = client.verifications("mcfv5050")
@@ -109,7 +109,33 @@ def test_maps_of_states_are_stored_and_each_named(thermap, client, tmp_path):
     assert labels == ["Warm-up, 0 min", "Warm-up, 120 min"]
     for label in labels:
         assert f"error map '{label}' stored as number" in found.stdout
-    assert "verification 'Warm-up' stored as number" in " ".join(found.stdout.split())
+    told = " ".join(found.stdout.split())
+    assert "verification 'Warm-up' stored as number" in told
+    assert "are the same readings, so that comparing them shows nothing" in told
+    again = thermap("import", "--method", "thermal-drift", file, "-m", "mcfv5050", "--as", "both")
+    assert again.exit_code == 0, again.output
+    told = " ".join(again.stdout.split())
+    assert " stored as number" not in told
+    assert "verification 'Warm-up' was there already, number" in told
+    assert "0 new readings of the temperatures" in told
+
+
+def test_a_preview_of_a_verification_is_refused(thermap, tmp_path):
+    file = tmp_path / "warm.csv"
+    file.write_text(HEAD + ROWS)
+    asked = ("import", "--method", "thermal-drift", file, "-m", "mcfv5050", "--preview")
+    found = thermap(*asked, "--as", "verification", columns=200)
+    assert found.exit_code == 2
+    assert "a verification changes none" in " ".join(found.stderr.split())
+
+
+def test_who_only_looks_is_told_what_storing_would_refuse(thermap, tmp_path):
+    file = tmp_path / "warm.csv"
+    file.write_text(HEAD + ROWS)
+    asked = ("import", "--method", "thermal-drift", file, "-m", "mcfv5050", "--evaluate-only")
+    found = thermap(*asked, columns=200)
+    assert found.exit_code == 0, found.output
+    assert "note: maps of its states would be refused: machine 'mcfv5050' has" in found.stdout
 
 
 def test_a_file_for_maps_needs_a_label_and_no_temperature_of_its_own():

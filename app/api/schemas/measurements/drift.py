@@ -206,6 +206,7 @@ class DriftVerificationAnswer(Schema):
     components: list[str] = Field(
         description="What was observed: component codes, and `points`", examples=[["points"]]
     )
+    is_new: bool = Field(description="False where the same verification was there already")
     stored_readings: int = Field(description="Readings of temperatures that are new")
 
     @classmethod
@@ -215,6 +216,7 @@ class DriftVerificationAnswer(Schema):
             id=kept.stored.id,
             observations=kept.stored.observations,
             components=list(kept.stored.components),
+            is_new=kept.is_new,
             stored_readings=kept.new_readings,
         )
 
