@@ -15,6 +15,7 @@ from app.identification.analysis.analysis import (
     RefittedEffect,
     UnexplainedPart,
 )
+from app.search.findings import Status
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import MOST_TERMS
 
@@ -68,12 +69,18 @@ def summary(
             f"Something is left in {where} that no effect of the library explains. The residuals "
             f"are {size:.3g} {unit} (root mean square){scatter}."
         )
-    found = "; ".join([*(effect.explanation for effect in effects), *moved])
+    found = "; ".join([*(_how_sure(effect) for effect in effects), *moved])
     moves = "fall" if left < size else "do not fall but rise" if left > size else "stay"
     held = "" if after.holdout_rms is None else " on visits held out"
     changed = f"The residuals {moves} from {size:.3g} to {left:.3g} {unit}{held}{scatter}"
     rest = f"; in {where} something unexplained remains" if verdict == "unexplained" else ""
     return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
+
+
+def _how_sure(effect: FoundEffect) -> str:
+    """Say what was found, and where its name is not sure; a proxy says so itself."""
+    sure = effect.is_proxy or effect.status == Status.CONFIRMED
+    return effect.explanation if sure else f"{effect.explanation} ({effect.status})"
 
 
 def _of_kinds(kinds: Collection[str] | None) -> str:
@@ -100,7 +107,7 @@ def what_next(
     is_cut
         Whether the search ended at as many effects as one analysis names.
     """
-    found = [CUT] if is_cut else []
+    found = [*mistakes_first(effects), *([CUT] if is_cut else [])]
     found += [
         f"Ask what happened at {one}: it stands far from all other visits and was left out as a "
         "slip; measure there again."
@@ -127,6 +134,27 @@ def what_next(
     return tuple(dict.fromkeys(found))
 
 
+def mistakes_first(effects: Sequence[FoundEffect]) -> list[str]:
+    """Say how to put the mistakes right that are sure: all else is to be judged anew after it."""
+    return [
+        what_to_do(effect)
+        for effect in effects
+        if kind_of(effect.kind).not_adopted and effect.status == Status.CONFIRMED
+    ]
+
+
+def what_to_do(effect: FoundEffect) -> str:
+    """Say what to do about an effect, in a sentence; empty where nothing need be done.
+
+    Of one whose name is not sure it is said under that condition: nobody swaps plugs on a
+    suspicion.
+    """
+    words = kind_of(effect.kind).what_to_do(effect.effect)
+    if not words or effect.status == Status.CONFIRMED:
+        return words
+    return f"If it is confirmed, {words[:1].lower()}{words[1:]}"
+
+
 def _is_other_form(effect: FoundEffect, other: Alternative) -> bool:
     """Two forms of one effect that are tied do the same here: nothing need be measured."""
     own = effect.effect
@@ -138,10 +166,32 @@ def _is_other_form(effect: FoundEffect, other: Alternative) -> bool:
     )
 
 
+def _from_rival(effect: FoundEffect, rival: Alternative) -> str:
+    """Name the two that are to be separated; of one kind by what they act on and what drives them.
+
+    >>> from types import SimpleNamespace as Named
+    >>> lag = Named(kind="thermal-lag", components=("EXX",), sensors=("bed",), states=())
+    >>> _from_rival(lag, Named(kind="drift"))
+    'thermal-lag from drift'
+    >>> other = Named(kind="thermal-lag", components=("EXX",), sensors=(), states=("rpm",))
+    >>> _from_rival(lag, other)
+    'thermal-lag of EXX with bed from that of EXX with rpm'
+    """
+    if effect.kind != rival.kind:
+        return f"{effect.kind} from {rival.kind}"
+    own, other = (
+        " with ".join(
+            list_names(names, 3) for names in (one.components, (*one.sensors, *one.states)) if names
+        )
+        for one in (effect, rival)
+    )
+    return f"{effect.kind} of {own} from that of {other}"
+
+
 def _of_effect(effect: FoundEffect) -> list[str]:
     found = [
         f"{a.separating_measurement[:1].upper()}{a.separating_measurement[1:]} (separates "
-        f"{effect.effect.kind} from {a.kind})."
+        f"{_from_rival(effect, a)})."
         for a in effect.ties[:2]
         if a.separating_measurement and not _is_other_form(effect, a)
     ]
@@ -158,11 +208,8 @@ def _of_effect(effect: FoundEffect) -> list[str]:
         )
     if effect.leverage_warning:
         found.append(f"{effect.leverage_warning[:1].upper()}{effect.leverage_warning[1:]}.")
-    what_to_do = kind.what_to_do(effect.effect)
-    if what_to_do and kind.not_adopted:
-        found.insert(0, what_to_do)  # everything else is to be judged anew after it
-    elif what_to_do:
-        found.append(what_to_do)
+    if to_do := what_to_do(effect):
+        found.append(to_do)
     if effect.measure_again:
         found.append(f"{effect.measure_again}.")
     return found

@@ -21,7 +21,7 @@ from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.errors import list_names
 from app.identification.analysis import analysis
 from app.identification.analysis.adoption import Judged, judge_help
-from app.identification.analysis.advice import summary, what_next
+from app.identification.analysis.advice import mistakes_first, summary, what_next
 from app.identification.analysis.analysis import (
     Analysis,
     ComponentFigures,
@@ -152,16 +152,18 @@ def analyse(
     doubted = doubts(campaign.model, campaign.readings)
     misstated = zeroed(campaign.verifications, residuals.rows.verifications)
     upcoming = propose_visit(campaign, answer.effects, answer.unexplained)
+    steps = [
+        *mistakes_first(answer.effects),
+        *to_state(misstated),
+        *comparisons(doubted),
+        *(() if upcoming is None else (upcoming.sentence,)),
+        *answer.what_next,
+    ]
     return replace(
         answer,
         not_testable=(*misstated, *doubted, *answer.not_testable),
         next_visit=upcoming,
-        what_next=(
-            *to_state(misstated),
-            *comparisons(doubted),
-            *(() if upcoming is None else (upcoming.sentence,)),
-            *answer.what_next,
-        ),
+        what_next=tuple(dict.fromkeys(steps)),
     )
 
 

@@ -10,6 +10,7 @@ from app.effects.kind import Named, NotTested
 from app.effects.registry import kind_of
 from app.effects.valid import LearntIn
 from app.errors import list_names
+from app.identification.analysis import advice
 from app.identification.analysis.analysis import Evidence, FoundEffect
 from app.pages.report_parts.words import duration_text, true_minus
 from app.units import date_text, plus_minus, unit_of_field
@@ -124,9 +125,8 @@ def kind_name(kind: str) -> str:
 
 def adoption_text(effect: FoundEffect) -> str:
     """Say in sentences whether an effect is adopted, and what to do about one that never is."""
-    kind = kind_of(effect.kind)
-    if reason := kind.not_adopted:
-        what_to_do = kind.what_to_do(effect.effect)
+    if reason := kind_of(effect.kind).not_adopted:
+        what_to_do = advice.what_to_do(effect)
         return f"It is never adopted, but put right where it was made: {reason}. {what_to_do}"
     if effect.helps:
         return "It helps visits that were held out, and is adopted unless effects are named."

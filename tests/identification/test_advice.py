@@ -1,0 +1,55 @@
+"""What an answer says and advises is as sure as the name of what was found, not more."""
+
+import json
+
+from app.identification.analysis.advice import summary, what_next
+from app.pages.report_parts.effect_names import adoption_text
+from app.storage.analysis_results import RESULTS
+from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, STEP, rival
+
+SWAP = "wap the plugs of x-middle and bed"
+
+
+def read(*effects):
+    stored = FOUND | {"effects": list(effects), "refitted": []}
+    return RESULTS.read_text(json.dumps(stored))
+
+
+def summed_up(*effects):
+    result = read(*effects)
+    after, before = result.after, result.before
+    return summary("effects-found", result.effects, (), (), before, after, 0.6, "µm", None)
+
+
+def advised(*effects):
+    return what_next(read(*effects).effects, (), (), visits=30)
+
+
+def test_a_mistake_that_is_sure_comes_first():
+    for effects in ((LAG, EXCHANGED), (EXCHANGED, LAG)):
+        first, *others = advised(*effects)
+        assert first.startswith(f"S{SWAP}")
+        assert not any(SWAP in other for other in others)
+
+
+def test_nobody_swaps_plugs_on_a_suspicion():
+    suspected = EXCHANGED | {"status": "suspected"}
+    first, second = advised(suspected)
+    assert first.startswith("The exchanged-sensors of EXX, EYX is suspected: ")
+    assert second.startswith(f"If it is confirmed, s{SWAP}")
+    (effect,) = read(suspected).effects
+    assert f". If it is confirmed, s{SWAP}" in adoption_text(effect)
+
+
+def test_a_name_that_is_not_sure_says_so_in_the_answers_first_sentence():
+    assert summed_up(LAG).startswith("EZZ follows z-column 41 ± 2 min late. The")
+    suspected = LAG | {"status": "suspected"}
+    assert summed_up(suspected).startswith("EZZ follows z-column 41 ± 2 min late (suspected). The")
+    # A proxy says by itself that it stands for something unexplained.
+    assert "(suspected)" not in summed_up(STEP)
+
+
+def test_two_of_one_kind_are_told_apart_by_what_they_act_on():
+    other = rival("thermal-lag", 208.0, tied=True, sensors=["bed"])
+    (step, *_) = advised(LAG | {"alternatives": [other]})
+    assert "(separates thermal-lag of EZZ with z-column from that of EZZ with bed)" in step
