@@ -59,6 +59,7 @@ _EXPECTED = {
     "model_attributes_type": "an object",
     "model_type": "an object",
     "float_type": "a number",
+    "float_parsing": "a number",
     "int_type": "a whole number",
     "int_parsing": "a whole number",
     "finite_number": "a finite number",

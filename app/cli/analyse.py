@@ -32,6 +32,7 @@ from app.errors import ThermapError, list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
+from app.pages.report_parts.words import sentence
 from thermap import (
     DEFAULT_URL,
     FieldError,
@@ -362,13 +363,13 @@ def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analy
     """Adopt what helps; say what was left."""
     for one in result.effects:
         if not one.helps:
-            typer.echo(f"not adopted: {one.explanation}: {one.why_not}", err=True)
+            typer.echo(f"not adopted: {sentence(one.explanation)}: {one.why_not}", err=True)
     if not any(one.helps for one in result.effects) and not result.is_refit_due:
         typer.echo("nothing was adopted: no effect is known to help", err=True)
         return
     for moved in result.refitted:
         if moved.outcome != "left":
-            typer.echo(moved.explanation, err=True)
+            typer.echo(sentence(moved.explanation), err=True)
     for line in preview_lines(thermap.preview_adoption(machine, analysis_id)):
         typer.echo(line, err=True)
     model = thermap.adopt_analysis(machine, analysis_id)

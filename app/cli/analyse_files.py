@@ -17,6 +17,7 @@ from app.cli.contract_json import read_json
 from app.cli.csv_verification import read_csv_verification
 from app.cli.delimited_text import Problems, UnreadableFile
 from app.cli.import_checks import choose_machine
+from app.cli.instrument_files import instrument_format
 from app.errors import InvalidContent
 from app.geometry.components import parse_component
 from thermap import FieldError
@@ -94,6 +95,12 @@ def read_verifications(
 
 def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:
     problems = Problems(file)
+    if written := instrument_format(file):
+        problems.add(
+            f"expected a verification as CSV or JSON, got {written.name}: `thermap import --method "
+            f"{written.method} {file} --machine {machine}` makes an error map of it"
+        )
+        problems.raise_if_any()
     if file.suffix.lower() == ".json":
         body = read_json(file, problems)
         if is_planned:

@@ -32,7 +32,7 @@ from app.pages.report_parts.effect_names import (
     untested_together,
 )
 from app.pages.report_parts.smallest_seen import size_range, units_of
-from app.pages.report_parts.words import decimals_for, figure_text, zeros_text
+from app.pages.report_parts.words import decimals_for, figure_text, sentence, zeros_text
 
 COMPONENTS_SHOWN: Final = 12
 """Those that changed come first, then those that stand out most; the report has all."""
@@ -54,7 +54,7 @@ def analysis_view(result: Analysis) -> RenderableType:
     """Lay out an analysis' answer."""
     parts: list[RenderableType] = [
         Text(VERDICTS[result.verdict], style=_STYLES[result.verdict]),
-        Text(result.summary),
+        Text(sentence(result.summary)),
         Text(),
         _components(result),
         *_about_figures(result),
@@ -63,7 +63,7 @@ def analysis_view(result: Analysis) -> RenderableType:
         *_refitted(result.refitted),
         *_unexplained_lines(result),
         Text("next:", style="bold"),
-        *(Padding(Text(step), (0, 0, 0, 2)) for step in result.what_next),
+        *(Padding(Text(sentence(step)), (0, 0, 0, 2)) for step in result.what_next),
     ]
     return Group(*parts)
 
@@ -107,9 +107,9 @@ def _is_unchanged(component: ComponentFigures) -> bool:
 
 def _effects(effects: Sequence[FoundEffect]) -> Iterator[RenderableType]:
     for number, effect in enumerate(effects):
-        yield Text(f"{number}. {effect.explanation}", style="bold")
+        yield Text(f"{number}. {sentence(effect.explanation)}", style="bold")
         for line in _effect_lines(effect):
-            yield Padding(Text(line), (0, 0, 0, 3))
+            yield Padding(Text(sentence(line)), (0, 0, 0, 3))
         yield Text()
 
 
@@ -117,7 +117,8 @@ def _refitted(refitted: Sequence[RefittedEffect]) -> Iterator[RenderableType]:
     """Say what becomes of the effects that the model has."""
     if refitted:
         yield Text("adopted before:", style="bold")
-        yield from (Padding(Text(one.explanation), (0, 0, 0, 2)) for one in refitted)
+        told = (Padding(Text(sentence(one.explanation)), (0, 0, 0, 2)) for one in refitted)
+        yield from told
         yield Text()
 
 

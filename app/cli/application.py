@@ -126,6 +126,9 @@ class Commands(TyperGroup):
         """Run a command; wrong usage has exit code 2 and is told by typer itself."""
         try:
             return super().invoke(ctx)
+        except typer.BadParameter as wrong:
+            _say_what_came(wrong)
+            raise
         except ThermapError as error:
             _fail(error.detail)
         except Exception as error:
@@ -182,6 +185,19 @@ def main() -> None:
             # A console that knows no µ shows a question mark; it does not stop the command.
             stream.reconfigure(errors="replace")
     application(prog_name="thermap")
+
+
+def _say_what_came(wrong: typer.BadParameter) -> None:
+    """Tell of an option's value what was expected and what came, where typer has pydantic read it.
+
+    Its own words leave out what came: of `nan` they say that it should be at least 0.
+    """
+    pydantic = sys.modules.get("pydantic")
+    if pydantic is None or not isinstance(wrong.__cause__, pydantic.ValidationError):
+        return
+    from app.api.field_errors import field_error
+
+    wrong.message = field_error(wrong.__cause__.errors()[0]).message
 
 
 def _explain(error: Exception) -> None:

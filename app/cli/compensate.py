@@ -31,6 +31,7 @@ from app.cli.options import (
     read_named_numbers,
 )
 from app.geometry.components import COMPONENTS
+from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL, ThermapClient, calls
 from thermap.answers import (
     CompensationAnswer,
@@ -176,7 +177,7 @@ def table_view(
     parts.extend(Text(f"! {warning}", style="yellow") for warning in answer.warnings)
     for effect in answer.effects:
         if effect.in_table:
-            parts.append(Text(f"+ {effect.kind}: {effect.explanation}", style="dim"))
+            parts.append(Text(f"+ {effect.kind}: {sentence(effect.explanation)}", style="dim"))
             parts.extend(Text(f"  {_sure(one)}", style="dim") for one in effect.sureness)
     blank = [] if tight else [Text()]
     for entries in _by_origin(answer.components):

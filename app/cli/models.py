@@ -29,6 +29,7 @@ from app.cli.options import (
 )
 from app.cli.verifications import VerificationsOption, chosen_verifications
 from app.errors import counted, list_names
+from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -167,7 +168,8 @@ def model_view(one: ModelAnswer) -> RenderableType:
         maps.add_row(str(error_map.id), error_map.label, temperatures(error_map.temperatures_c))
     follows = followed_sensors(one.assignment)
     effects = [
-        Text(f"adopted effect: {effect.explanation}{_origin(effect)}") for effect in one.effects
+        Text(f"adopted effect: {sentence(effect.explanation)}{_origin(effect)}")
+        for effect in one.effects
     ]
     return Group(head, Text(), maps, Text(), follows, *([Text(), *effects] if effects else []))
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -169,6 +170,30 @@ def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
     if decimal_comma and "." not in written:
         written = written.replace(",", ".")
     return float(written) if _NUMBER.fullmatch(written) else None
+
+
+def expect_finite(options: Mapping[str, Any]) -> None:
+    """Refuse numbers of options that are infinite or none at all.
+
+    Parameters
+    ----------
+    options
+        As `typer.Context.params` has them: names with underscores to values.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one is not finite.
+    """
+    for name, value in options.items():
+        if any(isinstance(v, float) and not isfinite(v) for v in _each(value)):
+            raise typer.BadParameter(
+                f"expected a finite number, got {value}", param_hint=f"--{name.replace('_', '-')}"
+            )
+
+
+def _each(value: object) -> Iterable[object]:
+    return value if isinstance(value, list) else [value]
 
 
 def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> dict[str, float]:

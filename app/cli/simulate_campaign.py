@@ -12,20 +12,24 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from app.cli.options import UrlOption, connect
-from app.errors import counted
+from app.cli.options import UrlOption, connect, expect_finite
+from app.errors import counted, list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from app.simulation.undeclared import Campaign
     from thermap import ThermapClient
 
+MISTAKES: Final = (
+    *("exchanged-sensors", "map-factor", "map-temperature", "clock-offset", "mirrored-axis"),
+    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
+)
+"""People's and instruments': made once, whatever they touch."""
+
 EFFECTS: Final = (
     *("thermal-lag", "other-sensor", "additional-sensor", "sensor-gradient"),
     *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
-    *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map"),
-    *("exchanged-sensors", "map-factor", "map-temperature", "clock-offset", "mirrored-axis"),
-    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
+    *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map", *MISTAKES),
 )
 """Those that the search knows, in the words of the simulator."""
 
@@ -44,6 +48,7 @@ Body = Mapping[str, Any]
 
 
 def simulate_campaign(
+    context: typer.Context,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -67,9 +72,10 @@ def simulate_campaign(
         typer.Option(
             envvar="THERMAP_EFFECTS",
             metavar="EFFECT",
-            help="Once for each: none; unknown (one that no kind of the search describes, drawn "
-            f"with the seed); {', '.join(EFFECTS)}; {', '.join(IN_NO_FAMILY)}. A variant may "
-            "follow, as in backlash:along-axis.",
+            help="Once for each, the same again for one more on another component or sensor: "
+            "none (alone); unknown (one that no kind of the search describes, drawn with the "
+            f"seed); {', '.join(EFFECTS)}; {', '.join(IN_NO_FAMILY)}. A variant may follow, as "
+            "in backlash:along-axis.",
         ),
     ] = None,
     size: Annotated[
@@ -210,6 +216,8 @@ def simulate_campaign(
 
     Example: `thermap simulate campaign --record 30 --wander 1 --effect backlash -o record`
     """
+    expect_finite(context.params)
+    _expect_once(effect or ())
     if output is None and not store:
         raise typer.BadParameter("expected a folder, or --store, got neither", param_hint="-o")
     if output is not None and output.exists() and (output.is_file() or any(output.iterdir())):
@@ -246,6 +254,22 @@ def simulate_campaign(
     typer.echo(f"machine {name!r}: {content}, simulated with seed {seed}")
     if output is not None:
         _say_what_next(output, name, stored=store)
+
+
+def _expect_once(effects: Sequence[str]) -> None:
+    """Refuse nothing beside something, and the same mistake or unknown twice.
+
+    An effect of the machine is planted again on what the first one left; a mistake would undo or
+    enlarge the first.
+    """
+    kinds = [name.partition(":")[0] for name in effects]
+    if NONE in kinds and len(kinds) > 1:
+        others = [name for name in effects if name != NONE]
+        beside = f"{list_names(others)} beside it" if others else "it twice"
+        raise typer.BadParameter(f"expected none alone, got {beside}", param_hint="--effect")
+    for kind in (*MISTAKES, UNKNOWN):
+        if kinds.count(kind) > 1:
+            raise typer.BadParameter(f"expected {kind} once, got it twice", param_hint="--effect")
 
 
 def _made(

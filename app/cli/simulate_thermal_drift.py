@@ -26,6 +26,7 @@ from app.cli.options import (
     ToolOption,
     UrlOption,
     connect,
+    expect_finite,
     read_named_numbers,
     read_point,
     read_time,
@@ -58,6 +59,7 @@ class _Row:
 
 
 def simulate_thermal_drift(
+    context: typer.Context,
     machine: MachineArgument,
     output: Annotated[
         Path,
@@ -148,6 +150,7 @@ def simulate_thermal_drift(
     """
     import numpy as np
 
+    expect_finite(context.params)
     _expect_test(test, axis, target)
     growths = read_named_numbers(growth, "--growth", "a growth in µm")
     unknown = [name for name in growths if name.lower() not in LINEAR_LETTERS]

@@ -23,6 +23,7 @@ from app.cli.options import (
     SeedOption,
     UrlOption,
     connect,
+    expect_finite,
     read_named_numbers,
     read_time,
     write_file,
@@ -73,6 +74,7 @@ class _Plan:
 
 
 def simulate_verification(
+    context: typer.Context,
     machine: MachineArgument,
     output: Annotated[
         Path,
@@ -150,6 +152,7 @@ def simulate_verification(
     """
     import numpy as np
 
+    expect_finite(context.params)
     reversals = _read_reversals(reversal)
     span = (
         None if since is None else read_time(since, "--from"),

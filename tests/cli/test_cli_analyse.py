@@ -15,7 +15,8 @@ from app.cli.listening import listening, serving, url_of
 from app.storage.analysis_results import RESULTS
 from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
 from tests.cli.conftest import ended
-from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, NOTHING
+from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
+from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, NOTHING, UNEXPLAINED
 from tests.service_examples import MACHINE, Clock, error_map, running
 
 QUICK = ("--effects", "backlash")
@@ -244,6 +245,7 @@ def test_an_unknown_machine_and_a_service_that_is_away(thermap, run, no_service_
         (("--holdout", "0.95"), 2, "0.85"),
         (("-v", "no/such/file.csv"), 1, "No such file"),
         (("--effects", "gremlins"), 1, "thermal-lag"),
+        (("--holdout", "nan"), 2, "got 'nan'"),
         (("-o", "no/such/folder/r.html"), 2, "cannot write"),
         (("--plan", "--adopt"), 2, "leave --adopt"),
     ],
@@ -252,6 +254,17 @@ def test_wrong_usage_is_told(thermap, arguments, code, said):
     found = thermap("analyse", MACHINE_ID, *arguments)
     assert found.exit_code == code
     assert said in plain(found.stderr)
+
+
+@pytest.mark.parametrize("name", ["x.rtl", "renamed.txt"])
+def test_an_instruments_file_is_sent_where_it_goes(thermap, client, tmp_path, name):
+    file = tmp_path / name
+    file.write_text(BOTH_WAYS, encoding="utf-8")
+    found = thermap("analyse", MACHINE_ID, "-v", file, columns=300)
+    assert (found.exit_code, found.stdout) == (1, "")
+    told = plain(found.stderr)
+    assert "expected a verification as CSV or JSON, got Renishaw's linear .rtl" in told
+    assert f"thermap import --method positioning {file} --machine {MACHINE_ID}" in told
 
 
 def test_the_table_counts_what_its_figures_are_of():
@@ -275,6 +288,16 @@ def test_a_mistake_is_to_be_put_right_and_nothing_is_said_of_adopting_it():
     for absent in ("unless", "learnt in", "edge"):
         assert absent not in mistake
     assert "is adopted unless effects are named" in lag
+
+
+def test_a_negative_number_in_a_sentence_has_a_true_minus_here_too():
+    terminal = StringIO()
+    Console(width=100, file=terminal).print(
+        analysis_view(RESULTS.read_text(json.dumps(UNEXPLAINED)))
+    )
+    told = plain(terminal.getvalue())
+    assert "SXY changed by −7.3 ± 0.3 µm/m" in told
+    assert " -7.3" not in told
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from app.api.table_json import table_json
 from app.cli.compensate import table_view
 from app.effects.registry import explain
 from app.geometry.components import COMPONENTS
+from app.pages.report_parts.words import sentence
 from tests.effects.test_effects_all_kinds import EACH, example, fitted, moment_of
 from tests.effects.test_effects_given_out import table_of
 from thermap.answers import CompensationAnswer, SurenessAnswer
@@ -58,7 +59,7 @@ def test_a_person_reads_what_the_effect_is(each):
     effect = fitted(each)
     table = table_of(example().model, [effect], moment_of(100))
     text = " ".join(seen(CompensationAnswer.model_validate_json(table_json(table))).split())
-    assert f"+ {effect.kind}: {explain(effect)}" in text
+    assert f"+ {effect.kind}: {sentence(explain(effect))}" in text
     assert effect.components[0] in text
 
 

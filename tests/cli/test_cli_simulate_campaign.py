@@ -104,3 +104,34 @@ def test_a_folder_that_holds_something_is_left_alone(thermap, tmp_path):
     found = thermap("simulate", "campaign", *SMALL, "-o", tmp_path)
     assert found.exit_code == 2
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--effect", "none", "--effect", "backlash"), "expected none alone, got backlash beside"),
+        (("--effect", "none", "--effect", "none"), "expected none alone, got it twice"),
+        (("--effect", "clock-offset:an-hour-late", "--effect", "clock-offset"), "it twice"),
+        (("--effect", "unknown", "--effect", "unknown"), "expected unknown once"),
+        (("--record", "nan"), "got 'nan'"),
+        (("--record", 30, "--every", "inf"), "--every: expected a finite number, got inf"),
+        (("--size", "inf"), "--size: expected a finite number, got inf"),
+        (("--size", "x"), "expected a number, got 'x'"),
+    ],
+)
+def test_what_cannot_be_planted_is_refused_with_what_came(run, tmp_path, options, said):
+    folder = tmp_path / "c"
+    found = run("simulate", "campaign", *options, "-o", folder, columns=200)
+    assert found.exit_code == 2
+    assert said in " ".join(found.stderr.split())
+    assert not folder.exists()
+
+
+def test_the_same_effect_again_is_one_more_on_another_component(run, tmp_path):
+    twice = ("--effect", "backlash", "--effect", "backlash")
+    found = run("simulate", "campaign", *SMALL, *twice, "-o", tmp_path / "c")
+    assert found.exit_code == 0, found.output
+    planted = stored(tmp_path / "c" / "truth.json")["effects"]
+    assert [one["kind"] for one in planted] == ["backlash", "backlash"]
+    first, second = (set(one["components"]) for one in planted)
+    assert not first & second

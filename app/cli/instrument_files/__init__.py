@@ -22,6 +22,8 @@ class InstrumentFormat:
 
     Parameters
     ----------
+    name
+        What such a file is, for people.
     method
         Whose measurement it holds, such as `positioning`.
     begins
@@ -30,6 +32,7 @@ class InstrumentFormat:
         Takes the text, the file's name, and the axis where the command line states it.
     """
 
+    name: str
     method: str
     begins: Callable[[str], bool]
     read: Callable[[str, Path, str | None], CsvMeasurement]
@@ -37,7 +40,10 @@ class InstrumentFormat:
 
 FORMATS: Final[Mapping[str, InstrumentFormat]] = {
     ".rtl": InstrumentFormat(
-        "positioning", lambda text: BEGINS.match(text) is not None, read_renishaw_rtl
+        "Renishaw's linear .rtl",
+        "positioning",
+        lambda text: BEGINS.match(text) is not None,
+        read_renishaw_rtl,
     ),
 }
 """The suffix of its files to each format."""
