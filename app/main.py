@@ -8,7 +8,7 @@ from typing import Any
 
 from fastapi import Depends
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import RedirectResponse, Response
+from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 import app as package
@@ -22,6 +22,7 @@ from app.api.routes import (
     analyses,
     compensation,
     controllers,
+    dashboard,
     error_maps,
     geometry,
     health,
@@ -63,6 +64,7 @@ ROOMS = (
     residuals,
     analyses,
     health,
+    dashboard,
 )
 """The routes, in the order in which /docs lists them."""
 
@@ -161,10 +163,8 @@ def _add_documentation(service: ThermapService) -> None:
         "docs-assets",
     )
 
+    service.mount("/assets", _Files(packages=[("app.pages", "assets")]), "assets")
+
     @service.get("/docs", include_in_schema=False)
     async def get_docs() -> Page:
         return swagger_page(service.title)
-
-    @service.get("/", include_in_schema=False)
-    async def get_root() -> RedirectResponse:
-        return RedirectResponse("/docs")

@@ -134,11 +134,15 @@ class Wanted:
         for no limit.
     last_number
         Id of the last event that the follower has had.
+    heartbeat_s
+        After so long without an event a `heartbeat` comes [s]; None: a comment after 15 s, which
+        programs in a browser do not see.
     """
 
     min_change: float = 0.1
     max_step: float | None = None
     last_number: int | None = None
+    heartbeat_s: float | None = None
 
 
 class TableStreams:
@@ -172,6 +176,10 @@ class TableStreams:
             await self._ask()
         with self._following(machine_id):
             self._look_at(self._machines(machine_id))
+            heartbeat_s = wanted.heartbeat_s or HEARTBEAT_S
+            heartbeat = format_sse_event(comment="heartbeat")
+            if wanted.heartbeat_s is not None:
+                heartbeat = format_sse_event(event="heartbeat", data_str="{}")
             followers: dict[str, Follower] = {}
             told_s = time.monotonic()
             while True:
@@ -187,11 +195,11 @@ class TableStreams:
                         yield event
                 if self._ends:
                     return
-                if now_s - told_s >= HEARTBEAT_S:
+                if now_s - told_s >= heartbeat_s:
                     told_s = now_s
-                    yield format_sse_event(comment="heartbeat")
+                    yield heartbeat
                 steps = any(follower.is_stepping for follower in followers.values())
-                wait_s = STEP_S / 4 if steps else told_s + HEARTBEAT_S - now_s
+                wait_s = STEP_S / 4 if steps else told_s + heartbeat_s - now_s
                 try:
                     await asyncio.wait_for(news.wait(), wait_s)
                 except TimeoutError:

@@ -102,7 +102,7 @@ def demo(
             url = url_of(opened)
             service = make_service(settings)
             running.enter_context(serving(service, opened, settings.log_level))
-            typer.echo(f"thermap demo listens on {url}, to read and try: {url}/docs")
+            typer.echo(f"thermap demo: dashboard {url}, to read and try: {url}/docs")
             typer.echo(f"database {database_of(service)}{new_database_note(service)}\n")
         thermap = running.enter_context(connect(url))
         machine = set_up(thermap)

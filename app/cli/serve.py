@@ -110,6 +110,7 @@ def serve(
     with exiting_on_signals(), listening(settings.host, settings.port, "serve") as opened:
         service = make_service(settings)
         typer.echo(f"thermap {package.__version__} listens on {url_of(opened)}")
+        typer.echo(f"  dashboard         {url_of(opened)}/")
         typer.echo(f"  to read and try   {url_of(opened)}/docs")
         typer.echo(f"  database          {database_of(service)}{new_database_note(service)}")
         typer.echo("  Ctrl-C stops it")

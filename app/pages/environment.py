@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC
 from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from app.errors import counted
+from app.pages.dashboard.numbers import age, number, signed, with_unit
 from app.pages.plotly_script import plotly_script
 from app.pages.report_parts.component_names import chapter_name, component_name
 from app.pages.report_parts.drawing import figures_json
@@ -50,6 +52,15 @@ _ENVIRONMENT.filters |= {
 }
 
 
+_ENVIRONMENT.filters |= {
+    "signed": signed,
+    "number": number,
+    "with_unit": with_unit,
+    "age": age,
+    "utc": lambda time: f"{time.astimezone(UTC):%H:%M:%S} UTC",
+}
+
+
 CONFIG: Final = {"displayModeBar": False, "responsive": True, "displaylogo": False}
 """How plotly behaves in a report: its figures are read, not worked with."""
 
@@ -78,4 +89,10 @@ def render(
     script = plotly_script(plotly_js)
     page = _ENVIRONMENT.get_template(template)
     written: str = page.render(plotly_script=script, config=config, **shown)
+    return written
+
+
+def render_live(template: str, **shown: Any) -> str:
+    """Write a page of the dashboard, which asks for itself again when something changes."""
+    written: str = _ENVIRONMENT.get_template(template).render(**shown)
     return written

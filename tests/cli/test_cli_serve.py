@@ -52,6 +52,7 @@ def test_it_says_where_it_listens_answers_and_ends_with_0(start, free_port, tmp_
     code, out, err = ended(process, number)
     assert (code, err) == (0, "")
     assert f"listens on {url}\n" in out
+    assert f"dashboard         {url}/\n" in out
     assert f"{url}/docs" in out
     assert f"{file} (a new database, made just now)\n" in out
 

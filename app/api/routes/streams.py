@@ -54,6 +54,15 @@ MaxStep = Annotated[
         "that say `stepping`; a jump would mark the surface",
     ),
 ]
+Heartbeat = Annotated[
+    float | None,
+    Query(
+        ge=0.5,
+        le=60.0,
+        description="After so long without an event one of the name `heartbeat` comes [s]; without "
+        "it a comment after 15 s, which programs in a browser do not see",
+    ),
+]
 LastEventId = Annotated[
     str,
     Header(
@@ -75,6 +84,7 @@ async def get_table_stream(
     machine: MachinePath,
     min_change_um: MinChange = 0.1,
     max_step_um: MaxStep = None,
+    heartbeat_s: Heartbeat = None,
     last_event_id: LastEventId = "",
 ) -> Response:
     """Send the table at the latest reading at once, and whenever it has changed.
@@ -83,7 +93,7 @@ async def get_table_stream(
     the machine is deleted or the service ends.
     """
     await machine_with_readings(request, context, machine)
-    wanted = Wanted(min_change_um, max_step_um, _number(last_event_id))
+    wanted = Wanted(min_change_um, max_step_um, _number(last_event_id), heartbeat_s)
     return _stream(request, machine, wanted)
 
 
@@ -97,10 +107,12 @@ async def get_stream(
     request: Request,
     min_change_um: MinChange = 0.1,
     max_step_um: MaxStep = None,
+    heartbeat_s: Heartbeat = None,
     last_event_id: LastEventId = "",
 ) -> Response:
     """Send the same of every machine; each event's JSON names its `machine`."""
-    return _stream(request, None, Wanted(min_change_um, max_step_um, _number(last_event_id)))
+    wanted = Wanted(min_change_um, max_step_um, _number(last_event_id), heartbeat_s)
+    return _stream(request, None, wanted)
 
 
 def _stream(request: Request, machine_id: str | None, wanted: Wanted) -> Response:

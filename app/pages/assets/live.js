@@ -1,0 +1,122 @@
+// The page follows the service: whenever something changes it asks for itself again, and takes over
+// what differs. The service writes everything; nothing is judged or computed here.
+
+const WAITING_MS = 5000;
+const LOST_MS = 15000;
+const AT_MOST_EVERY_MS = 500;
+
+const root = document.documentElement;
+const connection = document.getElementById("connection");
+let heardAt = performance.now();
+let lostSince = null;
+let backAt = -WAITING_MS;
+let asking = false;
+let isDue = false;
+let askedAt = 0;
+
+function takeOver(page) {
+  const focused = document.activeElement?.id;
+  for (const old of document.querySelectorAll("[data-live]")) {
+    const fresh = page.getElementById(old.id);
+    if (fresh && fresh.outerHTML !== old.outerHTML) {
+      old.className = fresh.className;
+      old.innerHTML = fresh.innerHTML;
+    }
+  }
+  const title = page.querySelector("title");
+  if (title) document.title = title.textContent;
+  if (focused && document.activeElement?.id !== focused) document.getElementById(focused)?.focus();
+}
+
+async function ask() {
+  if (asking) {
+    isDue = true;
+    return;
+  }
+  asking = true;
+  const wait = askedAt + AT_MOST_EVERY_MS - performance.now();
+  if (wait > 0) await new Promise((resolve) => setTimeout(resolve, wait));
+  askedAt = performance.now();
+  try {
+    const answer = await fetch(location.href, { cache: "no-store" });
+    if (answer.ok) takeOver(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    else if (answer.status === 404) location.assign("/");
+  } catch {
+    // the connection says so by itself
+  }
+  asking = false;
+  if (isDue) {
+    isDue = false;
+    ask();
+  }
+}
+
+function heard() {
+  const now = performance.now();
+  if (lostSince !== null) {
+    say(`Connected again, ${Math.round((now - lostSince) / 1000)} s were missing`);
+    lostSince = null;
+    backAt = now;
+    delete root.dataset.connection;
+    ask();
+  } else if (now - backAt > WAITING_MS) say("Live");
+  heardAt = now;
+}
+
+function say(words) {
+  if (connection.textContent !== words) connection.textContent = words;
+}
+
+function follow() {
+  const source = new EventSource(`${root.dataset.stream}?min_change_um=0.05&heartbeat_s=2`);
+  for (const name of ["table", "state", "status"]) {
+    source.addEventListener(name, () => {
+      heard();
+      ask();
+    });
+  }
+  source.addEventListener("heartbeat", heard);
+  source.addEventListener("error", () => {
+    // A browser gives up on some errors; we do not.
+    if (source.readyState === EventSource.CLOSED) setTimeout(follow, 2000);
+  });
+}
+
+setInterval(() => {
+  const silentMs = performance.now() - heardAt;
+  if (silentMs > LOST_MS) {
+    if (lostSince === null) lostSince = heardAt;
+    root.dataset.connection = "lost";
+    say("No connection");
+  } else if (silentMs > WAITING_MS) say("Waiting");
+}, 1000);
+
+// Ages grow although nothing comes.
+setInterval(ask, 10000);
+
+document.getElementById("theme").addEventListener("click", () => {
+  const isDark = getComputedStyle(root).colorScheme === "dark";
+  root.dataset.theme = isDark ? "light" : "dark";
+  localStorage.setItem("thermap-theme", root.dataset.theme);
+});
+
+document.addEventListener("keydown", (event) => {
+  if (event.target.closest("input, textarea, select") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const links = [...document.querySelectorAll("[data-row]")];
+  const at = links.indexOf(document.activeElement);
+  if (event.key === "ArrowDown" && links.length) links[Math.min(at + 1, links.length - 1)].focus();
+  else if (event.key === "ArrowUp" && links.length) links[Math.max(at - 1, 0)].focus();
+  else if (event.key === "Escape" && root.dataset.back) location.assign(root.dataset.back);
+  else if (event.key === "f" && document.querySelector("table.machines")) {
+    if (root.dataset.view) delete root.dataset.view;
+    else root.dataset.view = "far";
+    localStorage.setItem("thermap-far", root.dataset.view ?? "");
+  } else if (event.key === "t" && document.getElementById("whole")) {
+    const whole = document.getElementById("whole");
+    whole.open = !whole.open;
+    if (whole.open) whole.scrollIntoView();
+  } else return;
+  event.preventDefault();
+});
+
+follow();

@@ -1,0 +1,1 @@
+"""The dashboard: all machines at a glance, and one machine now."""

@@ -1,0 +1,72 @@
+"""Numbers as the dashboard writes them: signs, units, ages, clocks."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Final
+
+from markupsafe import Markup
+
+from app.units import SECONDS_PER_DAY, SECONDS_PER_H, SECONDS_PER_MIN
+
+MINUS: Final = "\N{MINUS SIGN}"
+NO_BREAK: Final = "\N{NO-BREAK SPACE}"
+
+
+def signed(value: float, digits: int = 1) -> str:
+    r"""Write a number with its sign; what rounds to zero has none.
+
+    >>> signed(-21.94), signed(0.04), signed(-0.04), signed(1234.5)
+    ('−21.9', '0.0', '0.0', '+1\xa0234.5')
+    """
+    text = f"{abs(value):,.{digits}f}".replace(",", NO_BREAK)
+    if float(f"{value:.{digits}f}") == 0.0:
+        return text
+    return ("+" if value > 0 else MINUS) + text
+
+
+def number(value: float, digits: int = 2) -> str:
+    """Write a number that needs no plus.
+
+    >>> number(-3.5), number(29.4)
+    ('−3.50', '29.40')
+    """
+    return f"{value:.{digits}f}".replace("-", MINUS)
+
+
+def with_unit(text: str, unit: str) -> Markup:
+    """Write a unit behind its number, quieter than that."""
+    return Markup('{}&nbsp;<span class="unit">{}</span>').format(text, unit)
+
+
+def age(seconds: float) -> str:
+    """Write an age as short as it can be read.
+
+    >>> age(0.42), age(42.4), age(250.0), age(6120.0), age(3 * 86400.0)
+    ('0.4 s', '42 s', '4 min 10 s', '1 h 42 min', '3 d')
+    """
+    if seconds < 10.0:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < SECONDS_PER_MIN:
+        return f"{whole} s"
+    if whole < SECONDS_PER_H:
+        return f"{whole // 60} min {whole % 60} s" if whole % 60 else f"{whole // 60} min"
+    if whole < SECONDS_PER_DAY:
+        return f"{whole // 3600} h {whole % 3600 // 60} min"
+    return f"{whole // 86400} d"
+
+
+def clock(time: datetime, now: datetime) -> str:
+    """Write a time of day, with the date where it is not today's.
+
+    >>> now = datetime(2026, 3, 6, 12, 0, tzinfo=UTC)
+    >>> clock(datetime(2026, 3, 6, 5, 12, tzinfo=UTC), now)
+    '05:12'
+    >>> clock(datetime(2026, 2, 8, 23, 59, tzinfo=UTC), now)
+    '2026-02-08 23:59'
+    """
+    time = time.astimezone(UTC)
+    return (
+        f"{time:%H:%M}" if time.date() == now.astimezone(UTC).date() else f"{time:%Y-%m-%d %H:%M}"
+    )

@@ -1,0 +1,405 @@
+"""The dashboard's pages: what services return, laid out; the verdict is theirs, word for word."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import groupby
+from typing import Any, Final
+from urllib.parse import urlencode
+
+import numpy as np
+from markupsafe import Markup
+
+from app.errors import counted
+from app.pages.dashboard.charts import (
+    Scale,
+    course_svg,
+    curve_svg,
+    positions_scale,
+    small_svg,
+)
+from app.pages.dashboard.numbers import age, clock, number, signed
+from app.pages.environment import render_live
+from app.services.dashboard import Curve, MachineView
+from app.status.machine_status import MachineStatus, SensorNow, State, Verdict
+from app.thermal.bracket import Status
+from app.thermal.sensor_health import Health
+from app.units import Unit
+
+GROUPS: Final = ("not-trusted", "limited", "service", "trusted")
+"""In the order of the page: `service` are machines that can be trusted although a sensor failed."""
+
+_LIMITED: Final = frozenset({Status.CLAMPED, Status.EXTRAPOLATED, "held"})
+"""Statuses of components that are marked."""
+
+_STATES: Final[Mapping[State, str]] = {
+    State.NO_MODEL: "No model",
+    State.NO_READING: "No reading",
+    State.SENSOR_FAULT: "Sensor fault",
+    State.OUTSIDE_MAPS: "Outside the maps",
+    State.STALE: "Stale",
+    State.EXTRAPOLATED: "Extrapolated",
+    State.CLAMPED: "Clamped",
+    State.HELD: "Held at edge",
+    State.EFFECT_MISSING: "Effect missing",
+    State.INCOMPLETE: "Incomplete",
+    State.DRIFTING: "Drifting",
+    State.STAND_IN: "Stand-in",
+    State.FRESH: "Fresh",
+}
+
+_WATCH: Final = {"within": "within", "beyond": "beyond", "not-judged": "never checked"}
+
+
+def machines_page(views: Sequence[MachineView], now: datetime, only: str = "") -> str:
+    """Write the page of all machines: who can be trusted, who cannot and why.
+
+    Parameters
+    ----------
+    only
+        One of `GROUPS`: its machines alone are listed; empty for all.
+    """
+    groups = {view.status.machine: group_of(view.status) for view in views}
+    counts = {g: sum(group == g for group in groups.values()) for g in GROUPS}
+    largest = max(
+        (abs(v.status.largest.value) for v in views if v.status.largest is not None), default=0.0
+    )
+    shown = [v for v in views if not only or groups[v.status.machine] == only]
+    shown.sort(key=lambda v: GROUPS.index(groups[v.status.machine]))
+    return render_live(
+        "dashboard/machines.html",
+        page="machines",
+        stream="/v1/stream",
+        now=now,
+        only=only,
+        summary=_summary([v.status for v in views], counts),
+        rows=[_row(v, groups[v.status.machine], largest, now) for v in shown],
+    )
+
+
+def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) -> str:
+    """Write the page of one machine now.
+
+    Parameters
+    ----------
+    chosen
+        Axis to the component that is drawn large; the largest displacement of the others.
+    """
+    status = view.status
+    axes = _axes(view.curves, chosen)
+    return render_live(
+        "dashboard/machine.html",
+        page="machine",
+        stream=f"/v1/machines/{status.machine}/compensation/stream",
+        now=now,
+        status=status,
+        group=group_of(status),
+        state=_state_words(status, now),
+        watch=_WATCH[status.watch],
+        sensors=[_sensor(view, sensor) for sensor in _worst_first(status.sensors)],
+        axes=axes,
+        uncertainty=_uncertainty(view.curves),
+        tables=list(_tables(view.curves)),
+    )
+
+
+def group_of(status: MachineStatus) -> str:
+    """Say in which group a machine stands, and which symbol it has."""
+    return "service" if status.state is State.STAND_IN else str(status.verdict)
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The sentence of the page of all machines, and the counts beside it."""
+
+    trusted: str
+    worst: str
+    limited: str
+    counts: Mapping[str, int]
+
+    @property
+    def title(self) -> str:
+        """What a browser's tab says."""
+        return " ".join(filter(None, (self.trusted, self.worst)))
+
+
+def _summary(statuses: Sequence[MachineStatus], counts: Mapping[str, int]) -> Summary:
+    if not statuses:
+        return Summary("No machine yet.", "", "", counts)
+    trusted = counts["trusted"] + counts["service"]
+    limited = counts["limited"]
+    failed = [s for s in statuses if s.verdict is Verdict.NOT_TRUSTED]
+    worst = ""
+    if len(failed) == 1:
+        worst = f"{failed[0].name} cannot: {_STATES[failed[0].state].lower()}."
+    elif failed:
+        worst = f"{len(failed)} cannot."
+    return Summary(
+        f"{trusted} of {len(statuses)} can be trusted.",
+        worst,
+        f"{limited} {'is' if limited == 1 else 'are'} limited." if limited else "",
+        counts,
+    )
+
+
+def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[str, Any]:
+    status = view.status
+    leading = _leading(status)
+    course = Markup("")
+    if leading is not None:
+        is_old = leading.health is not Health.OK
+        name = f"{leading.sensor} over two hours"
+        course = course_svg(view.courses[leading.sensor], leading.maps_c, name, is_old=is_old)
+    return {
+        "status": status,
+        "group": group,
+        "state": _state_words(status, now),
+        "why": status.sentences[0] if status.sentences else "",
+        "leading": leading,
+        "course": course,
+        "length": round(100.0 * abs(status.largest.value) / largest, 1)
+        if status.largest is not None and largest > 0.0
+        else 0.0,
+        "watch": _WATCH[status.watch],
+    }
+
+
+def _leading(status: MachineStatus) -> SensorNow | None:
+    """Choose the sensor in the worst state, else the one that drives the largest compensation."""
+    assigned = [s for s in status.sensors if s.assigned_to]
+    if not assigned:
+        return status.sensors[0] if status.sensors else None
+    bad = _worst_first(assigned)[0]
+    if bad.health is not Health.OK or bad.outside_maps_k:
+        return bad
+    largest = None if status.largest is None else status.largest.component
+    return next((s for s in assigned if largest in s.assigned_to), assigned[0])
+
+
+def _worst_first(sensors: Iterable[SensorNow]) -> list[SensorNow]:
+    """Put the bad ones on top, and those that drive something before the others."""
+    return sorted(
+        sensors,
+        key=lambda s: (not s.assigned_to, s.health is Health.OK, -abs(s.outside_maps_k or 0.0)),
+    )
+
+
+def _state_words(status: MachineStatus, now: datetime) -> str:
+    since = "" if status.since is None else f" · {clock(status.since, now)}"
+    return _STATES[status.state] + since
+
+
+def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
+    is_fault = sensor.health not in (Health.OK, Health.STALE)
+    outside = sensor.outside_maps_k
+    if sensor.health is not Health.OK:
+        words = str(sensor.health).replace("-", " ")
+        if sensor.health is Health.STALE and sensor.age_s is not None:
+            words = f"{age(sensor.age_s)} old"
+    elif outside is None:
+        words = "not used"
+    elif outside == 0.0:
+        words = "inside"
+    else:
+        words = f"{number(abs(outside))} K {'over' if outside > 0 else 'under'}"
+    name = f"{sensor.sensor} over two hours: now {words}"
+    return {
+        "now": sensor,
+        "is_fault": is_fault,
+        "words": words,
+        "course": course_svg(
+            view.courses[sensor.sensor],
+            sensor.maps_c,
+            name,
+            is_old=sensor.health is not Health.OK,
+        ),
+    }
+
+
+def _axes(curves: Sequence[Curve], chosen: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Lay out each axis: one curve large, all of its components in rows below."""
+    by_axis = {axis: _of_axis(curves, axis) for axis in "xyz"}
+    by_axis = {axis: own for axis, own in by_axis.items() if own}
+    drawn = {axis: _chosen(own, chosen.get(axis)) for axis, own in by_axis.items()}
+    # Charts side by side share their scale, one for each unit.
+    scales = {
+        unit: Scale.over(
+            value
+            for curve in drawn.values()
+            if curve is not None and curve.component.unit is unit
+            for value in _drawn_values(curve)
+        )
+        for unit in Unit
+    }
+    lengths = _lengths(curves)
+    found = []
+    for axis, own in by_axis.items():
+        curve = drawn[axis]
+        query = {a: c.component.code for a, c in drawn.items() if c is not None}
+        found.append(
+            {
+                "name": axis,
+                "title": f"{axis.upper()} axis",
+                "chosen": curve,
+                "rows": [_component_row(c, axis, curve, query, lengths, own) for c in own],
+                **_chart(curve, scales, own),
+            }
+        )
+    return found
+
+
+def _of_axis(curves: Sequence[Curve], axis: str) -> list[Curve]:
+    """List what stands below an axis: what moves with it, and squareness along it."""
+    return [c for c in curves if (c.component.axis or c.component.times or "z") == axis]
+
+
+def _chosen(curves: Sequence[Curve], code: str | None) -> Curve | None:
+    """Choose what is drawn large: what was asked for, else the largest displacement."""
+    tables = [c for c in curves if c.component.is_table]
+    for curve in tables:
+        if curve.component.code == code:
+            return curve
+    key = {c.component.code: (c.component.unit is Unit.UM, _size(c)) for c in tables}
+    return max(tables, key=lambda c: key[c.component.code], default=None)
+
+
+def _chart(
+    curve: Curve | None, scales: Mapping[Unit, Scale], curves: Sequence[Curve]
+) -> dict[str, Any]:
+    if curve is None:
+        return {"chart": "", "between": ""}
+    scale = scales[curve.component.unit]
+    ends = _ends_mm(curves)
+    basis = curve.entry.basis
+    if not curve.maps:
+        between = "not between two maps"
+    else:
+        between = f"{curve.maps[0].label} ↔ {curve.maps[1].label}"
+    label = Markup("<b>now</b>")
+    if curve.trend is not None:
+        nearest = basis.upper_map if (basis.weight or 0.0) > 0.5 else basis.lower_map
+        label = Markup("<b>now = {} (held)</b>; amber: the trend").format(nearest)
+    elif basis.weight is not None:
+        label = Markup("<b>now, {:.0f} % of the way</b>; dots {}, dashes {}").format(
+            100.0 * basis.weight, curve.maps[0].label, curve.maps[1].label
+        )
+    if curve.entry.effects:
+        label += Markup("; with {}").format(", ".join(curve.entry.effects))
+    value, place = _largest_of(curve)
+    name = (
+        f"{curve.component.code}: compensation now, largest {signed(value)} "
+        f"{curve.component.unit.symbol}{place and ' ' + place}; maps {between}"
+    )
+    return {
+        "chart": curve_svg(curve, scale, ends, name),
+        "between": f"held at {basis.upper_map if (basis.weight or 0) > 0.5 else basis.lower_map}"
+        if curve.trend is not None
+        else between,
+        "label": label,
+        "ticks": [
+            {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": _tick(t)}
+            for t in scale.ticks
+        ],
+        "positions": [f"{x:g}" for x in positions_scale(ends[0], ends[-1])],
+    }
+
+
+def _component_row(
+    curve: Curve,
+    axis: str,
+    drawn: Curve | None,
+    query: Mapping[str, str],
+    lengths: Mapping[Unit, float],
+    curves: Sequence[Curve],
+) -> dict[str, Any]:
+    value, place = _largest_of(curve)
+    is_table = curve.component.is_table
+    return {
+        "code": curve.component.code,
+        "value": value,
+        "unit": curve.component.unit.symbol,
+        "place": place,
+        "is_chosen": drawn is not None and curve.component.code == drawn.component.code,
+        "is_limited": curve.entry.basis.status in _LIMITED,
+        "query": urlencode({**query, axis: curve.component.code} if is_table else query),
+        "shape": small_svg(curve, lengths[curve.component.unit], _ends_mm(curves)),
+    }
+
+
+def _largest_of(curve: Curve) -> tuple[float, str]:
+    """Find a component's largest compensation, and write its place."""
+    values = curve.entry.compensation
+    at = int(np.abs(values).argmax())
+    axis = curve.component.axis
+    place = "" if axis is None else f"at {axis.upper()} {curve.entry.positions_mm[at]:g}"
+    return float(values[at]), place
+
+
+def _size(curve: Curve) -> float:
+    return float(np.abs(curve.entry.compensation).max(initial=0.0))
+
+
+def _lengths(curves: Sequence[Curve]) -> dict[Unit, float]:
+    """The largest value of each unit: small curves of one unit share their scale."""
+    found = dict.fromkeys(Unit, 0.0)
+    for curve in curves:
+        unit = curve.component.unit
+        found[unit] = max(found[unit], _size(curve))
+    return {unit: value or 1.0 for unit, value in found.items()}
+
+
+def _ends_mm(curves: Sequence[Curve]) -> tuple[float, float]:
+    """Between which positions an axis is drawn [mm]."""
+    ends = [c.entry.positions_mm[[0, -1]] for c in curves if c.component.is_table]
+    return (
+        float(min(e[0] for e in ends)) if ends else 0.0,
+        float(max(e[-1] for e in ends)) if ends else 1.0,
+    )
+
+
+def _drawn_values(curve: Curve) -> list[float]:
+    """Every value that a chart has to hold."""
+    drawn = [curve.entry.compensation, *(m.compensation for m in curve.maps)]
+    if curve.trend is not None:
+        drawn.append(curve.trend.compensation)
+    return [float(v) for values in drawn for v in (values.min(), values.max())]
+
+
+def _uncertainty(curves: Sequence[Curve]) -> str:
+    """Say what the band is, or why there is none."""
+    if any(c.entry.standard_errors is not None for c in curves):
+        return "Band: ± 2 σ of the maps' measurement."
+    if any(c.entry.effects for c in curves):
+        return "Uncertainty: not known with an adopted effect."
+    return "Uncertainty: not stated in the maps."
+
+
+def _tables(curves: Sequence[Curve]) -> Iterable[dict[str, Any]]:
+    """Lay out the whole table: components over the same positions share a table."""
+    tables = [c for c in curves if c.component.is_table]
+    single = [c for c in curves if not c.component.is_table]
+
+    def positions(curve: Curve) -> tuple[str, tuple[float, ...]]:
+        return curve.component.axis or "", tuple(curve.entry.positions_mm.tolist())
+
+    for (axis, at), own in groupby(sorted(tables, key=positions), key=positions):
+        yield {"axis": axis, "positions": [f"{x:g}" for x in at], "rows": _rows(own)}
+    if single:
+        yield {"axis": counted(len(single), "value"), "positions": [""], "rows": _rows(single)}
+
+
+def _rows(curves: Iterable[Curve]) -> list[dict[str, Any]]:
+    return [
+        {
+            "code": c.component.code,
+            "unit": c.component.unit.symbol,
+            "values": [float(v) for v in c.entry.compensation],
+        }
+        for c in curves
+    ]
+
+
+def _tick(value: float) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")

@@ -1,0 +1,149 @@
+"""What the pages of the dashboard show: verdicts, the course of temperatures, curves and maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.compensation.table import CompensationTable, ComponentCompensation
+from app.errors import ThermapError
+from app.geometry.components import Component
+from app.live.registry import LiveMachine
+from app.services.context import Context
+from app.services.live_table import current_state, table_of_state
+from app.services.status import machine_in_memory, status_of, stored_of_machines
+from app.status.machine_status import MachineStatus
+from app.thermal.bracket import Status
+from app.thermal.group_state import GroupState
+from app.units import SECONDS_PER_H
+
+COURSE_S = 2.0 * SECONDS_PER_H
+"""How far back the course of a temperature is shown [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A sensor's temperatures over the last two hours, as far as memory has them.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,) [s]
+        Relative to now: from −7200 to 0.
+    temperatures_c : ndarray, shape (n,) [°C]
+    max_gap_s
+        Neighbours further apart are not joined [s].
+    """
+
+    times_s: FloatArray
+    temperatures_c: FloatArray
+    max_gap_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapCurve:
+    """Minus a map's errors, along the positions that it has in common with its neighbour."""
+
+    label: str
+    positions_mm: FloatArray
+    compensation: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A component's compensation now, between its two maps.
+
+    `trend` is what going on in a straight line through the maps would give, where it is held.
+    `maps` is empty where the numbers are not on one line between two maps.
+    """
+
+    entry: ComponentCompensation
+    maps: tuple[MapCurve, ...] = ()
+    trend: MapCurve | None = None
+
+    @property
+    def component(self) -> Component:
+        """Which one it is."""
+        return self.entry.component
+
+
+@dataclass(frozen=True, slots=True)
+class MachineView:
+    """One machine now: its verdict, its temperatures' courses, and its curves."""
+
+    status: MachineStatus
+    courses: dict[str, Course]
+    curves: tuple[Curve, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+
+def show_machine_view(context: Context, machine_id: str) -> MachineView:
+    """Gather what the page of a machine shows.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    live = machine_in_memory(context, machine_id)
+    status = status_of(context, live, stored_of_machines(context))
+    try:
+        table = table_of_state(context, current_state(context, machine_id, live))
+    except ThermapError:
+        return MachineView(status, _courses(context, live))
+    return MachineView(
+        status, _courses(context, live), tuple(_curves(table)), tuple(table.warnings)
+    )
+
+
+def show_machine_views(context: Context) -> list[MachineView]:
+    """Gather what the page of all machines shows, by id."""
+    stored = stored_of_machines(context)
+    return [
+        MachineView(status_of(context, live, stored), _courses(context, live))
+        for live in context.live.machines()
+    ]
+
+
+def _courses(context: Context, live: LiveMachine) -> dict[str, Course]:
+    now_s = context.now().timestamp()
+    readings = [r for r in live.readings.held.used if now_s - r.time.timestamp() <= COURSE_S]
+    found = {}
+    for name, sensor in live.current.model.machine.sensors.items():
+        own = [
+            (r.time.timestamp() - now_s, r.temperatures_c[name])
+            for r in readings
+            if name in r.temperatures_c
+        ]
+        times, values = np.array(own).T if own else (np.empty(0), np.empty(0))
+        found[name] = Course(times, values, sensor.max_age_s)
+    return found
+
+
+def _curves(table: CompensationTable) -> Iterator[Curve]:
+    """Put every component's compensation beside its maps."""
+    states = {m.component.code: state for state in table.states for m in state.members}
+    for entry in table.components:
+        state = states.get(entry.component.code)
+        is_between = state is not None and entry.basis.lower_map == state.lower_map
+        if state is None or not is_between:
+            yield Curve(entry)
+            continue
+        curves = _map_curves(state, entry.component)
+        yield Curve(entry, curves[:2], curves[2] if state.status is Status.CLAMPED else None)
+
+
+def _map_curves(state: GroupState, component: Component) -> tuple[MapCurve, MapCurve, MapCurve]:
+    """Give minus the errors of the lower map, of the upper one, and of the line's going on."""
+    scale, lower = state.scale, state.bracket.lower
+    maps = state.group.maps_in_use(scale.rows[lower], scale.rows[lower + 1])
+    member = maps.member(component.code)
+    below, above = (-nodes[member.forward] for nodes in maps.nodes)
+    share = (state.temperature_c - scale.temperatures_c[lower]) / scale.span_c(lower)
+    return (
+        MapCurve(state.lower_map, member.positions_mm, below),
+        MapCurve(state.upper_map, member.positions_mm, above),
+        MapCurve("trend", member.positions_mm, (1.0 - share) * below + share * above),
+    )

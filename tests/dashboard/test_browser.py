@@ -1,0 +1,165 @@
+"""The dashboard in Debian's Chromium: it follows, it says when it cannot, and keys are enough."""
+
+import os
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from datetime import UTC, datetime
+
+import httpx
+import pytest
+
+from app.cli.listening import listening, serving, url_of
+from app.main import create_app
+from app.settings import Settings
+from tests.service_examples import MACHINE, ROOM, UNHURRIED, furnish_database, reading
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+PATIENCE_MS = 60_000
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        CHROMIUM is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
+        reason="Chromium is not installed (Debian: chromium)",
+    ),
+]
+
+SIZES = {"panel": (1366, 768), "phone": (390, 844), "wide": (1920, 1080)}
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    playwright = pytest.importorskip("playwright.sync_api")
+    playwright.expect.set_options(timeout=PATIENCE_MS)
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Shop:
+    """A service that can be ended and begun again at its address."""
+
+    def __init__(self, database_url):
+        self._settings = Settings(database_url=database_url, **UNHURRIED)
+        self._port = 0
+        self.url = ""
+
+    @contextmanager
+    def open(self):
+        with (
+            listening("127.0.0.1", self._port, "serve") as socket,
+            serving(create_app(self._settings), socket, "warning"),
+        ):
+            self.url = url_of(socket)
+            self._port = int(self.url.rpartition(":")[2])
+            yield
+
+    def send(self, method, path, content=None):
+        answer = httpx.request(method, self.url + path, json=content, timeout=60, trust_env=False)
+        assert answer.status_code < 300, answer.text
+
+    def feed(self, t_c):
+        self.send("POST", f"{ROOM}/readings", [reading(datetime.now(UTC), t_c)])
+
+
+@pytest.fixture
+def shop(databases):
+    # Playwright's loop runs in this thread, and a database is furnished by a loop of its own.
+    with ThreadPoolExecutor(1) as aside:
+        database_url = aside.submit(databases.prepared, "sqlite", furnish_database).result()
+    yield Shop(database_url)
+    databases.give_back(database_url)
+
+
+@contextmanager
+def opened(chromium, shop, size="panel", **options):
+    """A page of which nothing may go wrong, and that asks no other host."""
+    width, height = SIZES[size]
+    page = chromium.new_page(viewport={"width": width, "height": height}, **options)
+    page.set_default_timeout(PATIENCE_MS)
+    wrong = []
+    page.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("request", lambda r: None if r.url.startswith(shop.url) else wrong.append(r.url))
+    yield page, wrong
+    page.close()
+
+
+def expect(locator):
+    from playwright.sync_api import expect
+
+    return expect(locator)
+
+
+def test_a_table_changes_live_and_a_component_is_chosen(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050")
+        expect(page.locator("#connection")).to_have_text("Live")
+        expect(page.locator("#row-EXX")).to_contain_text("−25.0")
+        shop.feed(25.4)
+        expect(page.locator("#row-EXX")).to_contain_text("−27.0")
+        page.locator("#row-EBX").click()
+        expect(page.locator("#axis-x h2")).to_contain_text("EBX in µrad")
+        shop.send("PATCH", ROOM, {"out_of_range": "reject"})
+        shop.feed(30.6)
+        expect(page.locator("#answer h1")).to_have_text("Not trusted")
+        assert wrong == []
+
+
+def test_the_keyboard_alone_goes_to_a_machine_and_back(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "VMC-2"})
+        shop.feed(25.0)
+        page.goto(shop.url)
+        page.keyboard.press("ArrowDown")
+        page.keyboard.press("ArrowDown")
+        page.keyboard.press("Enter")
+        page.wait_for_url("**/machines/mcfv5050")
+        page.keyboard.press("t")
+        expect(page.locator("#whole")).to_have_attribute("open", "")
+        page.keyboard.press("Escape")
+        page.wait_for_url(shop.url + "/")
+        page.keyboard.press("f")
+        expect(page.locator("html")).to_have_attribute("data-view", "far")
+        assert wrong == []
+
+
+def test_a_service_that_is_gone_is_said_and_its_return_too(chromium, shop):
+    with opened(chromium, shop) as (page, _):
+        with shop.open():
+            shop.feed(25.0)
+            page.goto(shop.url + "/machines/mcfv5050")
+            expect(page.locator("#connection")).to_have_text("Live")
+        expect(page.locator("#connection")).to_have_text("No connection")
+        expect(page.locator(".lost")).to_be_visible()
+        with shop.open():
+            expect(page.locator(".lost")).to_be_hidden()
+            shop.feed(26.0)
+            expect(page.locator("#row-EXX")).to_contain_text("−30.0")
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
+    with shop.open(), opened(chromium, shop, size, color_scheme=scheme) as (page, wrong):
+        shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "A long name " * 5})
+        shop.feed(31.4)
+        for path in ("/", "/machines/mcfv5050", "/machines/second"):
+            page.goto(shop.url + path)
+            expect(page.locator("#connection")).to_have_text("Live")
+            root = page.locator("html")
+            assert root.evaluate("e => e.scrollWidth") <= SIZES[size][0]
+            assert root.evaluate("e => getComputedStyle(e).colorScheme") == scheme
+        assert wrong == []
+
+
+def test_without_javascript_the_answer_is_there(chromium, shop):
+    with shop.open(), opened(chromium, shop, java_script_enabled=False) as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050")
+        expect(page.locator("#answer h1")).to_have_text("Trusted")
+        expect(page.locator("#row-EZZ")).to_contain_text("−50.0")
+        assert wrong == []
