@@ -62,16 +62,14 @@ class Share:
         """Profile visit variances and repeatability at given amplitudes."""
         a = amplitudes[self.index]
         rss = self.state.rss - 2.0 * self.slope @ a + (self.gram @ a) @ a
-        found = np.array([self.state.log_likelihood(i, r) for i, r in enumerate(rss)])
-        level = int(found.argmax())
-        return float(found[level]), level, float(self.state.scatter(rss[level]))
+        found, level = self.state.profile(rss)
+        return float(found), int(level), float(self.state.scatter(rss[level]))
 
     def alone(self) -> tuple[int, float]:
         """Profile with this channel's own amplitudes."""
         gains = np.einsum("li,lij,lj->l", self.slope, inverse(self.gram), self.slope)
         rss = self.state.rss - gains
-        found = np.array([self.state.log_likelihood(i, r) for i, r in enumerate(rss)])
-        level = int(found.argmax())
+        level = int(self.state.profile(rss)[1])
         return level, float(self.state.scatter(rss[level]))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -80,15 +81,14 @@ class Target:
     on_nuisance: FloatArray
     draws: Response | None
 
-    @property
-    def null(self) -> FloatArray:
-        """Log likelihood without any entry, shape (l, m)."""
-        return self.log_likelihood(self.squares)
+    @cached_property
+    def null(self) -> tuple[FloatArray, IntArray]:
+        """Log likelihood without any entry, and which of the levels has it; each shape (m,)."""
+        return self.profile(self.squares)
 
-    def log_likelihood(self, squares: FloatArray) -> FloatArray:
-        """Profile the repeatability at each of the levels; squares of shape (l, ..., m)."""
-        pairs = zip(self.levels.tolist(), squares, strict=True)
-        return np.stack([self.state.log_likelihood(i, s) for i, s in pairs])
+    def profile(self, squares: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Profile visit variances and repeatability; squares of shape (l, ..., m)."""
+        return self.state.profile(squares, self.levels)
 
 
 def scan(
@@ -247,8 +247,8 @@ def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
         squares.append(target.squares[i] - np.sum((root.transpose(0, 2, 1) @ slope) ** 2, axis=1))
         rank = np.maximum(rank, ranks)
     # Each hypothesis has its own best visit variances: both maxima are over all levels.
-    best = target.log_likelihood(np.stack(squares)).max(axis=0)
-    return 2.0 * (best - target.null.max(axis=0)), rank
+    best, _ = target.profile(np.stack(squares))
+    return 2.0 * (best - target.null[0]), rank
 
 
 def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, FloatArray]:
@@ -257,7 +257,7 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
     # levels, so amplitudes and variances alternate. The ratio can only be too small by that.
     nulls = [p.target.null for p in products]
     g = products[0].gram.shape[1]
-    level = [np.broadcast_to(n.argmax(axis=0), (g, n.shape[1])) for n in nulls]
+    level = [np.broadcast_to(at, (g, len(at))) for _, at in nulls]
     scatter = [
         p.target.state.scatter(np.take_along_axis(p.target.squares, at[:1], 0)) * np.ones((g, 1))
         for p, at in zip(products, level, strict=True)
@@ -269,7 +269,7 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
         found = [_best(p, amplitudes) for p in products]
         level, scatter = [f[1] for f in found], [f[2] for f in found]
         total = np.sum([f[0] for f in found], axis=0)
-    return 2.0 * (total - np.sum([n.max(axis=0) for n in nulls], axis=0)), rank
+    return 2.0 * (total - np.sum([n for n, _ in nulls], axis=0)), rank
 
 
 def _amplitudes(
@@ -296,7 +296,6 @@ def _best(p: _Products, amplitudes: FloatArray) -> tuple[FloatArray, IntArray, F
         pull = (amplitudes @ gram) - 2.0 * slope.transpose(0, 2, 1)
         squares.append(p.target.squares[i] + np.sum(pull * amplitudes, axis=2))
     stacked = np.stack(squares)
-    found = p.target.log_likelihood(stacked)
-    level = found.argmax(axis=0)
+    found, level = p.target.profile(stacked)
     left = np.take_along_axis(stacked, level[None], 0)[0]
-    return found.max(axis=0), level, p.target.state.scatter(left)
+    return found, level, p.target.state.scatter(left)

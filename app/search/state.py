@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.moments import Fixed, moments_of
 from app.search.scatter import Whitening
 
@@ -154,24 +154,57 @@ class State:
     @cached_property
     def null(self) -> FloatArray:
         """Log likelihood at each set of visit variances, shape (L,)."""
-        return np.array([self.log_likelihood(i, rss) for i, rss in enumerate(self.rss)])
+        return self.log_likelihoods(self.rss)
 
-    def log_likelihood(self, level: int, rss: FloatArray) -> FloatArray:
-        """Profile the repeatability out of the likelihood.
+    @cached_property
+    def constants(self) -> FloatArray:
+        """What the squares have no part in of each set's log likelihood, shape (L,)."""
+        return np.array([level.constant for level in self.levels])
+
+    def log_likelihoods(self, rss: FloatArray) -> FloatArray:
+        """Profile the repeatability out of the likelihood, at each set of visit variances.
 
         Parameters
         ----------
-        rss : ndarray, shape (...)
+        rss : ndarray, shape (L, ...)
             Squares that are left.
 
         Returns
         -------
-        ndarray, shape (...)
+        ndarray, shape (L, ...)
         """
-        # The prior's squares are `weight` as well: values are in units of the channel's scale.
-        scale = np.maximum(rss + self.fixed.channel.weight, 1e-12) / self.freedom
-        found: FloatArray = -0.5 * self.freedom * np.log(scale) + self.levels[level].constant
+        constants = self.constants.reshape(-1, *(1,) * (rss.ndim - 1))
+        found: FloatArray = -0.5 * self.freedom * np.log(self.scatter(rss)) + constants
         return found
+
+    def profile(
+        self, rss: FloatArray, levels: IntArray | None = None
+    ) -> tuple[FloatArray, IntArray]:
+        """Profile the visit variances out too.
+
+        Parameters
+        ----------
+        rss : ndarray, shape (l, ...)
+            Squares that are left at each set of visit variances that is tried.
+        levels : ndarray of int, shape (l,), optional
+            Which these are; all L without it.
+
+        Returns
+        -------
+        log_likelihood : ndarray, shape (...)
+            The largest.
+        best : ndarray of int, shape (...)
+            Which of the l has it, the first of equals.
+        """
+        constants = self.constants if levels is None else self.constants[levels]
+        largest = constants.max()
+        # −f/2 ln s + c is largest where s exp(−2 c/f) is smallest: one logarithm for all levels.
+        with np.errstate(over="ignore"):
+            handicap = np.exp(2.0 * (largest - constants) / self.freedom)
+        scaled = self.scatter(rss) * handicap.reshape(-1, *(1,) * (rss.ndim - 1))
+        best = scaled.argmin(axis=0)
+        found: FloatArray = -0.5 * self.freedom * np.log(scaled.min(axis=0)) + largest
+        return found, best
 
     def scatter(self, rss: FloatArray) -> FloatArray:
         """Estimate the variance of one observation, over the square of the scale.
