@@ -69,22 +69,22 @@ def blocks(columns: FloatArray, k: int) -> FloatArray:
 
     Parameters
     ----------
-    columns : ndarray, shape (n, g k)
+    columns : ndarray, shape (..., n, g k)
 
     Returns
     -------
-    ndarray, shape (g, k, k)
+    ndarray, shape (..., g, k, k)
 
     Examples
     --------
     >>> blocks(np.array([[1.0, 2.0], [0.0, 3.0]]), 2).tolist()
     [[[1.0, 2.0], [2.0, 13.0]]]
     """
-    found = np.empty((columns.shape[1] // k, k, k))
+    found = np.empty((*columns.shape[:-2], columns.shape[-1] // k, k, k))
     for i in range(k):
         for j in range(i, k):
-            product = np.einsum("ng,ng->g", columns[:, i::k], columns[:, j::k])
-            found[:, i, j] = found[:, j, i] = product
+            product = np.einsum("...ng,...ng->...g", columns[..., i::k], columns[..., j::k])
+            found[..., i, j] = found[..., j, i] = product
     return found
 
 
@@ -93,11 +93,13 @@ def _base_gram(batch: Batch, state: State) -> BaseGram:
     with_nuisance = sheet.moments.nuisance[state.cells].sum(axis=0).T
     own = sheet.own[state.cells].sum(axis=0)
     reduced = sheet.moments.reduced[state.blocks]
-    grams, floors = [], []
-    for level in state.levels:
-        mine = level.shadow(with_nuisance, reduced)
-        visits = np.sum(mine[: len(level.turned)] ** 2, axis=0).reshape(-1, k).sum(axis=1)
-        seen = np.trace(own, axis1=1, axis2=2) - visits
-        floors.append(np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN))
-        grams.append(own - blocks(mine, k))
-    return BaseGram(np.stack(grams), np.stack(floors))
+    gram = np.empty((len(state.rss), *own.shape))
+    floor = np.empty(gram.shape[:2])
+    for some in state.levels:
+        mine = some.shadow(with_nuisance, reduced)
+        first = some.turned.shape[1]
+        of_visits, of_nuisance = blocks(mine[:, :first], k), blocks(mine[:, first:], k)
+        seen = np.trace(own - of_visits, axis1=2, axis2=3)
+        floor[some.which] = np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN)
+        gram[some.which] = own - of_visits - of_nuisance
+    return BaseGram(gram, floor)

@@ -91,9 +91,10 @@ class Channel:
     weight: float
     expected: FloatArray | None = None
 
-    def whitening(self, level: int, use: BoolArray) -> Whitening:
-        """Factorise the covariance of some blocks at one set of variances."""
-        return self.blocks.whitening(self.tried[level], self.gram, use)
+    def whitening(self, levels: IntArray, use: BoolArray) -> Whitening:
+        """Factorise the covariance of some blocks at sets of variances that reach as far."""
+        tried = tuple(self.tried[level] for level in levels.tolist())
+        return self.blocks.whitening(tried, self.gram, use)
 
     @property
     def block(self) -> IntArray:

@@ -174,9 +174,9 @@ def informations(
 
 def _shadow(state: State, level: int, batch: Batch) -> FloatArray:
     moments = batch.sheets[state.fixed.channel.number].moments
-    return state.levels[level].shadow(
+    return state.level(level).shadow(
         moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
-    )
+    )[0]
 
 
 def _overlaps(
@@ -223,9 +223,9 @@ def _overlaps(
 def _whitened(state: State, level: int, columns: FloatArray) -> NDArray[np.float32]:
     """Multiply columns with each other beside visits and maps, in short numbers: (m, m)."""
     moments = moments_of(state.fixed.channel, columns, state.fixed.cells)
-    taken = state.levels[level].shadow(
+    taken = state.level(level).shadow(
         moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
-    )
+    )[0]
     here = state.cells[state.fixed.channel.cells][state.fixed.channel.block]
     own, shadow = columns[here].astype(np.float32), taken.astype(np.float32)
     found: NDArray[np.float32] = own.T @ own - shadow.T @ shadow

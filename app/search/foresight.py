@@ -58,14 +58,14 @@ class Learned:
         """
         state = self.states[channel]
         effect = self.effect(channel)
-        level = state.levels[self.fit.level[channel]]
+        level = state.level(self.fit.level[channel])
         own = state.fixed.channel
         if not own.nuisance.shape[1]:
             return effect
         left = (own.values - effect)[:, None]
         seen = own.by_cell(own.nuisance, left, state.fixed.cells)[state.cells].sum(axis=0)
-        lower = level.shadow(seen, own.reduce(left)[state.blocks])[-len(seen) :]
-        entries = solve_triangular(level.root, lower, lower=True, trans=1)
+        lower = level.shadow(seen, own.reduce(left)[state.blocks])[0, -len(seen) :]
+        entries = solve_triangular(level.root[0], lower, lower=True, trans=1)
         return np.asarray(effect + own.nuisance @ entries[:, 0])
 
 
@@ -124,7 +124,7 @@ def _seen(
         columns = np.hstack([columns, state.given.columns])
     left = fixed.values - without.prediction(channel)
     inner = _whitened_products(state, level, np.column_stack([change, left, columns]), held)
-    root = state.levels[level].root
+    root = state.level(level).root[0]
     taken = np.zeros((2, 2))
     if len(root):
         stiff = cho_factor(root @ root.T + inner[2:, 2:])
@@ -150,7 +150,8 @@ def _whitened_products(
     """Multiply columns over the held-out rows, each visit weighted by its own scatter."""
     channel = state.fixed.channel
     blocks = held[channel.cells]
-    turned = channel.whitening(level, blocks).turn(channel.reduce(columns)[blocks])
+    whitening = channel.whitening(np.array([level]), blocks)
+    turned = whitening.turn(channel.reduce(columns)[blocks])[0]
     kept = columns[blocks[channel.block]]
     found: FloatArray = kept.T @ kept - turned.T @ turned
     return found

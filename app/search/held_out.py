@@ -78,8 +78,8 @@ def typical_level(states: Mapping[int, State]) -> dict[int, int]:
     its own fit would take that for its set-up.
     """
     found: dict[int, int] = {}
-    for size in {len(s.levels) for s in states.values()}:
-        same = {c: s for c, s in states.items() if len(s.levels) == size}
+    for size in {len(s.rss) for s in states.values()}:
+        same = {c: s for c, s in states.items() if len(s.rss) == size}
         # No channel may outvote the others by more than so much.
         votes = sum(np.maximum(s.null - s.null.max(), -LARGEST_VOTE) for s in same.values())
         found |= dict.fromkeys(same, int(np.argmax(votes)))

@@ -149,7 +149,7 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
     fixed, number = state.fixed, state.fixed.channel.number
     offsets = np.cumsum([0, *(t.size for t in terms)])
     mine = [(o, t) for o, t in zip(offsets, terms, strict=False) if number in t.columns]
-    levels = len(state.levels)
+    levels = len(state.rss)
     if not mine:
         return Share(state, np.zeros(0, np.intp), np.zeros((levels, 0, 0)), np.zeros((levels, 0)))
     index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
@@ -159,11 +159,12 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
     nuisance = np.hstack([m.nuisance[state.cells].sum(axis=0).T for m in parts])
     values = np.concatenate([m.values[state.cells].sum(axis=0) for m in parts])
     reduced = np.concatenate([m.reduced[state.blocks] for m in parts], axis=2)
-    shadows = [level.shadow(nuisance, reduced) for level in state.levels]
-    gram = np.stack([square - s.T @ s for s in shadows])
-    slope = np.stack(
-        [values - (s.T @ y)[:, 0] for s, y in zip(shadows, state.shadows, strict=True)]
-    )
+    gram = np.empty((levels, len(values), len(values)))
+    slope = np.empty((levels, len(values)))
+    for some, of_values in zip(state.levels, state.shadows, strict=True):
+        shadow = some.shadow(nuisance, reduced).transpose(0, 2, 1)
+        gram[some.which] = square - shadow @ shadow.transpose(0, 2, 1)
+        slope[some.which] = values - (shadow @ of_values)[..., 0]
     return Share(state, index, gram, slope)
 
 

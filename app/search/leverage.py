@@ -54,9 +54,9 @@ def _by_block(model: Learned, weights: Learned, channel: int) -> FloatArray:
     state = model.states[channel]
     fixed, level = state.fixed.channel, weights.fit.level[channel]
     left = fixed.values - model.prediction(channel)
-    whitening = fixed.whitening(level, np.ones(len(fixed.starts), dtype=np.bool_))
+    whitening = fixed.whitening(np.array([level]), np.ones(len(fixed.starts), dtype=np.bool_))
     reduced = fixed.reduce(left[:, None])
-    turned_back = whitening.turn_back(whitening.turn(reduced), fixed.shapes.shape[1])
+    turned_back = whitening.turn_back(whitening.turn(reduced), fixed.shapes.shape[1])[0]
     # Blocks that scatter together share their squares r'V⁻¹r: each has r_i'(V⁻¹r)_i of them.
     taken = np.sum(reduced[..., 0] * turned_back.reshape(reduced.shape)[..., 0], axis=1)
     squares = np.add.reduceat(left**2, fixed.starts) - taken

@@ -18,7 +18,7 @@ from app.search.base_grams import BaseGrams, blocks
 from app.search.draws import Draws, Response
 from app.search.library import Batch, Library
 from app.search.small_inverse import inverse_roots
-from app.search.state import State
+from app.search.state import Levels, State
 
 ROUNDS: Final = 3
 """Alternations between a fingerprint's amplitudes and the channels' variances."""
@@ -70,6 +70,8 @@ class Target:
         Weights of the visits' sums.
     on_nuisance : ndarray, shape (p + given, l m)
         Weights of the products with nuisance and given terms.
+    of_given : tuple of ndarrays, shapes (l, given, b (1 + q)) and (l, given, p + given)
+        Weights of both in the part of columns that given terms take up.
     draws
         What the draws are made of; None for measured values.
     """
@@ -79,6 +81,7 @@ class Target:
     squares: FloatArray
     on_visits: FloatArray
     on_nuisance: FloatArray
+    of_given: tuple[FloatArray, FloatArray]
     draws: Response | None
 
     @cached_property
@@ -133,8 +136,7 @@ def scan(
 
 
 def _target(state: State) -> Target:
-    levels = np.arange(len(state.levels))
-    return _weighed(state, levels, state.shadows, state.rss[:, None], None)
+    return _weighed(state, state.levels, state.shadows, state.rss[:, None], None)
 
 
 def _drawn_target(state: State, draws: Draws) -> Target:
@@ -143,29 +145,36 @@ def _drawn_target(state: State, draws: Draws) -> Target:
     expected = state.fixed.channel.expected
     if expected is not None:
         believable |= expected > expected.max() * LIKELY
-    levels = np.flatnonzero(believable)
     response = draws.response(state)
-    shadows = [
-        state.levels[i].shadow(response.with_nuisance, response.reduced) for i in levels.tolist()
-    ]
-    squares = np.stack([response.square - np.sum(s**2, axis=0) for s in shadows])
-    return _weighed(state, levels, shadows, squares, response)
+    levels = state.some_levels(np.flatnonzero(believable))
+    shadows = [some.shadow(response.with_nuisance, response.reduced) for some in levels]
+    squares = np.vstack([response.square - np.sum(s**2, axis=1) for s in shadows])
+    order = np.argsort(np.concatenate([some.which for some in levels]))
+    return _weighed(state, levels, shadows, squares[order], response)
 
 
 def _weighed(
     state: State,
-    levels: IntArray,
+    levels: Sequence[Levels],
     shadows: Sequence[FloatArray],
     squares: FloatArray,
     draws: Response | None,
 ) -> Target:
-    pairs = [state.levels[i].weights(s) for i, s in zip(levels.tolist(), shadows, strict=True)]
+    """Put the weights of all levels side by side, in the order of their numbers."""
+    which = np.concatenate([some.which for some in levels])
+    order = np.argsort(which)
+    pairs = [some.weights(shadow) for some, shadow in zip(levels, shadows, strict=True)]
+    count = 0 if state.given is None else state.given.columns.shape[1]
+    last = [some.rows_of_last(count) for some in levels]
+    visits, nuisance = (np.concatenate(each)[order] for each in zip(*pairs, strict=True))
+    of_visits, of_nuisance = (np.concatenate(each)[order] for each in zip(*last, strict=True))
     return Target(
         state,
-        levels,
+        which[order],
         squares,
-        np.hstack([visits for visits, _ in pairs]),
-        np.hstack([nuisance for _, nuisance in pairs]),
+        np.hstack(list(visits)),
+        np.hstack(list(nuisance)),
+        (of_visits, of_nuisance),
         draws,
     )
 
@@ -225,13 +234,8 @@ def _given_products(
 
 def _taken(target: Target, reduced: FloatArray, with_nuisance: FloatArray, k: int) -> FloatArray:
     """Give what given terms take of the information, shape (l, g, k, k)."""
-    given = target.state.given
-    assert given is not None
-    found = []
-    for i in target.levels.tolist():
-        visits, nuisance = target.state.levels[i].rows_of_last(given.columns.shape[1])
-        found.append(blocks(visits @ reduced + nuisance @ with_nuisance.T, k))
-    return np.stack(found)
+    visits, nuisance = target.of_given
+    return blocks(visits @ reduced + nuisance @ with_nuisance.T, k)
 
 
 def _ratios(products: list[_Products], rounds: int = ROUNDS) -> tuple[FloatArray, FloatArray]:

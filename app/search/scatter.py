@@ -113,35 +113,46 @@ class Scatter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """The factor F of V⁻¹ = I − (F Z')'(F Z'), as blocks that scatter together.
+    """The factors F of V⁻¹ = I − (F Z')'(F Z') at l sets of variances.
+
+    They are kept for blocks that scatter together.
 
     Parameters
     ----------
     parts
         For clusters of equally many blocks, their numbers, shape (c, k), and their factors,
-        shape (c, k s, k s), for s shapes.
-    log_determinant
+        shape (l, c, k s, k s), for s shapes.
+    log_determinant : ndarray, shape (l,)
         Of V.
     """
 
     parts: tuple[tuple[IntArray, FloatArray], ...]
-    log_determinant: float
+    log_determinant: FloatArray
 
     @property
     def bytes(self) -> int:
         """Size of the factors."""
         return sum(factor.nbytes for _, factor in self.parts)
 
-    def turn(self, reduced: FloatArray) -> FloatArray:
-        """Apply F to sums over blocks: shape (b, s, m) to (b s, m)."""
+    def take(self, at: IntArray) -> Whitening:
+        """Keep some of the sets of variances, by their places here."""
+        parts = tuple((index, factor[at]) for index, factor in self.parts)
+        return Whitening(parts, self.log_determinant[at])
+
+    def turn(self, reduced: FloatArray, out: FloatArray | None = None) -> FloatArray:
+        """Apply F to sums over blocks: shape (b, s, m) to (l, b s, m), into an array if given."""
         blocks, shapes, columns = reduced.shape
-        return _applied(self.parts, reduced).reshape(blocks * shapes, columns)
+        if out is None:
+            out = np.empty((len(self.log_determinant), blocks * shapes, columns))
+        split = out.reshape(len(out), blocks, shapes, columns)
+        return _applied(self.parts, reduced[None], split).reshape(out.shape)
 
     def turn_back(self, turned: FloatArray, shapes: int) -> FloatArray:
-        """Apply F', shape (b s, m) to (b s, m)."""
-        back = [(index, factor.transpose(0, 2, 1)) for index, factor in self.parts]
-        split = turned.reshape(len(turned) // shapes, shapes, turned.shape[1])
-        return _applied(back, split).reshape(turned.shape)
+        """Apply F', shape (l, b s, m) to (l, b s, m)."""
+        back = [(index, factor.transpose(0, 1, 3, 2)) for index, factor in self.parts]
+        levels, rows, columns = turned.shape
+        split = turned.reshape(levels, rows // shapes, shapes, columns)
+        return _applied(back, split, np.empty(split.shape)).reshape(turned.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +181,9 @@ class Blocks:
     own: FloatArray
     wander: FloatArray
     is_own_unknown: bool = False
-    _known: dict[tuple[Scatter, bytes], Whitening] = field(default_factory=dict, init=False)
+    _known: dict[tuple[tuple[Scatter, ...], bytes], Whitening] = field(
+        default_factory=dict, init=False
+    )
 
     @property
     def are_records(self) -> bool:
@@ -221,13 +234,20 @@ class Blocks:
     def draw(self, scatter: Scatter, unit: FloatArray) -> FloatArray:
         """Give unit draws K's covariance, unknown zeros left out; shape (b, s, m)."""
         roots = [
-            (index, _root(self.covariance(scatter, index, zeros=0.0)))
+            (index, _root(self.covariance(scatter, index, zeros=0.0))[None])
             for index in self._clusters(scatter, np.ones(len(self.free), dtype=np.bool_))
         ]
-        return _applied(roots, unit)
+        found: FloatArray = np.empty((1, *unit.shape))
+        _applied(roots, unit[None], found)
+        return found[0]
 
-    def whitening(self, scatter: Scatter, gram: FloatArray, use: BoolArray) -> Whitening:
-        """Factorise V on some blocks.
+    def alike(self, tried: Sequence[Scatter]) -> list[IntArray]:
+        """Number the sets of variances by which the same blocks scatter together, side by side."""
+        reaches = np.array([_reach(scatter) for scatter in tried])
+        return [np.flatnonzero(reaches == reach) for reach in np.unique(reaches)]
+
+    def whitening(self, tried: tuple[Scatter, ...], gram: FloatArray, use: BoolArray) -> Whitening:
+        """Factorise V on some blocks, at sets of variances that reach as far (`alike`).
 
         With K = C C' and L L' = I + C' Z'Z C, F = L⁻¹ C' and log det V = 2 Σ log diag L:
         nothing of the size of the rows squared is ever formed.
@@ -243,31 +263,35 @@ class Blocks:
         --------
         >>> alone = np.zeros(1)
         >>> one = Blocks(np.zeros(1, int), alone, alone > 0, np.array([2.0]), np.array([1.0]))
-        >>> w = one.whitening(Scatter(1.0, 1.0), np.array([[[3.0]]]), alone == 0)
-        >>> round(float(np.exp(w.log_determinant)), 6)     # det(I + 2·11') of three rows
+        >>> w = one.whitening((Scatter(1.0, 1.0),), np.array([[[3.0]]]), alone == 0)
+        >>> round(float(np.exp(w.log_determinant[0])), 6)     # det(I + 2·11') of three rows
         7.0
         """
-        key = (scatter, use.tobytes())
-        found = self._known.pop(key, None) or self._whitening(scatter, gram, use)
+        key = (tried, use.tobytes())
+        found = self._known.pop(key, None) or self._whitening(tried, gram, use)
         self._known[key] = found  # the last used at the end
         while sum(w.bytes for w in self._known.values()) > KEPT_BYTES and len(self._known) > 1:
             del self._known[next(iter(self._known))]
         return found
 
-    def _whitening(self, scatter: Scatter, gram: FloatArray, use: BoolArray) -> Whitening:
+    def _whitening(self, tried: tuple[Scatter, ...], gram: FloatArray, use: BoolArray) -> Whitening:
         place = np.cumsum(use) - 1
         s = len(self.own)
-        parts, log_determinant = [], 0.0
-        for index in self._clusters(scatter, use):
+        parts, log_determinant = [], np.zeros(len(tried))
+        for in_time in self._clusters(tried[0], use):
+            # In the blocks' own order: where a part has all of them they are taken as they lie.
+            index = np.sort(in_time, axis=1)
+            index = index[np.argsort(index[:, 0])]
             c, k = index.shape
-            root = _root(self.covariance(scatter, index))
+            root = np.stack([_root(self.covariance(scatter, index)) for scatter in tried])
             squares = np.zeros((c, k, s, k, s))
             squares[:, np.arange(k), :, np.arange(k), :] = gram[index].transpose(1, 0, 2, 3)
-            inner = root.transpose(0, 2, 1) @ squares.reshape(c, k * s, k * s) @ root
-            lower = np.linalg.cholesky(inner + np.eye(k * s))
-            factor = _solved(np.asarray(lower, dtype=np.float64), root.transpose(0, 2, 1))
-            log_determinant += 2.0 * float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
-            parts.append((place[index].astype(np.intp), factor))
+            back = root.transpose(0, 1, 3, 2)
+            inner = back @ squares.reshape(c, k * s, k * s) @ root
+            lower = np.asarray(np.linalg.cholesky(inner + np.eye(k * s)), dtype=np.float64)
+            diagonals = np.diagonal(lower, axis1=2, axis2=3)
+            log_determinant += 2.0 * np.log(diagonals).sum(axis=(1, 2))
+            parts.append((place[index].astype(np.intp), _solved(lower, back)))
         return Whitening(tuple(parts), log_determinant)
 
     def _of_setup(self, scatter: Scatter) -> FloatArray:
@@ -277,10 +301,9 @@ class Blocks:
 
     def _clusters(self, scatter: Scatter, use: BoolArray) -> list[IntArray]:
         """Gather the blocks that scatter together, those of equal size side by side."""
-        reach = REACH * scatter.minutes if scatter.wander else -1.0
         order = np.flatnonzero(use)
         order = order[np.argsort(self.minutes[order], kind="stable")]
-        number = _joined(self.setups[order], self.minutes[order], reach)
+        number = _joined(self.setups[order], self.minutes[order], _reach(scatter))
         members = [order[number == n] for n in range(number.max(initial=-1) + 1)]
         sizes = sorted({len(m) for m in members})
         return [np.stack([m for m in members if len(m) == size]) for size in sizes]
@@ -299,23 +322,44 @@ def _joined(setups: IntArray, minutes: FloatArray, reach: float) -> IntArray:
     return np.unique(number, return_inverse=True)[1].astype(np.intp)
 
 
-def _applied(parts: Sequence[tuple[IntArray, FloatArray]], split: FloatArray) -> FloatArray:
-    """Multiply what stands at each cluster's blocks, shape (b, s, m), with its matrix."""
-    found: FloatArray = np.empty_like(split)
-    _, shapes, columns = split.shape
+def _reach(scatter: Scatter) -> float:
+    """Give how far apart in time [min] blocks of different set-ups still scatter together."""
+    return REACH * scatter.minutes if scatter.wander else -1.0
+
+
+def _applied(
+    parts: Sequence[tuple[IntArray, FloatArray]], split: FloatArray, out: FloatArray
+) -> FloatArray:
+    """Multiply what stands at each cluster's blocks with its matrices.
+
+    Parameters
+    ----------
+    parts
+        Clusters, shape (c, k), and matrices, shape (l, c, k s, k s).
+    split : ndarray, shape (l, b, s, m) or (1, b, s, m)
+    out : ndarray, shape (l, b, s, m)
+        Where it is written.
+    """
+    of_each, blocks, shapes, columns = split.shape
     for index, matrix in parts:
-        clusters, k = index.shape
-        product = matrix @ split[index].reshape(clusters, k * shapes, columns)
-        found[index] = product.reshape(clusters, k, shapes, columns)
-    return found
+        levels, (clusters, k) = len(matrix), index.shape
+        size = (clusters, k * shapes, columns)
+        if index.size == blocks and (index.ravel() == np.arange(blocks)).all():
+            np.matmul(matrix, split.reshape(of_each, *size), out=out.reshape(levels, *size))
+        else:
+            product = matrix @ split[:, index].reshape(of_each, *size)
+            out[:, index] = product.reshape(levels, clusters, k, shapes, columns)
+    return out
 
 
 def _solved(lower: FloatArray, right: FloatArray) -> FloatArray:
     """Solve triangular systems; small ones all at once, large ones by what is triangular."""
-    if lower.shape[1] < LARGE:
+    if lower.shape[-1] < LARGE:
         return np.asarray(np.linalg.solve(lower, right), dtype=np.float64)
-    pairs = zip(lower, right, strict=True)
-    return np.stack([solve_triangular(a, b, lower=True, check_finite=False) for a, b in pairs])
+    found = np.empty(right.shape)
+    for i in np.ndindex(lower.shape[:-2]):
+        found[i] = solve_triangular(lower[i], right[i], lower=True, check_finite=False)
+    return found
 
 
 def _root(covariance: FloatArray) -> FloatArray:

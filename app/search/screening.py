@@ -94,11 +94,11 @@ def _left(channel: Channel) -> tuple[FloatArray, FloatArray]:
     loose = replace(channel, tried=(scatter,), prior=np.zeros(1))
     state = State(fixed_of(loose, 1), np.ones(1, dtype=bool))
     level = state.levels[0]
-    lower = state.shadows[0][len(level.turned) :]
-    maps = solve_triangular(level.root, lower, lower=True, trans=1) if len(lower) else lower
+    lower = state.shadows[0][0, level.turned.shape[1] :]
+    maps = solve_triangular(level.root[0], lower, lower=True, trans=1) if len(lower) else lower
     values = channel.values - (channel.nuisance @ maps)[:, 0]
     turned = level.whitening.turn(channel.reduce(values[:, None]))
-    shared = level.whitening.turn_back(turned, level.shapes).reshape(-1, level.shapes)
+    shared = level.whitening.turn_back(turned, level.shapes)[0].reshape(-1, level.shapes)
     return values - np.sum(channel.shapes * shared[channel.block], axis=1), shared[:, 0]
 
 

@@ -44,19 +44,45 @@ class Given:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
-    """A channel under one set of visit variances.
+class Levels:
+    """A channel under l sets of visit variances by which the same blocks scatter together.
 
     For any two sets of columns A and B, what is left of A'V⁻¹B once nuisance and given
     terms are fitted is A'B − shadow(A)'shadow(B).
+
+    Parameters
+    ----------
+    which : ndarray, shape (l,)
+        Their numbers among all that are tried.
+    turned : ndarray, shape (l, b (1 + q), p)
+        Nuisance and given columns, whitened over the blocks.
+    root, inverse_root : ndarray, shape (l, p, p)
+        Factor of what the rows and the prior say of nuisance and given columns.
+    constant : ndarray, shape (l,)
+        What the squares have no part in of the log likelihood.
     """
 
+    which: IntArray
     whitening: Whitening
     turned: FloatArray
     root: FloatArray
     inverse_root: FloatArray
-    constant: float
+    constant: FloatArray
     shapes: int
+
+    def take(self, at: IntArray) -> Levels:
+        """Keep some of them, by their places here."""
+        if len(at) == len(self.which):
+            return self
+        return Levels(
+            self.which[at],
+            self.whitening.take(at),
+            self.turned[at],
+            self.root[at],
+            self.inverse_root[at],
+            self.constant[at],
+            self.shapes,
+        )
 
     def shadow(self, with_nuisance: FloatArray, reduced: FloatArray) -> FloatArray:
         """Give the part of columns that visits and nuisance can take up.
@@ -70,10 +96,15 @@ class Level:
 
         Returns
         -------
-        ndarray, shape (b (1 + q) + p, m)
+        ndarray, shape (l, b (1 + q) + p, m)
         """
-        turned = self.whitening.turn(reduced)
-        return np.vstack([turned, self.inverse_root @ (with_nuisance - self.turned.T @ turned)])
+        first = self.turned.shape[1]
+        found = np.empty((len(self.which), first + len(with_nuisance), with_nuisance.shape[1]))
+        turned = found[:, :first]
+        self.whitening.turn(reduced, turned)
+        left = with_nuisance - self.turned.transpose(0, 2, 1) @ turned
+        np.matmul(self.inverse_root, left, out=found[:, first:])
+        return found
 
     def weights(self, shadow: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Say how a shadow enters products with other columns' shadows.
@@ -83,27 +114,28 @@ class Level:
 
         Parameters
         ----------
-        shadow : ndarray, shape (b (1 + q) + p, m)
+        shadow : ndarray, shape (l, b (1 + q) + p, m)
 
         Returns
         -------
-        visits : ndarray, shape (b (1 + q), m)
-        nuisance : ndarray, shape (p, m)
+        visits : ndarray, shape (l, b (1 + q), m)
+        nuisance : ndarray, shape (l, p, m)
         """
-        first = len(self.turned)
-        nuisance = self.inverse_root.T @ shadow[first:]
-        return self._turned_back(shadow[:first] - self.turned @ nuisance), nuisance
+        first = self.turned.shape[1]
+        nuisance = self.inverse_root.transpose(0, 2, 1) @ shadow[:, first:]
+        return self._turned_back(shadow[:, :first] - self.turned @ nuisance), nuisance
 
     def rows_of_last(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Give the last rows of the shadow as weights of sums over visits and of products.
 
         Returns
         -------
-        visits : ndarray, shape (count, b (1 + q))
-        nuisance : ndarray, shape (count, p)
+        visits : ndarray, shape (l, count, b (1 + q))
+        nuisance : ndarray, shape (l, count, p)
         """
-        nuisance = self.inverse_root[len(self.inverse_root) - count :]
-        return -self._turned_back(self.turned @ nuisance.T).T, nuisance
+        nuisance = self.inverse_root[:, self.inverse_root.shape[1] - count :]
+        turned = self.turned @ nuisance.transpose(0, 2, 1)
+        return -self._turned_back(turned).transpose(0, 2, 1), nuisance
 
     def _turned_back(self, turned: FloatArray) -> FloatArray:
         """Apply the transposed factors."""
@@ -125,9 +157,10 @@ class State:
     given: Given | None = None
     blocks: BoolArray = field(init=False)
     count: int = field(init=False)
-    levels: list[Level] = field(init=False)
+    levels: list[Levels] = field(init=False)
     rss: FloatArray = field(init=False)
     shadows: list[FloatArray] = field(init=False)
+    """Of the values, one for each of `levels`."""
 
     def __post_init__(self) -> None:
         channel = self.fixed.channel
@@ -137,10 +170,13 @@ class State:
         with_nuisance, reduced, square = self._products_of_values()
         own, own_reduced, precision = self._products_of_nuisance()
         self.levels = [
-            self._level(i, own, own_reduced, precision) for i in range(len(channel.prior))
+            self._levels(which, own, own_reduced, precision)
+            for which in channel.blocks.alike(channel.tried)
         ]
-        self.shadows = [level.shadow(with_nuisance, reduced) for level in self.levels]
-        self.rss = np.array([square - float(np.sum(s**2)) for s in self.shadows])
+        self.shadows = [some.shadow(with_nuisance, reduced) for some in self.levels]
+        self.rss = np.empty(len(channel.prior))
+        for some, shadow in zip(self.levels, self.shadows, strict=True):
+            self.rss[some.which] = square - np.sum(shadow**2, axis=(1, 2))
 
     def without_given(self) -> State:
         """Look at the same channel and cells without given terms."""
@@ -159,7 +195,10 @@ class State:
     @cached_property
     def constants(self) -> FloatArray:
         """What the squares have no part in of each set's log likelihood, shape (L,)."""
-        return np.array([level.constant for level in self.levels])
+        found = np.empty(len(self.rss))
+        for some in self.levels:
+            found[some.which] = some.constant
+        return found
 
     def log_likelihoods(self, rss: FloatArray) -> FloatArray:
         """Profile the repeatability out of the likelihood, at each set of visit variances.
@@ -206,6 +245,16 @@ class State:
         found: FloatArray = -0.5 * self.freedom * np.log(scaled.min(axis=0)) + largest
         return found, best
 
+    def level(self, number: int) -> Levels:
+        """Give one of the sets of visit variances alone."""
+        (found,) = self.some_levels(np.array([number]))
+        return found
+
+    def some_levels(self, wanted: IntArray) -> list[Levels]:
+        """Give some of the sets of visit variances, by their numbers."""
+        places = ((some, np.flatnonzero(np.isin(some.which, wanted))) for some in self.levels)
+        return [some.take(at) for some, at in places if len(at)]
+
     def scatter(self, rss: FloatArray) -> FloatArray:
         """Estimate the variance of one observation, over the square of the scale.
 
@@ -250,20 +299,24 @@ class State:
         products = channel.by_cell(both, left, fixed.cells)[use].sum(axis=0)
         return products[:-1], channel.reduce(left)[self.blocks], float(products[-1, 0])
 
-    def _level(self, i: int, own: FloatArray, reduced: FloatArray, precision: FloatArray) -> Level:
+    def _levels(
+        self, which: IntArray, own: FloatArray, reduced: FloatArray, precision: FloatArray
+    ) -> Levels:
         channel = self.fixed.channel
-        whitening = channel.whitening(i, self.blocks)
+        whitening = channel.whitening(which, self.blocks)
         turned = whitening.turn(reduced)
-        root = np.asarray(
-            np.linalg.cholesky(own - turned.T @ turned + np.diag(precision)), dtype=np.float64
-        )
+        left = own - turned.transpose(0, 2, 1) @ turned + np.diag(precision)
+        root = np.asarray(np.linalg.cholesky(left), dtype=np.float64)
         p = channel.nuisance.shape[1]
         # The factor of the nuisance alone, which comes first: given terms are fitted, not
         # integrated out. A restricted likelihood would take their determinant too, and could
         # not be compared between models that have different terms.
-        half_log_det = 0.5 * whitening.log_determinant + np.log(np.diag(root)[:p]).sum()
+        diagonals = np.diagonal(root, axis1=1, axis2=2)[:, :p]
+        half_log_det = 0.5 * whitening.log_determinant + np.log(diagonals).sum(axis=1)
         inverse_root: FloatArray = np.zeros_like(root)
-        if len(root):
-            inverse_root[:] = solve_triangular(root, np.eye(len(root)), lower=True)
-        constant = float(channel.prior[i] - half_log_det)
-        return Level(whitening, turned, root, inverse_root, constant, channel.shapes.shape[1])
+        if root.shape[1]:
+            unit = np.eye(root.shape[1])
+            inverse_root[:] = [solve_triangular(one, unit, lower=True) for one in root]
+        constant = np.asarray(channel.prior[which] - half_log_det)
+        shapes = channel.shapes.shape[1]
+        return Levels(which, whitening, turned, root, inverse_root, constant, shapes)

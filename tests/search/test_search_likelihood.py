@@ -88,7 +88,7 @@ def test_marginal_density_is_the_multivariate_normals():
         state, channel = State(fixed, np.ones(2, dtype=bool)), fixed.channel
         for level in (0, 2, 6):
             dense = multivariate_normal(cov=covariance(channel, level)).logpdf(channel.values)
-            ours = state.levels[level].constant - channel.prior[level] - 0.5 * state.rss[level]
+            ours = state.level(level).constant[0] - channel.prior[level] - 0.5 * state.rss[level]
             assert ours - 0.5 * state.count * np.log(2 * np.pi) == pytest.approx(dense)
 
 
@@ -162,5 +162,6 @@ def test_against_statsmodels_mixed_model():
     assert ours[level] == pytest.approx(theirs.llf, abs=1e-3)
     assert ours.max() < theirs.llf + 1e-3
     assert grid.count == mine.sum()
-    amplitudes = np.linalg.solve(state.levels[level].root.T, state.shadows[level][-3:])[:, 0]
+    (shadows,) = state.shadows
+    amplitudes = np.linalg.solve(state.level(level).root[0].T, shadows[level, -3:])[:, 0]
     np.testing.assert_allclose(amplitudes * channel.scale, theirs.fe_params, atol=1e-3)

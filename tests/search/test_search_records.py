@@ -122,8 +122,8 @@ def test_whitening_is_the_inverse_of_the_dense_covariance(scatter, free):
         dense = np.eye(rows[-1]) + laid @ inside @ laid.T
         columns = random.normal(size=(rows[-1], 3))
         gram = np.stack([z.T @ z for z in shapes])
-        ours = blocks.whitening(scatter, gram, use)
-        turned = ours.turn((laid.T @ columns).reshape(len(own), 2, 3))
+        ours = blocks.whitening((scatter,), gram, use)
+        (turned,) = ours.turn((laid.T @ columns).reshape(len(own), 2, 3))
         product = columns.T @ columns - turned.T @ turned
         np.testing.assert_allclose(
             product, columns.T @ np.linalg.solve(dense, columns), rtol=1e-6, atol=1e-6
@@ -136,8 +136,8 @@ def test_setups_far_apart_are_independent_and_near_ones_resemble_each_other():
     scatter = Scatter(1.0, 1.0, 4.0, 30.0)
     gram = np.ones((2, 2, 2))
     use = np.ones(2, bool)
-    assert [index.shape for index, _ in far.whitening(scatter, gram, use).parts] == [(2, 1)]
-    assert [index.shape for index, _ in near.whitening(scatter, gram, use).parts] == [(1, 2)]
+    assert [index.shape for index, _ in far.whitening((scatter,), gram, use).parts] == [(2, 1)]
+    assert [index.shape for index, _ in near.whitening((scatter,), gram, use).parts] == [(1, 2)]
     covariance = near.covariance(scatter, np.array([[0, 1]]))[0]
     assert covariance[0, 2] == pytest.approx(4.0 * np.exp(-10 / 30))
 
