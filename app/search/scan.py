@@ -6,7 +6,7 @@ the null model's best they would contain the effect itself, and hide it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -31,6 +31,10 @@ LIKELY: Final = 0.01
 
 BELIEVABLE: Final = 12.0
 """Log likelihood below the best by which visit variances are not tried on draws of noise."""
+
+
+PORTION: Final = 60_000
+"""Numbers that are worked on at once: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,15 +248,16 @@ def _ratios(products: list[_Products], rounds: int = ROUNDS) -> tuple[FloatArray
 
 def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
     """Profile the visit variances of entries that act on one channel, exactly."""
-    target, rank = products.target, np.zeros(products.gram.shape[1])
-    squares = []
-    for i, (gram, slope) in enumerate(zip(products.gram, products.slope, strict=True)):
-        root, ranks = inverse_roots(gram, products.floor[i])
-        squares.append(target.squares[i] - np.sum((root.transpose(0, 2, 1) @ slope) ** 2, axis=1))
-        rank = np.maximum(rank, ranks)
-    # Each hypothesis has its own best visit variances: both maxima are over all levels.
-    best, _ = target.profile(np.stack(squares))
-    return 2.0 * (best - target.null[0]), rank
+    target, (levels, g, k, m) = products.target, products.slope.shape
+    root, ranks = inverse_roots(products.gram.reshape(-1, k, k), products.floor.ravel())
+    back = root.transpose(0, 2, 1).reshape(levels, g, k, k)
+    best = np.empty((g, m))
+    for part in _portions(g, levels * k * m):
+        taken = back[:, part] @ products.slope[:, part]
+        squares = target.squares[:, None] - np.einsum("lgkm,lgkm->lgm", taken, taken)
+        # Each hypothesis has its own best visit variances: both maxima are over all levels.
+        best[part] = target.profile(squares)[0]
+    return 2.0 * (best - target.null[0]), ranks.reshape(levels, g).max(axis=0)
 
 
 def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, FloatArray]:
@@ -279,7 +284,7 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
 def _amplitudes(
     products: list[_Products], level: list[IntArray], scatter: list[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve for every entry and draw; shape (g, m, k)."""
+    """Solve for every entry and draw; shape (g, k, m)."""
     g, m = level[0].shape
     k = products[0].slope.shape[2]
     information, slope, floor = np.zeros((g, m, k, k)), np.zeros((g, m, k)), np.zeros((g, m))
@@ -290,16 +295,25 @@ def _amplitudes(
         slope += p.slope[at, each, :, all_m] / size[..., None]
     root, ranks = inverse_roots(information.reshape(g * m, k, k), floor.ravel())
     solved = root @ (root.transpose(0, 2, 1) @ slope.reshape(g * m, k, 1))
-    return solved.reshape(g, m, k), ranks.reshape(g, m)[:, 0]
+    by_entry = solved.reshape(g, m, k).transpose(0, 2, 1)
+    return np.ascontiguousarray(by_entry), ranks.reshape(g, m)[:, 0]
 
 
 def _best(p: _Products, amplitudes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Profile one channel's variances at given amplitudes; each of shape (g, m)."""
-    squares = []
-    for i, (gram, slope) in enumerate(zip(p.gram, p.slope, strict=True)):
-        pull = (amplitudes @ gram) - 2.0 * slope.transpose(0, 2, 1)
-        squares.append(p.target.squares[i] + np.sum(pull * amplitudes, axis=2))
-    stacked = np.stack(squares)
-    found, level = p.target.profile(stacked)
-    left = np.take_along_axis(stacked, level[None], 0)[0]
+    levels, g, k, m = p.slope.shape
+    found, left = np.empty((2, g, m))
+    level = np.empty((g, m), dtype=np.intp)
+    for part in _portions(g, levels * k * m):
+        a = amplitudes[part]
+        pull = np.einsum("lgij,gjm->lgim", p.gram[:, part], a) - 2.0 * p.slope[:, part]
+        squares = np.einsum("lgim,gim->lgm", pull, a) + p.target.squares[:, None]
+        found[part], at = p.target.profile(squares)
+        level[part], left[part] = at, np.take_along_axis(squares, at[None], 0)[0]
     return found, level, p.target.state.scatter(left)
+
+
+def _portions(count: int, size: int) -> Iterator[slice]:
+    """Part things of which each has so many numbers, so that what is made of a part is small."""
+    step = max(1, PORTION // size)
+    return (slice(first, first + step) for first in range(0, count, step))
