@@ -174,9 +174,10 @@ def informations(
 
 def _shadow(state: State, level: int, batch: Batch) -> FloatArray:
     moments = batch.sheets[state.fixed.channel.number].moments
-    return state.level(level).shadow(
+    found: FloatArray = state.level(level).shadow(
         moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
     )[0]
+    return found
 
 
 def _overlaps(

@@ -237,9 +237,8 @@ class Blocks:
             (index, _root(self.covariance(scatter, index, zeros=0.0))[None])
             for index in self._clusters(scatter, np.ones(len(self.free), dtype=np.bool_))
         ]
-        found: FloatArray = np.empty((1, *unit.shape))
-        _applied(roots, unit[None], found)
-        return found[0]
+        found: FloatArray = _applied(roots, unit[None], np.empty((1, *unit.shape)))[0]
+        return found
 
     def alike(self, tried: Sequence[Scatter]) -> list[IntArray]:
         """Number the sets of variances by which the same blocks scatter together, side by side."""

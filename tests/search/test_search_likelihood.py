@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from app.search import scan as scans
 from app.search.channel import prepare
 from app.search.draws import Draws
 from app.search.joint_fit import fit_terms
@@ -24,6 +27,9 @@ def make_small(seed=3, datum=Datum.ABSOLUTE, cells=2, **how):
     use = np.ones(len(campaign.rows.values), dtype=bool)
     cell_of = {v: v % cells for v in range(9)}
     return campaign, make_problem(campaign.rows, campaign.nuisance, use, cell_of, cells)
+
+
+SMALL = make_small()
 
 
 def covariance(channel, level):
@@ -90,6 +96,39 @@ def test_marginal_density_is_the_multivariate_normals():
             dense = multivariate_normal(cov=covariance(channel, level)).logpdf(channel.values)
             ours = state.level(level).constant[0] - channel.prior[level] - 0.5 * state.rss[level]
             assert ours - 0.5 * state.count * np.log(2 * np.pi) == pytest.approx(dense)
+
+
+@hypothesis.given(
+    st.integers(1, 11),
+    st.integers(0, 2**32 - 1),
+    st.floats(-300.0, 300.0),
+)
+def test_the_profile_is_the_largest_log_likelihood(count, seed, spread):
+    _, problem = SMALL
+    state = State(problem.fixed[0], np.ones(2, dtype=bool))
+    random = np.random.default_rng(seed)
+    state.constants = random.uniform(-1.0, 1.0, len(state.rss)) * spread
+    levels = np.sort(random.permutation(len(state.rss))[:count])
+    squares = random.uniform(0.0, 1e4, (len(state.rss), 3, 2))
+    plain = state.log_likelihoods(squares)[levels]
+    found, best = state.profile(squares[levels], levels)
+    np.testing.assert_allclose(found, plain.max(axis=0), rtol=1e-12, atol=1e-9)
+    at_best = np.take_along_axis(plain, best[None], 0)[0]
+    np.testing.assert_allclose(at_best, found, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("portion", [1, 700])
+def test_a_scan_does_not_depend_on_the_portions_that_it_works_in(monkeypatch, portion):
+    campaign, problem = SMALL
+    draws = Draws(1, 20)
+    library = read_library(problem, make_library(campaign, pitches=4), draws)
+    states = problem.states(np.ones(2, dtype=bool))
+    whole = scan(library, states, draws)
+    monkeypatch.setattr(scans, "PORTION", portion)
+    parted = scan(library, states, draws)
+    np.testing.assert_allclose(parted.ratio, whole.ratio, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(parted.noise, whole.noise, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(parted.rank, whole.rank)
 
 
 def test_fingerprint_in_the_scan_agrees_with_the_joint_fit():

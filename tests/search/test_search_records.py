@@ -131,6 +131,30 @@ def test_whitening_is_the_inverse_of_the_dense_covariance(scatter, free):
         assert ours.log_determinant == pytest.approx(np.linalg.slogdet(dense)[1], abs=1e-6)
 
 
+@pytest.mark.parametrize("use", [np.ones(6, bool), np.array([1, 0, 1, 1, 0, 1], bool)])
+def test_sets_of_variances_are_whitened_together_as_one_by_one(use):
+    random = np.random.default_rng(4)
+    blocks = make_blocks([0, 0, 0, 1, 1, 2], [0, 5, 9, 200, 210, 9000])
+    tried = scatters(blocks, declared=True)
+    gram = np.einsum("bni,bnj->bij", *[random.normal(size=(6, 5, 2))] * 2)
+    reduced = random.normal(size=(int(use.sum()), 2, 3))
+    seen = []
+    for which in blocks.alike(tried):
+        together = blocks.whitening(tuple(tried[i] for i in which), gram, use)
+        turned = together.turn(reduced)
+        for i, level in enumerate(which.tolist()):
+            alone = blocks.whitening((tried[level],), gram, use)
+            np.testing.assert_allclose(turned[i], alone.turn(reduced)[0], atol=1e-12)
+            np.testing.assert_allclose(
+                together.turn_back(turned, 2)[i],
+                together.take(np.array([i])).turn_back(turned[[i]], 2)[0],
+                atol=1e-12,
+            )
+            assert together.log_determinant[i] == pytest.approx(alone.log_determinant[0])
+            seen.append(level)
+    assert sorted(seen) == list(range(len(tried)))
+
+
 def test_setups_far_apart_are_independent_and_near_ones_resemble_each_other():
     far, near = make_blocks([0, 1], [0, 1e5]), make_blocks([0, 1], [0, 10])
     scatter = Scatter(1.0, 1.0, 4.0, 30.0)
