@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.effects.map_tables import moved
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
@@ -61,13 +61,17 @@ def left_by_maps(
     return _said(projection, codes, label)
 
 
-def left_by_places(projection: Projection, rows: ObservationRows, sign: float = 1.0) -> FloatArray:
+def left_by_places(
+    projection: Projection, rows: ObservationRows, which: BoolArray, sign: float = 1.0
+) -> FloatArray:
     """Say what is left where positions or tools were not those that were noted.
 
     Parameters
     ----------
     rows
         The same rows with the places or tools that they really had.
+    which : ndarray, shape (n,)
+        The rows that were noted otherwise; nothing is left in the others.
     sign
         −1 where the measured value has the wrong sign too.
 
@@ -75,8 +79,14 @@ def left_by_places(projection: Projection, rows: ObservationRows, sign: float = 
     -------
     ndarray, shape (n,) [the rows' units]
     """
-    really = Projection(projection.model, rows, projection.conditions)
-    return sign * _said(really) - _said(projection)
+    conditions = projection.conditions.take(np.flatnonzero(which))
+    noted, really = (
+        Projection(projection.model, all_rows.take(which), conditions)
+        for all_rows in (projection.rows, rows)
+    )
+    found = np.zeros(len(projection.rows))
+    found[which] = sign * _said(really) - _said(noted)
+    return found
 
 
 def _said(
@@ -92,6 +102,8 @@ def _said(
             if (codes is not None and code not in codes) or not counts.any():
                 continue
             view = projection.view(code)
+            if not view.rows.size:
+                continue
             brackets = model.brackets(group, scale, view.conditions.temperature(group.sensor))
             weights = weights_of(scale, brackets) * counts
             found[view.rows] += view.gains * read_maps(group, member, weights, *view.places)

@@ -118,5 +118,4 @@ def _supposed(mirror: _Mirror, projection: Projection, theta: float | None) -> F
     points[mirror.rows, column] = mirror.ends_mm - points[mirror.rows, column]
     directions[mirror.rows, column] *= -1
     really = replace(rows, points_mm=points, directions=directions)
-    left = left_by_places(projection, really, mirror.sign)
-    return np.where(mirror.rows, left, 0.0)
+    return left_by_places(projection, really, mirror.rows, mirror.sign)

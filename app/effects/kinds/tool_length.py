@@ -106,4 +106,5 @@ def _supposed(longer: BoolArray, projection: Projection, theta: float | None) ->
     own = tools_mm[longer]
     size = np.linalg.norm(own, axis=1, keepdims=True)
     tools_mm[longer] = own + np.where(size > 0.0, own / np.maximum(size, 1e-9), ALONG_Z)
-    return left_by_places(projection, replace(projection.rows, tool_offsets_mm=tools_mm))
+    really = replace(projection.rows, tool_offsets_mm=tools_mm)
+    return left_by_places(projection, really, longer)
