@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
-from app.thermal.bracket import StatusArray
+from app.thermal.bracket import Brackets, StatusArray
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.group import Group, Member, Scale
@@ -36,21 +36,34 @@ class MapReading(NamedTuple):
         By rows of the group's matrix, sum 0; NaN where a temperature is not known.
     temperatures_c : ndarray, shape (n,) [°C]
         At which temperature of it.
-    status : ndarray of object, shape (n,)
-        Of that temperature; `no-reading` where it is not known, `outside-maps` where the sensor
-        is followed and the machine's policy does not allow it.
+    found
+        Where that temperature lies among those of the maps.
+    is_known : ndarray, shape (n,)
+        Whether it is known.
     is_refused : ndarray, shape (n,)
         Where the machine's policy would not allow a table at that temperature.
     is_read : ndarray, shape (n,)
         Where the maps are read there at all.
+    is_followed
+        Whether the sensor is followed there: what the policy does not allow is `outside-maps`.
     """
 
     weights: FloatArray
     sensor: str
     temperatures_c: FloatArray
-    status: StatusArray
+    found: Brackets
+    is_known: BoolArray
     is_refused: BoolArray
     is_read: BoolArray
+    is_followed: bool = False
+
+    @property
+    def status(self) -> StatusArray:
+        """Give the status of that temperature, `no-reading` where it is not known."""
+        status = self.found.status
+        if self.is_followed:
+            status = np.where(self.found.is_refused, OUTSIDE_MAPS, status)
+        return np.where(self.is_known, status, NO_READING)
 
     def times(self, factor: float | FloatArray) -> MapReading:
         """Scale what is added: by one factor, or by one for each moment."""
@@ -82,13 +95,15 @@ def moved(
     scale = group.scales[0]
     before = model.brackets(group, scale, temperatures_c)
     after = model.brackets(group, scale, temperatures_c + by_k)
+    is_known = ~np.isnan(after.weight)
     return MapReading(
         added(weights_of(scale, after), -weights_of(scale, before)),
         scale.sensor,
         temperatures_c + by_k,
-        np.where(np.isnan(after.weight), NO_READING, after.status),
+        after,
+        is_known,
         after.is_refused,
-        (by_k != 0.0) & ~np.isnan(after.weight),
+        (by_k != 0.0) & is_known,
     )
 
 
@@ -107,13 +122,15 @@ def slope(
     spans = np.diff(scale.temperatures_c)[found.lower]
     upper = weights_of(scale, found._replace(weight=np.where(np.isnan(found.weight), np.nan, 1.0)))
     lower = weights_of(scale, found._replace(weight=np.where(np.isnan(found.weight), np.nan, 0.0)))
+    is_known = ~np.isnan(found.weight)
     return MapReading(
         (upper - lower) * np.reshape(by_k / spans, (-1, 1)),
         scale.sensor,
         temperatures_c,
-        np.where(np.isnan(found.weight), NO_READING, found.status),
+        found,
+        is_known,
         np.zeros(len(temperatures_c), dtype=np.bool_),
-        (by_k != 0.0) & ~np.isnan(found.weight),
+        (by_k != 0.0) & is_known,
     )
 
 
@@ -136,15 +153,16 @@ def exchanged(
     own, other = group.scales[0], by_other.scales[0]
     before = model.brackets(group, own, temperatures_c)
     after = model.brackets(by_other, other, others_c)
-    status = np.where(after.is_refused, OUTSIDE_MAPS, after.status)
-    unknown = np.isnan(before.weight) | np.isnan(after.weight)
+    is_known = ~(np.isnan(before.weight) | np.isnan(after.weight))
     return MapReading(
         added(weights_of(other, after), -weights_of(own, before)),
         other.sensor,
         others_c,
-        np.where(unknown, NO_READING, status),
+        after,
+        is_known,
         after.is_refused,
-        ~unknown,
+        is_known,
+        is_followed=True,
     )
 
 

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +50,23 @@ class Brackets(NamedTuple):
 
     lower: IntArray
     weight: FloatArray
-    status: StatusArray
+    number: StatusNumbers
     is_refused: BoolArray
+
+    @property
+    def status(self) -> StatusArray:
+        """Give each one's status: numbers stand for it until somebody asks."""
+        return STATUSES[self.number]
 
 
 StatusArray: TypeAlias = NDArray[np.object_]
 """A status for each of n, as objects."""
+
+StatusNumbers: TypeAlias = NDArray[np.int8]
+"""The same as places in `STATUSES`."""
+
+STATUSES: Final[StatusArray] = np.array(list(Status), dtype=object)
+NUMBERS: Final = {status: number for number, status in enumerate(Status)}
 
 WeightLimits: TypeAlias = Callable[[int], tuple[float, float]]
 """Gives for the lower of two maps between which weights they may be extrapolated."""
@@ -169,8 +180,8 @@ def find_brackets(
     lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, last)
     t_n, t_m = scale[lower], scale[lower + 1]
     weight = (t - t_n) / (t_m - t_n)
-    status = np.full(t.shape, Status.INTERPOLATED, dtype=object)
-    status[(t == t_n) | (t == t_m)] = Status.AT_MAP
+    number = np.full(t.shape, NUMBERS[Status.INTERPOLATED], dtype=np.int8)
+    number[(t == t_n) | (t == t_m)] = NUMBERS[Status.AT_MAP]
     is_refused = np.zeros(t.shape, dtype=np.bool_)
     for own, pair, end in (
         (np.flatnonzero(t < scale[0]), 0, 0),
@@ -189,6 +200,6 @@ def find_brackets(
             is_refused[own] = True
         weight[own] = np.clip(weight[own], low, high)
         goes_on = weight[own] == wanted
-        status[own[goes_on]] = Status.EXTRAPOLATED
-        status[own[~goes_on]] = Status.CLAMPED
-    return Brackets(lower, weight, status, is_refused)
+        number[own[goes_on]] = NUMBERS[Status.EXTRAPOLATED]
+        number[own[~goes_on]] = NUMBERS[Status.CLAMPED]
+    return Brackets(lower, weight, number, is_refused)

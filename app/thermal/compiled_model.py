@@ -19,7 +19,15 @@ from app.errors import (
     list_names,
 )
 from app.geometry.measuring_line import MeasuringLines
-from app.thermal.bracket import Bracket, Brackets, Status, find_bracket, find_brackets, limited
+from app.thermal.bracket import (
+    NUMBERS,
+    Bracket,
+    Brackets,
+    Status,
+    find_bracket,
+    find_brackets,
+    limited,
+)
 from app.thermal.extrapolation import variances_at, weight_limits
 from app.thermal.group import Group, MapsInUse, Member, Scale
 from app.thermal.group_state import GroupState
@@ -168,8 +176,8 @@ class CompiledModel:
             partial(weight_limits, machine, group, scale),
         )
         if scale is not group.scales[0]:
-            plain = (found.status == Status.INTERPOLATED) | (found.status == Status.AT_MAP)
-            found.status[plain] = Status.STAND_IN
+            for plain in (Status.INTERPOLATED, Status.AT_MAP):
+                found.number[found.number == NUMBERS[plain]] = NUMBERS[Status.STAND_IN]
         return found
 
     def _variances(self, maps: MapsInUse, scale: Scale, bracket: Bracket) -> FloatArray | None:
