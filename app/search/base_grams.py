@@ -29,10 +29,16 @@ class BaseGram:
         At each set of visit variances.
     floor : ndarray, shape (L, g)
         Information below which a direction counts as not seen.
+    with_nuisance : ndarray, shape (g k, p)
+        Products of the columns with the nuisance, on these cells.
+    reduced : ndarray, shape (b, 1 + q, g k)
+        Shapes times the columns, each of these cells' visits.
     """
 
     gram: FloatArray
     floor: FloatArray
+    with_nuisance: FloatArray
+    reduced: FloatArray
 
 
 class BaseGrams:
@@ -90,16 +96,17 @@ def blocks(columns: FloatArray, k: int) -> FloatArray:
 
 def _base_gram(batch: Batch, state: State) -> BaseGram:
     sheet, k = batch.sheets[state.fixed.channel.number], batch.size
-    with_nuisance = sheet.moments.nuisance[state.cells].sum(axis=0).T
+    moments = sheet.moments
+    with_nuisance = moments.nuisance[state.cells].sum(axis=0)
     own = sheet.own[state.cells].sum(axis=0)
-    reduced = sheet.moments.reduced[state.blocks]
+    reduced = moments.reduced if state.blocks.all() else moments.reduced[state.blocks]
     gram = np.empty((len(state.rss), *own.shape))
     floor = np.empty(gram.shape[:2])
     for some in state.levels:
-        mine = some.shadow(with_nuisance, reduced)
+        mine = some.shadow(with_nuisance.T, reduced)
         first = some.turned.shape[1]
         of_visits, of_nuisance = blocks(mine[:, :first], k), blocks(mine[:, first:], k)
         seen = np.trace(own - of_visits, axis1=2, axis2=3)
         floor[some.which] = np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN)
         gram[some.which] = own - of_visits - of_nuisance
-    return BaseGram(gram, floor)
+    return BaseGram(gram, floor, with_nuisance, reduced)

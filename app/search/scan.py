@@ -196,13 +196,12 @@ class _Products:
 def _products(library: Library, base: BaseGrams, number: int, target: Target) -> _Products:
     """Give gram (l, g, k, k), slope (l, g, k, m) and floor (l, g) of one batch."""
     state, batch = target.state, library.batches[number]
-    channel = state.fixed.channel.number
-    sheet, k = batch.sheets[channel], batch.size
-    known = base.of(number, channel)
-    moments = sheet.moments
-    reduced = moments.reduced[state.blocks].reshape(-1, moments.reduced.shape[2])
-    with_nuisance = moments.nuisance[state.cells].sum(axis=0)
-    gram, floor = known.gram[target.levels], known.floor[target.levels]
+    k, known = batch.size, base.of(number, state.fixed.channel.number)
+    reduced = known.reduced.reshape(-1, known.reduced.shape[2])
+    with_nuisance = known.with_nuisance
+    gram, floor = known.gram, known.floor
+    if len(target.levels) < len(gram):
+        gram, floor = gram[target.levels], floor[target.levels]
     with_given, with_values = _given_products(library, batch, target)
     if with_given is not None:
         with_nuisance = np.hstack([with_nuisance, with_given])

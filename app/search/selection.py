@@ -203,8 +203,12 @@ class Selector:
         near = self.is_expected & self.allowed & (limit.excess(found) > -CLOSE)
         best = best_entries(np.where(near, found.ratio, -np.inf), self.groups, 0.0)
         is_none = np.zeros(len(found.rank), dtype=np.bool_)
-        for term, entry in ((self.refined(self.library.term(i), []), i) for i in best):
-            if self.evidence(term, []) <= 0.0:
+        base = self.fit([]).log_likelihood
+        for entry in best:
+            term = self.library.term(entry)
+            # Refining only adds to the evidence: where there is some, its size is right enough.
+            unrefined = self.evidence(term, [], base)
+            if unrefined <= 0.0 and self.evidence(self.refined(term, []), [], base) <= 0.0:
                 is_none |= self.groups == self.groups[entry]
         return is_none
 
