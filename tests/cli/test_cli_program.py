@@ -64,6 +64,36 @@ def test_a_warm_up_with_its_options(thermap, tmp_path):
     assert thermap(*wrong, "--spindle", "fast=10").exit_code == 2
 
 
+def test_a_moving_axis_with_its_options(thermap, tmp_path):
+    found = thermap(
+        "program", "moving-axis", "mcfv5050", "-c", "siemens", "--axis", "X", "--moving", "12000=5",
+        "--moving", "6000=5", "--cooling", "10", "--from", "50", "--to", "450", "--every", "5",
+        "--at", "60,440", "--line", "y=100", "--start", "2026-03-01T07:00:00+01:00",
+        "--output", tmp_path,
+    )  # fmt: skip
+    assert found.exit_code == 0, found.stderr
+    assert "12000 mm/min for 5 min, 6000 mm/min for 5 min, 0 mm/min for 10 min" in found.stdout
+    text = (tmp_path / "MOVEX.MPF").read_text()
+    # 400 mm: 30 strokes a minute at 12 m/min, 15 at 6 m/min, in pairs.
+    assert text.count("SUPA G1 X450.000 F12000.0") == 75
+    assert text.count("SUPA G1 X50.000 F6000.0") == 38
+    readings = tmp_path / "MOVEX.csv"
+    lines = readings.read_text().splitlines()
+    rows = [line.split(",") for line in lines if line.startswith("2026-03-01T06:")]
+    assert len(rows) == 4 * 5  # cold, two steps, twice in the cooling
+    assert [row[3:5] for row in rows[:4]] == [
+        ["60.0", "+"],
+        ["440.0", "+"],
+        ["440.0", "-"],
+        ["60.0", "-"],
+    ]
+    wrong = ("program", "moving-axis", "mcfv5050", "-c", "siemens", "--axis", "x")
+    assert thermap(*wrong, "--moving", "fast=10").exit_code == 2
+    assert "lower to a higher position" in thermap(
+        *wrong, "--moving", "9000=5", "--from", "450", "--to", "50"
+    ).stderr.replace("\n", " ")
+
+
 def test_a_visit_of_planned_observations(thermap, tmp_path):
     planned = tmp_path / "planned.csv"
     planned.write_text(
