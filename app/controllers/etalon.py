@@ -25,11 +25,11 @@ from app.controllers.format import (
     Rendered,
     Status,
     add_curve,
-    expect_some,
+    parsed,
 )
 from app.controllers.iso_names import BY_ISO_NAME, DECIMALS, HELD, file_factor, iso_name
-from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of, machine_named, plain
-from app.geometry.components import COMPONENTS, Component
+from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of, plain
+from app.geometry.components import Component
 
 TITLE: Final = "Etalon exchange format"
 _POSITION_DECIMALS: Final = 6
@@ -65,9 +65,7 @@ def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
     for file in files:
         for curve in _blocks(file):
             add_curve(curves, curve, file.name)
-    expect_some(curves, files, "blocks such as [EXX]")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed({c: curves[c] for c in COMPONENTS if c in curves}, (), machine)
+    return parsed(curves, files, "blocks such as [EXX]")
 
 
 def _blocks(file: ControllerFile) -> list[Curve]:

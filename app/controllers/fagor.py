@@ -27,10 +27,10 @@ from app.controllers.format import (
     add_curve,
     component_named,
     curve_code,
-    expect_some,
+    parsed,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import Line, fixed, head, lines_of, machine_named
+from app.controllers.lines import Line, fixed, head, lines_of
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.units import UM_PER_MM
@@ -141,9 +141,7 @@ def _parse(files: Sequence[ControllerFile], options: ReferenceOptions) -> Parsed
     for file in files:
         for section in _sections(file):
             add_curve(curves, _curve_of(section), file.name)
-    expect_some(curves, files, "leadscrew or cross compensation tables")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed(curves, (), machine)
+    return parsed(curves, files, "leadscrew or cross compensation tables")
 
 
 def _sections(file: ControllerFile) -> Iterator[_Section]:

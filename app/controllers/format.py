@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.controllers.curve import Curve
 from app.controllers.error_table import ErrorTable
+from app.controllers.lines import machine_named
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.units import Unit
@@ -242,11 +243,29 @@ def add_curve(curves: dict[str, Curve], curve: Curve, file: str) -> None:
     curves[curve.code] = curve
 
 
-def expect_some(curves: Mapping[str, Curve], files: Sequence[ControllerFile], what: str) -> None:
-    """Refuse files in which nothing was found that the format has."""
+def parsed(
+    curves: Mapping[str, Curve],
+    files: Sequence[ControllerFile],
+    what: str,
+    warnings: Sequence[str] = (),
+) -> Parsed:
+    """Give what was read of files, in the order of tables, with the machine that a head names.
+
+    Parameters
+    ----------
+    what
+        What the format has, for who gave files without it.
+
+    Raises
+    ------
+    InvalidContent
+        If nothing was found that the format has.
+    """
     if not curves:
         names = ", ".join(file.name for file in files) or "no file"
         raise InvalidContent.of_field("files", f"expected {what}, got none in {names}")
+    machine = next((m for file in files if (m := machine_named(file.content))), None)
+    return Parsed({code: curves[code] for code in COMPONENTS if code in curves}, warnings, machine)
 
 
 def component_named(code: str) -> Any:

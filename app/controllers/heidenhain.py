@@ -33,9 +33,9 @@ from app.controllers.format import (
     axes_of,
     component_named,
     curve_code,
-    expect_some,
     factor_of,
     of_axis,
+    parsed,
 )
 from app.controllers.grids import FINEST_MM, down_to_finest, even_grid
 from app.controllers.lines import Line, fixed, lines_of
@@ -193,9 +193,8 @@ def _parse(files: Sequence[ControllerFile], options: HeidenhainOptions) -> Parse
             raise lines[0].refuse("a table that the .CMA assigns, or a name that ends in its axis")
         for curve in _curves(lines, axis, options):
             add_curve(curves, curve, name)
-    expect_some(curves, files, "a .COM table")
     left = f"not active, and left aside: {list_names(passive)}"
-    return Parsed(curves, [left] if passive else [])
+    return parsed(curves, files, "a .COM table", [left] if passive else [])
 
 
 def _assignment(

@@ -27,11 +27,11 @@ from app.controllers.format import (
     Status,
     add_curve,
     axes_of,
-    expect_some,
+    parsed,
 )
 from app.controllers.iso_names import BY_ISO_NAME, DECIMALS, HELD, file_factor, iso_name
-from app.controllers.lines import Line, head, lines_of, machine_named, plain
-from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+from app.controllers.lines import Line, head, lines_of, plain
+from app.geometry.components import LINEAR_LETTERS, Component
 
 TITLE: Final = "ISG CSV"
 _POSITION_DECIMALS: Final = 6
@@ -78,9 +78,7 @@ def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
         for header, rows in _blocks(file):
             for curve in _curves(header, rows):
                 add_curve(curves, curve, file.name)
-    expect_some(curves, files, "blocks such as X EXX EYX with rows")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed({c: curves[c] for c in COMPONENTS if c in curves}, (), machine)
+    return parsed(curves, files, "blocks such as X EXX EYX with rows")
 
 
 def _blocks(file: ControllerFile) -> Iterator[tuple[Line, list[Line]]]:

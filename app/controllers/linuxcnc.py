@@ -31,11 +31,11 @@ from app.controllers.format import (
     axes_of,
     component_named,
     curve_code,
-    expect_some,
     of_axis,
+    parsed,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import Line, head, lines_of, machine_named, plain
+from app.controllers.lines import Line, head, lines_of, plain
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.units import UM_PER_MM
@@ -162,9 +162,7 @@ def _parse(files: Sequence[ControllerFile], options: LinuxCncOptions) -> Parsed:
             )
         axis = _axis_of(file, joint, options)
         add_curve(curves, _read(file, axis, kind, options), file.name)
-    expect_some(curves, files, "a COMP_FILE")
-    machine = next((m for file in settings if (m := machine_named(file.content))), None)
-    return Parsed(curves, warnings, machine)
+    return parsed(curves, files, "a COMP_FILE", warnings)
 
 
 def _settings_of(file: ControllerFile) -> list[tuple[int, str, int | None]]:

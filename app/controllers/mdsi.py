@@ -28,11 +28,11 @@ from app.controllers.format import (
     axes_of,
     component_named,
     curve_code,
-    expect_some,
     factor_of,
+    parsed,
 )
 from app.controllers.grids import even_grid, even_positions
-from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of, machine_named
+from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.units import UM_PER_MM
@@ -134,9 +134,7 @@ def _parse(files: Sequence[ControllerFile], options: MdsiOptions) -> Parsed:
     axes = sorted({number for _, number in settings} | {number for _, number in values})
     curves = [_curve(number, settings, values, options) for number in axes]
     found = {curve.code: curve for curve in curves}
-    expect_some(found, files, "axLSCompCount and the other entries of a tune file")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed(found, (), machine)
+    return parsed(found, files, "axLSCompCount and the other entries of a tune file")
 
 
 def _take(

@@ -29,15 +29,14 @@ from app.controllers.format import (
     Status,
     component_named,
     curve_code,
-    expect_some,
     factor_of,
     of_axis,
+    parsed,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import fixed, head, machine_named
+from app.controllers.lines import fixed, head
 from app.controllers.siemens import END, EvenTable, assignments
 from app.errors import InvalidContent
-from app.geometry.components import COMPONENTS
 from app.units import UM_PER_MM
 
 FILE: Final = "_N_NC_CEC_INI"
@@ -156,9 +155,7 @@ def _parse(files: Sequence[ControllerFile], options: CecOptions) -> Parsed:
             at = table.grid(_PLACED, field)
             sides[code, direction] = (at, [value * factor for value in table.ordered()])
     curves = {code: _joined(code, sides) for code, _ in sides}
-    expect_some(curves, files, "CEC tables ($AN_CEC[t,N]=…)")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed({c: curves[c] for c in COMPONENTS if c in curves}, (), machine)
+    return parsed(curves, files, "CEC tables ($AN_CEC[t,N]=…)")
 
 
 def _tables_of(file: ControllerFile) -> dict[int, EvenTable]:

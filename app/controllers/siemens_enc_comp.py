@@ -30,11 +30,11 @@ from app.controllers.format import (
     axes_of,
     component_named,
     curve_code,
-    expect_some,
     of_axis,
+    parsed,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import fixed, head, machine_named
+from app.controllers.lines import fixed, head
 from app.controllers.siemens import END, EvenTable, assignments
 from app.errors import InvalidContent
 from app.units import UM_PER_MM
@@ -129,9 +129,7 @@ def _parse(files: Sequence[ControllerFile], options: EncCompOptions) -> Parsed:
             values = [value * UM_PER_MM for value in table.ordered()]
             code = curve_code(axes[name], axes[name])
             add_curve(curves, Curve(component_named(code), frozen(at), frozen(values)), file.name)
-    expect_some(curves, files, "ENC_COMP tables ($AA_ENC_COMP[e,N,X1]=…)")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed(curves, (), machine)
+    return parsed(curves, files, "ENC_COMP tables ($AA_ENC_COMP[e,N,X1]=…)")
 
 
 def _tables_of(file: ControllerFile) -> dict[tuple[int, str], EvenTable]:

@@ -31,11 +31,11 @@ from app.controllers.format import (
     axes_of,
     component_named,
     curve_code,
-    expect_some,
     factor_of,
     of_axis,
+    parsed,
 )
-from app.controllers.lines import LARGEST_ERROR_MM, fixed, head, machine_named
+from app.controllers.lines import LARGEST_ERROR_MM, fixed, head
 from app.controllers.siemens import END, Assignment, assignments
 from app.errors import InvalidContent
 from app.units import UM_PER_MM
@@ -124,9 +124,7 @@ def _parse(files: Sequence[ControllerFile], options: TemperatureOptions) -> Pars
         for name in dict.fromkeys(name for _, name in given):
             curve = _line(given, name, axes[name], factor, file.name)
             add_curve(curves, curve, file.name)
-    expect_some(curves, files, "temperature compensation ($SA_TEMP_COMP_SLOPE[X1]=…)")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed(curves, (), machine)
+    return parsed(curves, files, "temperature compensation ($SA_TEMP_COMP_SLOPE[X1]=…)")
 
 
 def _line(

@@ -17,9 +17,9 @@ from app.controllers.format import (
     Parsed,
     Rendered,
     Status,
-    expect_some,
+    parsed,
 )
-from app.controllers.lines import Line, head, lines_of, machine_named, plain
+from app.controllers.lines import Line, head, lines_of, plain
 from app.geometry.components import COMPONENTS, Component
 
 TITLE: Final = "thermap CSV"
@@ -69,9 +69,7 @@ def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
                 raise line.refuse(f"increasing positions of {code}")
             before.append((position, error))
     curves = {code: _curve(code, rows) for code in COMPONENTS if any(c == code for c, _ in rows)}
-    expect_some(curves, files, "rows of components")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed(curves, (), machine)
+    return parsed(curves, files, "rows of components")
 
 
 def _row(line: Line) -> tuple[str, str, float, float]:
