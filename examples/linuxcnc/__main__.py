@@ -84,18 +84,21 @@ def main() -> None:
     print(f"found     {found.summary}")
     print(f"          ({found.status}; adopted as model version {found.version})")
     print("live      largest deviation of Z in a warm-up, the motor following the service's table,")
-    print(f"          at {len(BETWEEN_MM)} positions between those of the maps:")
-    print("          after    z-column  ahead by  maps alone  with what was adopted")
+    print(
+        f"          at {len(BETWEEN_MM)} positions between those of the maps; "
+        f"its move at Z {BETWEEN_MM[-1]:g} mm:"
+    )
+    print("          after    z-column  ahead by  maps alone  with what was adopted  motor moved")
     for one, other in zip(before, after, strict=True):
         print(
             f"          {one.minutes:3.0f} min  {one.sensor_c:5.1f} °C  {one.late_c:+5.1f} K  "
-            f"{one.largest_um:7.1f} µm  {other.largest_um:7.1f} µm"
+            f"{one.largest_um:7.1f} µm  {other.largest_um:18.1f} µm  {other.moved_um:+8.1f} µm"
         )
     print(
-        f"          (of the last column, the last was measured at present, "
-        f"{after[-1].minutes:.0f} min after the warm-up began:"
+        f"          (with what was adopted the last was measured at present, "
+        f"{after[-1].minutes:.0f} min after the"
     )
-    print("          the component itself sent what HAL's pins said)")
+    print("          warm-up began: the component itself sent what HAL's pins said)")
 
 
 if __name__ == "__main__":

@@ -93,7 +93,10 @@ def analyse(shop: Shop, course: Course, now_s: float) -> Found:
     program, form = shop.program("visit", *words, into="visits")
     rests = run_program(program).rests
     if len(rests) != VISITS * (len(VISIT_MM) + 1):
-        raise NotRunning(f"expected {VISITS} visits of {len(VISIT_MM)} readings, got {rests}")
+        raise NotRunning(
+            f"expected {VISITS} visits of {len(VISIT_MM)} readings, "
+            f"each with the laser's zero before them, got {len(rests)} rests"
+        )
     read: list[float] = []
     for number, at_s in enumerate(visits):
         own = rests[number * (len(VISIT_MM) + 1) :][: len(VISIT_MM) + 1]
@@ -105,8 +108,8 @@ def analyse(shop: Shop, course: Course, now_s: float) -> Found:
     shop.thermap("analyse", MACHINE["id"], "--verification", file, "--adopt")
     (head,) = shop.client.analyses(MACHINE["id"])
     result = shop.client.analysis(MACHINE["id"], head.id).result
-    if result is None or not result.effects:
-        raise RuntimeError(f"expected an effect, got {result and result.summary}")
+    if result is None or not result.effects or result.effects[0].kind != "thermal-lag":
+        raise RuntimeError(f"expected a late answer, got: {result and result.summary}")
     effect = result.effects[0]
     late_min = effect.parameters["time_constant_min"]
     version = shop.client.models(MACHINE["id"])[-1].version

@@ -18,7 +18,6 @@ import hal
 import linuxcnc
 
 AXES = "xyz"
-AT_REST_S = 0.1
 
 INI = linuxcnc.ini("machine.ini")
 
@@ -122,26 +121,47 @@ def settled():
 
 
 class Rests:
-    """Where the motors stood while the axes stood still, and whence these had come.
+    """Where the motors stood at each dwell and each stop, and whence the axes had come.
 
-    So does an instrument see it that triggers itself at rest: one reading a rest.
+    The controller says when it waits. How long nothing has moved would not do: on a busy computer
+    the axes themselves stand still now and then.
     """
 
     def __init__(self):
         self.found = []
-        self.last, self.since, self.ways = [0.0] * 3, 0.0, [1] * 3
+        self._last, self._ways, self._held = axes(), [1] * 3, None
 
     def look(self):
-        """See whether the axes stand still."""
-        now = [hal.get_value(f"joint.{joint}.pos-cmd") for joint in range(3)]
-        for joint, (at, before) in enumerate(zip(now, self.last)):
+        """See whether the machine waits; what was last seen of a wait is what counts."""
+        waited = waits()
+        now, motors = axes(), [hal.get_value(name) for name in MOTORS]
+        stands = hal.get_value("motion.in-position")
+        stat.poll()
+        for joint, (at, before) in enumerate(zip(now, self._last)):
             if at != before:
-                self.ways[joint] = 1 if at > before else -1
-        if now != self.last:
-            self.last, self.since = now, time.monotonic()
-        elif self.since and time.monotonic() - self.since > AT_REST_S:
-            self.found.append([[hal.get_value(name) for name in MOTORS], list(self.ways)])
-            self.since = 0.0
+                self._ways[joint] = 1 if at > before else -1
+        if now != self._last or not waits():
+            self.keep()
+        self._last = now
+        if waited and stands and waits():
+            self._held = [motors, list(self._ways)]
+
+    def keep(self):
+        """Take down the wait that is over, if there was one."""
+        if self._held is not None:
+            self.found.append(self._held)
+        self._held = None
+
+
+def axes():
+    """Give the axes' commanded positions."""
+    return [hal.get_value(f"joint.{joint}.pos-cmd") for joint in range(3)]
+
+
+def waits():
+    """Say whether the program dwells or has stopped for the operator, as last polled."""
+    dwells = stat.exec_state == linuxcnc.EXEC_WAITING_FOR_DELAY
+    return dwells or stat.interp_state == linuxcnc.INTERP_PAUSED
 
 
 def run(text):
@@ -164,10 +184,8 @@ def run(text):
         rests.look()
         if stat.interp_state == linuxcnc.INTERP_PAUSED:
             stops.append(now)
-            until = time.monotonic() + 2 * AT_REST_S
-            while time.monotonic() < until:
-                rests.look()
-                time.sleep(0.002)
+            settled()
+            rests.look()
             command.auto(linuxcnc.AUTO_RESUME)
             wait("resume", lambda: stat.interp_state != linuxcnc.INTERP_PAUSED)
         told = errors.poll()
@@ -175,6 +193,7 @@ def run(text):
             said.append(told[1])
         time.sleep(0.002)
         stat.poll()
+    rests.keep()
     wait("rest", lambda: stat.inpos)
     ended = [motor for _, motor in settled()]
     found = {"ended": ended, "stops": stops, "rests": rests.found}

@@ -31,7 +31,7 @@ LINES: Final = {"x": ("y=9", "z=290"), "z": ("x=50", "y=50")}
 MAPS_C: Final = {"cold": 18.0, "warm": 34.0}
 WORKING_C: Final = 26.0
 
-HASTE: Final = ("--feed", 20_000, "--dwell", 0.3, "--reading", 0.15)
+HASTE: Final = ("--feed", 20_000, "--dwell", 0.5, "--reading", 0.2)
 """A simulated machine needs no time to settle, and its laser none to average."""
 
 
