@@ -155,7 +155,8 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
     index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
     columns = np.hstack([t.columns[number] for _, t in mine])
     parts = [t.moments(fixed) for _, t in mine]
-    square = fixed.channel.by_cell(columns, columns, fixed.cells)[state.cells].sum(axis=0)
+    own = columns if state.blocks.all() else columns[state.blocks[fixed.channel.block]]
+    square = own.T @ own
     nuisance = np.hstack([m.nuisance[state.cells].sum(axis=0).T for m in parts])
     values = np.concatenate([m.values[state.cells].sum(axis=0) for m in parts])
     reduced = np.concatenate([m.reduced[state.blocks] for m in parts], axis=2)

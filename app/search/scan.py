@@ -6,9 +6,9 @@ the null model's best they would contain the effect itself, and hide it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -123,20 +123,32 @@ def scan(
     count = draws.count if draws else 0
     ratio, rank = np.zeros(len(library.entries)), np.zeros(len(library.entries))
     noise = np.zeros((len(library.entries), count))
-    values = {c: _target(state) for c, state in states.items()}
-    drawn = {c: _drawn_target(state, draws) for c, state in states.items()} if draws else {}
+    values = _Targets(states, _target)
+    drawn = _Targets(states, partial(_drawn_target, draws=draws)) if draws else None
     for number, batch in enumerate(library.batches):
         if before is not None and all(states.get(c) is before[0].get(c) for c in batch.channels):
             ratio[batch.entries] = before[1].ratio[batch.entries]
             rank[batch.entries] = before[1].rank[batch.entries]
-        elif batch.generic == generic and all(c in values for c in batch.channels):
+        elif batch.generic == generic and all(c in states for c in batch.channels):
             own = [_products(library, base, number, values[c]) for c in batch.channels]
             found, ranks = _ratios(own)
             ratio[batch.entries], rank[batch.entries] = found[:, 0], ranks
-            if draws:
+            if drawn is not None:
                 own = [_products(library, base, number, drawn[c]) for c in batch.channels]
                 noise[batch.entries] = _ratios(own, ROUNDS_OF_NOISE)[0]
     return Scan(np.maximum(ratio, 0.0), np.maximum(noise, 0.0), rank)
+
+
+class _Targets(dict[int, Target]):
+    """Targets of channels, each made when a batch first asks for it: many scans need but few."""
+
+    def __init__(self, states: Mapping[int, State], make: Callable[[State], Target]) -> None:
+        super().__init__()
+        self._states, self._make = states, make
+
+    def __missing__(self, channel: int) -> Target:
+        self[channel] = self._make(self._states[channel])
+        return self[channel]
 
 
 def _target(state: State) -> Target:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.moments import Fixed, moments_of
@@ -314,9 +314,9 @@ class State:
         diagonals = np.diagonal(root, axis1=1, axis2=2)[:, :p]
         half_log_det = 0.5 * whitening.log_determinant + np.log(diagonals).sum(axis=1)
         inverse_root: FloatArray = np.zeros_like(root)
-        if root.shape[1]:
-            unit = np.eye(root.shape[1])
-            inverse_root[:] = [solve_triangular(one, unit, lower=True) for one in root]
+        for one, inverse in zip(root, inverse_root, strict=True):
+            if one.size:
+                inverse[:], _ = dtrtri(one, lower=1)
         constant = np.asarray(channel.prior[which] - half_log_det)
         shapes = channel.shapes.shape[1]
         return Levels(which, whitening, turned, root, inverse_root, constant, shapes)
