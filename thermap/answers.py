@@ -1550,6 +1550,61 @@ class TravelSchema(Shape):
     """Upper end of the travel [mm]"""
 
 
+class TriedAssignmentAnswer(Shape):
+    """One component's maps read by another sensor than the assigned one, on set-ups held out."""
+
+    component: str
+    """Component code"""
+
+    present_sensor: str
+    """Sensor that it follows"""
+
+    other_sensor: str | None
+    """The other one that leaves least; null where nothing could be judged"""
+
+    as_good: list[str]
+    """Those that leave nearly as little, within a twentieth: the set-ups do not tell them apart
+    """
+
+    unit: str
+    """Unit of its numbers"""
+
+    at_points: bool
+    """Whether figures are of points of the work volume, as it was not observed by itself"""
+
+    setups: int
+    """Set-ups in which it shows"""
+
+    before_rms_um: float
+    """Root mean square of what the present sensor leaves, from each set-up's zero [µm]; see `unit`
+    """
+
+    after_rms_um: float | None
+    """What the other one leaves, of each set-up the one that all others choose [µm]; see `unit`
+    """
+
+    worst_setup: str | None
+    """Label of the set-up that loses most, or gains least"""
+
+    worst_before_rms_um: float | None
+    """Root mean square of that [µm]; see `unit`"""
+
+    worst_after_rms_um: float | None
+    """With the other sensor [µm]; see `unit`"""
+
+    p_global: float | None
+    """Probability that any sensor on any component gains so evenly by chance"""
+
+    why_not: str | None
+    """Why the other one is not proposed; null where it is"""
+
+    sentence: str
+    """One plain sentence"""
+
+    proposed_sensor: str | None
+    """Sensor that it should rather follow; null where none is proposed"""
+
+
 class UnexplainedAnswer(Shape):
     """Structure that no effect explains."""
 
@@ -2926,6 +2981,9 @@ class AnalysisResult(Shape):
 
     next_visit: NextVisitAnswer | None
     """The visit that would tell most next; null where none can be proposed"""
+
+    assignments: list[TriedAssignmentAnswer]
+    """Whether components should follow other sensors, proposals first; empty in older results"""
 
 
 class ChangedModelAnswer(ModelAnswer):

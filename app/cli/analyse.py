@@ -360,7 +360,9 @@ def _expect_done(job: AnalysisAnswer) -> None:
 
 
 def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analysis) -> None:
-    """Adopt what helps; say what was left."""
+    """Adopt what helps; say what was left, and first which sensors should be assigned."""
+    if result.proposals:
+        typer.echo(result.what_next[0], err=True)
     for one in result.effects:
         if not one.helps:
             typer.echo(f"not adopted: {sentence(one.explanation)}: {one.why_not}", err=True)

@@ -19,6 +19,7 @@ from app.identification.analysis.analysis import (
     RefittedEffect,
 )
 from app.identification.plan.plan import Plan, PlannedEffect
+from app.pages.report_parts.assignment_words import proposal_words, staying_words
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import (
     VERDICTS,
@@ -56,6 +57,7 @@ def analysis_view(result: Analysis) -> RenderableType:
         Text(VERDICTS[result.verdict], style=_STYLES[result.verdict]),
         Text(sentence(result.summary)),
         Text(),
+        *_assignments(result),
         _components(result),
         *_about_figures(result),
         Text(),
@@ -66,6 +68,18 @@ def analysis_view(result: Analysis) -> RenderableType:
         *(Padding(Text(sentence(step)), (0, 0, 0, 2)) for step in result.what_next),
     ]
     return Group(*parts)
+
+
+def _assignments(result: Analysis) -> Iterator[RenderableType]:
+    """Say which components should follow another sensor, before what was found on the present."""
+    lines = [
+        *(Text(proposal_words(one), style="bold yellow") for one in result.proposals),
+        *(Text(line, style="dim") for line in staying_words(result.assignments)),
+    ]
+    if lines:
+        yield Text("assigned sensors:", style="bold")
+        yield from (Padding(line, (0, 0, 0, 2)) for line in lines)
+        yield Text()
 
 
 def _about_figures(result: Analysis) -> Iterator[Text]:

@@ -31,6 +31,7 @@ from app.identification.analysis.analysis import (
     UnexplainedPart,
     by_reason,
 )
+from app.identification.analysis.assignments import judge_assignments, said_first
 from app.identification.analysis.before_after import (
     NO_REPEATS,
     component_figures,
@@ -130,6 +131,7 @@ def analyse(
     learns = known is None or Response.kind in known
     searched = SEARCHED if learns else 1.0
     with one_blas_thread():
+        tried = judge_assignments(campaign, residuals)
         of_maps = map_uncertainty(projection, campaign.maps)
         findings = search(
             rows,
@@ -159,12 +161,13 @@ def analyse(
         *(() if upcoming is None else (upcoming.sentence,)),
         *answer.what_next,
     ]
-    return replace(
+    answer = replace(
         answer,
         not_testable=(*misstated, *doubted, *answer.not_testable),
         next_visit=upcoming,
         what_next=tuple(dict.fromkeys(steps)),
     )
+    return said_first(answer, tried, campaign.model.machine.id)
 
 
 def _known(kinds: Collection[str]) -> list[str]:

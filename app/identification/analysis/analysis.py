@@ -355,7 +355,7 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
         if not self.doubts:
             return None
         return (
-            "the measured values do not agree with it as the library has it: "
+            f"the measured values prefer a version of it that is not in the library: "
             f"{list_names(self.doubts)}; it may be another cause that resembles it"
         )
 
@@ -409,6 +409,62 @@ class RefittedEffect(Answer, published_as="RefittedEffectAnswer"):
     def refitted_standard_errors(self) -> Parameters | None:
         """One standard deviation of each [µm; …]; null where it is dropped or left."""
         return None if self.becomes is None else self.becomes.standard_errors
+
+
+@dataclass(frozen=True, slots=True)
+class TriedAssignment(Answer, published_as="TriedAssignmentAnswer"):
+    """One component's maps read by another sensor than the assigned one, on set-ups held out."""
+
+    component: Annotated[str, Field(examples=["EZZ"])]
+    """Component code"""
+
+    present_sensor: Annotated[str, Field(examples=["z-column"])]
+    """Sensor that it follows"""
+
+    other_sensor: str | None
+    """The other one that leaves least; null where nothing could be judged"""
+
+    as_good: Sensors
+    """Those that leave nearly as little, within a twentieth: the set-ups do not tell them apart"""
+
+    unit: UnitSymbol
+    """Unit of its numbers"""
+
+    at_points: bool
+    """Whether figures are of points of the work volume, as it was not observed by itself"""
+
+    setups: int
+    """Set-ups in which it shows"""
+
+    before_rms: Annotated[float, Field(alias="before_rms_um")]
+    """Root mean square of what the present sensor leaves, from each set-up's zero [µm]; see
+    `unit`"""
+
+    after_rms: Annotated[float | None, Field(alias="after_rms_um")]
+    """What the other one leaves, of each set-up the one that all others choose [µm]; see `unit`"""
+
+    worst_setup: str | None
+    """Label of the set-up that loses most, or gains least"""
+
+    worst_before_rms: Annotated[float | None, Field(alias="worst_before_rms_um")]
+    """Root mean square of that [µm]; see `unit`"""
+
+    worst_after_rms: Annotated[float | None, Field(alias="worst_after_rms_um")]
+    """With the other sensor [µm]; see `unit`"""
+
+    p_global: float | None
+    """Probability that any sensor on any component gains so evenly by chance"""
+
+    why_not: str | None
+    """Why the other one is not proposed; null where it is"""
+
+    sentence: str
+    """One plain sentence"""
+
+    @shown
+    def proposed_sensor(self) -> str | None:
+        """Sensor that it should rather follow; null where none is proposed."""
+        return self.other_sensor if self.why_not is None else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -663,6 +719,14 @@ class Analysis(Answer, published_as="AnalysisResult"):
 
     next_visit: NextVisit | None = None
     """The visit that would tell most next; null where none can be proposed"""
+
+    assignments: tuple[TriedAssignment, ...] = ()
+    """Whether components should follow other sensors, proposals first; empty in older results"""
+
+    @property
+    def proposals(self) -> tuple[TriedAssignment, ...]:
+        """The components that should follow another sensor."""
+        return tuple(one for one in self.assignments if one.proposed_sensor is not None)
 
     @property
     def is_refit_due(self) -> bool:

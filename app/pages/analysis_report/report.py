@@ -19,6 +19,7 @@ from app.pages.analysis_report.facts import effect_facts, head_facts
 from app.pages.analysis_report.visit_plots import visit_drawings
 from app.pages.environment import render
 from app.pages.plotly_script import INLINE
+from app.pages.report_parts.assignment_words import proposal_words, staying_words
 from app.pages.report_parts.drawing import Drawing, largest
 from app.pages.report_parts.effect_names import (
     MARKS,
@@ -51,6 +52,8 @@ def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLI
         decimals=decimals_for(result.noise),
         by_unit=list(_by_unit(result.components)),
         all_held_out=all(c.is_held_out for c in result.components),
+        proposals=list(map(proposal_words, result.proposals)),
+        staying=staying_words(result.assignments),
         effects=effects,
         visits=visits,
         has_sides=any(any(v.direction) for v in result.plots.visits),

@@ -1,0 +1,185 @@
+"""What one effect of the library explains on the sensors as assigned, set-ups held out in turn.
+
+Another sensor is no better where one effect on the present one explains as much: the effect is
+chosen and its amplitudes are fitted on all other set-ups, by least squares, and judged on the one
+that is held out. An effect that acts on many components counts in all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.effects.campaign_view import CampaignView
+from app.effects.hypothesis import Hypothesis
+from app.effects.kinds.additional_sensor import AdditionalSensor
+from app.effects.kinds.detached_sensor import DetachedSensor
+from app.effects.kinds.exchanged_sensors import ExchangedSensors
+from app.effects.kinds.other_sensor import OtherSensor
+from app.effects.kinds.periodic import Periodic
+from app.effects.kinds.response import Response
+from app.effects.kinds.sensor_gradient import SensorGradient
+from app.effects.registry import KINDS, kind_of
+from app.errors import list_names
+from app.identification.analysis.set_ups import SetUps
+from app.identification.campaign import Campaign
+from app.identification.residuals.residuals import Residuals
+
+LIKE_ANOTHER_SENSOR: Final = frozenset(
+    {AdditionalSensor.kind, SensorGradient.kind, ExchangedSensors.kind, DetachedSensor.kind}
+)
+"""With fitted amplitudes these do on one component what another sensor does without any."""
+
+ENOUGH: Final = 0.95
+"""Where another sensor is true it explains so much of what these explain: they fit chance too."""
+
+NO_RIVALS: Final = frozenset({OtherSensor.kind, Response.kind, Periodic.kind})
+"""The same under another name; many causes together; and what no temperature moves."""
+
+RIDGE: Final = 1e-9
+"""Share of a column's squares that keeps equal columns apart."""
+
+
+class _Fitted(NamedTuple):
+    """One effect with one value of what is not linear: gains by set-up, shape (V,) each.
+
+    Parameters
+    ----------
+    on_others
+        What it explains of all other set-ups, fitted to them.
+    held_out
+        What it explains of the set-up itself, fitted to the others.
+    """
+
+    hypothesis: Hypothesis
+    on_others: FloatArray
+    held_out: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """The library's effects, listed when they are first asked for.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    residuals
+        Its rows.
+    """
+
+    campaign: Campaign
+    residuals: Residuals
+    _shared: dict[tuple[str, float | None], FloatArray] = field(default_factory=dict)
+
+    @cached_property
+    def _hypotheses(self) -> list[Hypothesis]:
+        campaign, residuals = self.campaign, self.residuals
+        conditions = residuals.projection.conditions
+        view = CampaignView(campaign.model, campaign.maps, residuals.rows, conditions)
+        return [
+            hypothesis
+            for name in KINDS
+            if name not in NO_RIVALS
+            for hypothesis in kind_of(name).candidates(view).hypotheses
+        ]
+
+    def explaining_as_much(
+        self, set_ups: SetUps, code: str, shows: IntArray, scale: FloatArray, gain: float
+    ) -> str:
+        """Name the effect that explains as much as another sensor of a component, if one does.
+
+        Parameters
+        ----------
+        set_ups
+            What is left of the rows.
+        code
+            The component.
+        shows : ndarray, shape (m,)
+            The rows of the channels in which it shows.
+        scale : ndarray, shape (m,)
+            What their squares are measured by [the channels' units].
+        gain
+            What the other sensor explains of them: squares over those of the scale.
+
+        Returns
+        -------
+        str
+            Empty where none does.
+        """
+        scales = set_ups.sizes
+        scales[shows] = scale
+        for is_like, share in ((False, 1.0), (True, ENOUGH)):
+            asked = [
+                one
+                for one in self._hypotheses
+                if code in one.components and (one.kind in LIKE_ANOTHER_SENSOR) is is_like
+            ]
+            fitted = list(self._fitted(set_ups, asked, scales))
+            if fitted and gain <= share * _explained(fitted):
+                return _words(max(fitted, key=lambda one: float(one.on_others.sum())).hypothesis)
+        return ""
+
+    def _fitted(
+        self, set_ups: SetUps, asked: Sequence[Hypothesis], scales: FloatArray
+    ) -> Iterator[_Fitted]:
+        values = set_ups.left / scales
+        for hypothesis in asked:
+            nonlinear = hypothesis.nonlinear
+            for theta in nonlinear.grid if nonlinear else (None,):
+                columns = self._columns(set_ups, hypothesis, theta) / scales[:, None]
+                yield _Fitted(hypothesis, *_gains(set_ups, values, columns))
+
+    def _columns(self, set_ups: SetUps, hypothesis: Hypothesis, theta: float | None) -> FloatArray:
+        """Lay one effect's unit amplitudes out, from each zero, shape (n, k).
+
+        Those of many components are asked for with each of them, and remembered.
+        """
+        key = (hypothesis.key, theta)
+        if key in self._shared:
+            return self._shared[key]
+        projection = self.residuals.projection
+        if hypothesis.supposed is None:
+            columns = projection.columns(hypothesis.unit_terms(theta))
+        else:
+            columns = hypothesis.supposed(projection, theta)[:, None]
+        columns = np.nan_to_num(columns, nan=0.0)
+        found = np.column_stack([set_ups.from_zero(column) for column in columns.T])
+        if len(hypothesis.components) > 1:
+            self._shared[key] = found
+        return found
+
+
+def _gains(
+    set_ups: SetUps, values: FloatArray, columns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Fit without each set-up in turn: what that explains of the others, and of it."""
+    sums, k = set_ups.sums, columns.shape[1]
+    squares = np.array([[sums(a * b) for a in columns.T] for b in columns.T]).transpose(2, 0, 1)
+    products = np.array([sums(a * values) for a in columns.T]).T
+    others, of_others = squares.sum(axis=0) - squares, products.sum(axis=0) - products
+    ridge = (RIDGE * np.trace(squares.sum(axis=0)) + np.finfo(float).tiny) * np.eye(k)
+    fitted = np.linalg.solve(others + ridge, of_others[..., None])[..., 0]
+    on_others = np.einsum("vk,vk->v", of_others, fitted)
+    held_out = 2.0 * np.einsum("vk,vk->v", products, fitted) - np.einsum(
+        "vj,vjk,vk->v", fitted, squares, fitted
+    )
+    return on_others, held_out
+
+
+def _explained(fitted: list[_Fitted]) -> float:
+    """Give what the effect explains of each set-up that the others choose."""
+    chosen = np.argmax([one.on_others for one in fitted], axis=0)
+    held_out = np.array([one.held_out for one in fitted])
+    return float(held_out[chosen, np.arange(chosen.size)].sum())
+
+
+def _words(one: Hypothesis) -> str:
+    drivers = [*one.sensors, *one.states]
+    by = f" over {list_names(drivers, 3)}" if drivers else ""
+    return f"{one.kind} of {list_names(one.components, 4)}{by}"

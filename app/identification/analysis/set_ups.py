@@ -1,0 +1,99 @@
+"""What a model leaves of each set-up, as a user of the machine meets it: from the set-up's zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from app.arrays import FloatArray, IntArray
+from app.identification.analysis.before_after import UnknownZero, unknown_zeros, without_zeros
+from app.identification.residuals.residuals import Residuals
+from app.search.figures import rms
+from app.search.rows import Rows
+
+
+@dataclass(frozen=True, eq=False)
+class SetUps:
+    """All rows of a campaign by set-up.
+
+    Parameters
+    ----------
+    residuals
+        Where the rows come from.
+    values : ndarray, shape (n,)
+        What is left of them [the channels' units].
+    """
+
+    residuals: Residuals
+    values: FloatArray
+
+    @cached_property
+    def _rows(self) -> Rows:
+        return self.residuals.as_rows()
+
+    @cached_property
+    def _zeros(self) -> list[UnknownZero]:
+        return unknown_zeros(self._rows)
+
+    @property
+    def channel(self) -> IntArray:
+        """Number of each row's channel, shape (n,)."""
+        return self._rows.channel
+
+    @cached_property
+    def place(self) -> IntArray:
+        """Number of each row's set-up, from 0 without gaps, shape (n,)."""
+        _, found = np.unique(self._rows.visit, return_inverse=True)
+        return found
+
+    @property
+    def count(self) -> int:
+        """How many set-ups there are."""
+        return int(self.place.max()) + 1
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """The values from where the instrument has its zero, shape (n,)."""
+        return self.from_zero(self.values)
+
+    @property
+    def sizes(self) -> FloatArray:
+        """What is left of each row's channel as a root mean square, 1 for nothing, shape (n,)."""
+        found = np.ones(len(self.left))
+        for number in np.unique(self.channel):
+            here = self.channel == number
+            found[here] = rms(self.left[here]) or 1.0
+        return found
+
+    def from_zero(self, values: FloatArray) -> FloatArray:
+        """Count any values of the rows from there, shape (n,)."""
+        return without_zeros(self._zeros, values)
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Add values of all rows up by set-up, shape (V,)."""
+        found = np.bincount(self.place, weights=values, minlength=self.count)
+        return found.astype(np.float64)
+
+    def without(self, rows: IntArray, change: FloatArray) -> SetUps:
+        """Take something off in some rows.
+
+        Parameters
+        ----------
+        rows, change : ndarray, shape (m,)
+            Where, and how much.
+        """
+        values = self.values.copy()
+        values[rows] -= change
+        found = SetUps(self.residuals, values)
+        # What does not depend on the values is made once.
+        for name in ("_rows", "_zeros", "place"):
+            found.__dict__[name] = getattr(self, name)
+        return found
+
+    def label(self, place: int) -> str:
+        """Name a set-up by its verification."""
+        rows = self.residuals.rows
+        first = int(np.argmax(self.place == place))
+        return rows.verifications[int(rows.verification[first])].label
