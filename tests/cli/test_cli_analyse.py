@@ -16,7 +16,7 @@ from app.storage.analysis_results import RESULTS
 from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
 from tests.cli.conftest import ended
 from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
-from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, NOTHING, UNEXPLAINED
+from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, MOVED, NOTHING, UNEXPLAINED
 from tests.service_examples import MACHINE, Clock, error_map, running
 
 QUICK = ("--effects", "backlash")
@@ -380,3 +380,17 @@ def test_a_plan_says_what_would_be_seen_and_stores_nothing(thermap, client, tmp_
     assert client.analyses(MACHINE_ID) == []
     whole = json.loads(thermap("analyse", MACHINE_ID, "--plan", "--json").stdout)
     assert whole["visits"] == len(bodies)
+
+
+def test_another_sensor_is_said_before_what_was_found():
+    terminal = StringIO()
+    Console(width=300, file=terminal).print(analysis_view(RESULTS.read_text(json.dumps(MOVED))))
+    told = plain(terminal.getvalue())
+    proposal = (
+        "EZZ on column-rear instead of z-column: 7.6 → 5.1 µm in 28 set-ups, each held out; "
+        "week 9, which fares worst with it, 3.1 → 3.3 µm."
+    )
+    assert proposal in told
+    assert told.index(proposal) < told.index("RMS of residuals")
+    assert "EXZ: no other sensor would leave markedly less of set-ups held out." in told
+    assert "EYZ: not judged, needs 8 set-ups in which it shows, came 3." in told

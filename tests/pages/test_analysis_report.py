@@ -28,6 +28,7 @@ from tests.pages.example_analyses import (
     HEAD,
     LAG,
     LAG_CURVE,
+    MOVED,
     NOTHING,
     UNEXPLAINED,
     component,
@@ -383,3 +384,11 @@ def test_every_verdict_and_every_status_has_words_and_a_mark():
 def test_what_becomes_of_effects_that_the_model_had_is_told():
     assert "backlash of EXX is dropped" in written(FOUND)
     assert "What the model had already" not in written(NOTHING)
+
+
+def test_another_sensor_is_said_before_the_figures_on_the_present_one():
+    page = written(MOVED)
+    at = page.index("EZZ on column-rear instead of z-column: 7.6 → 5.1 µm in 28 set-ups")
+    assert at < page.index("Before and after</h2>")
+    assert "EYZ: not judged, needs 8 set-ups" in page
+    assert "Which sensor each component follows" not in written(FOUND)
