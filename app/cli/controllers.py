@@ -27,6 +27,7 @@ from app.cli.options import (
     read_point,
 )
 from app.errors import ThermapError, list_names
+from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL, calls
 from thermap.answers import CheckAnswer, CompareAnswer, ExportAnswer
 
@@ -306,7 +307,7 @@ def export_view(found: ExportAnswer) -> RenderableType:
              style="yellow")
         for one in found.not_held
     ]  # fmt: skip
-    parts += [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in found.warnings]
     return Group(*parts)
 
 
@@ -354,5 +355,5 @@ def compare_view(found: CompareAnswer) -> RenderableType:
              style="yellow")
         for one in found.not_held
     ]  # fmt: skip
-    parts += [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in found.warnings]
     return Group(*parts)

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from app.cli.compensate import signed
 from app.geometry.components import COMPONENTS
+from app.pages.report_parts.words import sentence
 from app.units import unit_of_field
 from thermap.answers import ComponentAnswer, MeasurementAnswer
 
@@ -35,7 +36,7 @@ def measurement_view(answer: MeasurementAnswer) -> RenderableType:
         parts += [components_table(answer.components), Text()]
     if answer.figures:
         parts += [_figures(answer.figures), Text()]
-    return Group(*parts, *(Text(f"note: {note}") for note in answer.notes))
+    return Group(*parts, *(Text(f"note: {sentence(note)}") for note in answer.notes))
 
 
 def components_table(components: Sequence[ComponentAnswer]) -> Table:
