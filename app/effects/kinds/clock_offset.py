@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from app.arrays import FloatArray
-from app.effects.campaign_view import KNOWN_SHARE, CampaignView
+from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
@@ -20,6 +20,14 @@ from app.units import SECONDS_PER_MIN, plus_minus
 
 APART_MIN: Final = (5, 10, 20, 40, 60, 90, 120, 180, 240, 300, 360, 480, 600, 720)
 """How far apart they may be, either way: a slow clock, daylight saving time, another zone."""
+
+KNOWN_APART: Final = 0.85
+"""A temperature must be known some time later, or earlier, in so much of a campaign.
+
+The rest counts as not moved. Readings often end with the last observation, so that of the last
+visit nothing is known later: one visit of eight is not to hide what all others show. Else a
+sensor half an hour late is taken for a component that overshoots, and that is confirmed.
+"""
 
 WHOLE: Final = Expected((1.0,), 0.05)
 """All of it, but for what the maps' own slopes may be wrong by."""
@@ -58,7 +66,7 @@ class ClockOffset(EffectKind):
             by_s
             for sign in (-1.0, 1.0)
             for by_s in (sign * minutes * SECONDS_PER_MIN for minutes in APART_MIN)
-            if all(_is_known(view, sensor, by_s) for sensor in followed)
+            if all(is_known_apart(view, sensor, by_s) for sensor in followed)
         ]
         if not codes or not grid:
             reason = "no sensor that components follow is known some minutes earlier or later"
@@ -114,9 +122,10 @@ def later_readings(
     )
 
 
-def _is_known(view: CampaignView, sensor: str, by_s: float) -> bool:
-    later = view.conditions.temperature_later(sensor, by_s)
-    return bool(np.mean(np.isfinite(later)) >= KNOWN_SHARE)
+def is_known_apart(view: CampaignView, sensor: str, by_s: float) -> bool:
+    """Whether enough is known of what a sensor read some time later, or earlier [s]."""
+    apart = view.conditions.temperature_later(sensor, by_s)
+    return bool(np.mean(np.isfinite(apart)) >= KNOWN_APART)
 
 
 def _apart(effect: Effect) -> str:

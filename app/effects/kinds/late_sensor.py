@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import ClassVar, Final
 
-import numpy as np
-
-from app.effects.campaign_view import KNOWN_SHARE, CampaignView
+from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
-from app.effects.kinds.clock_offset import WHOLE, later_readings
+from app.effects.kinds.clock_offset import WHOLE, is_known_apart, later_readings
 from app.effects.words import components, parameter
 from app.units import SECONDS_PER_MIN
 
@@ -44,7 +42,8 @@ class LateSensor(EffectKind):
         """Every sensor that components follow."""
         found = Proposals()
         for sensor, codes in view.components_by_sensor.items():
-            grid = tuple(m * SECONDS_PER_MIN for m in LATE_MIN if _is_known(view, sensor, m))
+            possible = (minutes * SECONDS_PER_MIN for minutes in LATE_MIN)
+            grid = tuple(by_s for by_s in possible if is_known_apart(view, sensor, by_s))
             if sensor not in view.varying_sensors or not grid:
                 reason = "it did not change, or was not known some minutes later"
                 found.not_testable.append(self.refuse(sensor, reason))
@@ -78,8 +77,3 @@ class LateSensor(EffectKind):
             "readings, a wrong clock there, or a sensor that hardly touches its body; then measure "
             "again."
         )
-
-
-def _is_known(view: CampaignView, sensor: str, minutes: float) -> bool:
-    later = view.conditions.temperature_later(sensor, minutes * SECONDS_PER_MIN)
-    return bool(np.mean(np.isfinite(later)) >= KNOWN_SHARE)
