@@ -1,6 +1,7 @@
 """Time and memory that the largest analysis takes: a simulated campaign, in a process of its own.
 
 python -m benchmarks.largest_analysis [--visits 250] [--observations 400] [--seed 3]
+    [--one-verification]
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ PLANTED: Final = ("thermal-lag",)
 AMPLITUDE: Final = 2.0
 
 
-def measure(seed: int, visits: int, observations: int) -> list[str]:
+def measure(seed: int, visits: int, observations: int, is_one: bool) -> list[str]:
     """Analyse in this process, and say what came of it.
 
     Parameters
@@ -29,6 +30,8 @@ def measure(seed: int, visits: int, observations: int) -> list[str]:
         Of the campaign.
     observations
         Of each visit.
+    is_one
+        Whether all visits are one verification with one set-up, not each its own.
 
     Returns
     -------
@@ -36,7 +39,10 @@ def measure(seed: int, visits: int, observations: int) -> list[str]:
         Lines to print. Memory is the process' largest, with all that it has loaded.
     """
     made = make_campaign(
-        seed, PLANTED, AMPLITUDE, visits=visits, observations_per_visit=observations
+        *(seed, PLANTED, AMPLITUDE),
+        visits=visits,
+        observations_per_visit=observations,
+        one_verification=is_one,
     )
     campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
     del made
@@ -64,9 +70,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--visits", type=int, default=250)
     parser.add_argument("--observations", type=int, default=400, help="of each visit")
+    parser.add_argument(
+        "--one-verification", action="store_true", help="all visits have one set-up in common"
+    )
     asked = parser.parse_args()
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
-        lines = processes.submit(measure, asked.seed, asked.visits, asked.observations)
+        lines = processes.submit(
+            measure, asked.seed, asked.visits, asked.observations, asked.one_verification
+        )
         print("\n".join(lines.result()))
 
 

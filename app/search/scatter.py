@@ -282,15 +282,19 @@ class Blocks:
             index = np.sort(in_time, axis=1)
             index = index[np.argsort(index[:, 0])]
             c, k = index.shape
-            root = np.stack([_root(self.covariance(scatter, index)) for scatter in tried])
             squares = np.zeros((c, k, s, k, s))
             squares[:, np.arange(k), :, np.arange(k), :] = gram[index].transpose(1, 0, 2, 3)
-            back = root.transpose(0, 1, 3, 2)
-            inner = back @ squares.reshape(c, k * s, k * s) @ root
-            lower = np.asarray(np.linalg.cholesky(inner + np.eye(k * s)), dtype=np.float64)
-            diagonals = np.diagonal(lower, axis1=2, axis2=3)
-            log_determinant += 2.0 * np.log(diagonals).sum(axis=(1, 2))
-            parts.append((place[index].astype(np.intp), _solved(lower, back)))
+            factor = np.empty((len(tried), c, k * s, k * s))
+            # One after the other: of long records each takes much memory on the way.
+            for i, scatter in enumerate(tried):
+                root = _root(self.covariance(scatter, index))
+                back = root.transpose(0, 2, 1)
+                inner = back @ squares.reshape(c, k * s, k * s) @ root
+                lower = np.asarray(np.linalg.cholesky(inner + np.eye(k * s)), dtype=np.float64)
+                diagonals = np.diagonal(lower, axis1=1, axis2=2)
+                log_determinant[i] += 2.0 * float(np.log(diagonals).sum())
+                factor[i] = _solved(lower, back)
+            parts.append((place[index].astype(np.intp), factor))
         return Whitening(tuple(parts), log_determinant)
 
     def _of_setup(self, scatter: Scatter) -> FloatArray:
@@ -355,10 +359,8 @@ def _solved(lower: FloatArray, right: FloatArray) -> FloatArray:
     """Solve triangular systems; small ones all at once, large ones by what is triangular."""
     if lower.shape[-1] < LARGE:
         return np.asarray(np.linalg.solve(lower, right), dtype=np.float64)
-    found = np.empty(right.shape)
-    for i in np.ndindex(lower.shape[:-2]):
-        found[i] = solve_triangular(lower[i], right[i], lower=True, check_finite=False)
-    return found
+    pairs = zip(lower, right, strict=True)
+    return np.stack([solve_triangular(a, b, lower=True, check_finite=False) for a, b in pairs])
 
 
 def _root(covariance: FloatArray) -> FloatArray:
