@@ -52,7 +52,7 @@ def pooled(parts: Iterable[Mapping[str, FloatArray]]) -> dict[str, Figures]:
 def _line(found: FoundEffect) -> str:
     ties = [f"{t.kind} {' '.join((*t.sensors, *t.states))}".strip() for t in found.ties]
     tied = f"; tied with {', '.join(ties[:MOST_TIES])}" if ties else ""
-    return (
-        f"{found.explanation} ({found.status}, 2 ln B "
-        f"{found.evidence.two_ln_bayes_factor:.0f}{tied})"
-    )
+    evidence = found.evidence.two_ln_bayes_factor
+    # A response is judged by set-ups held out alone, a sensor's fault by its readings.
+    sure = "" if evidence is None else f", 2 ln B {evidence:.0f}"
+    return f"{found.explanation} ({found.status}{sure}{tied})"
