@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,12 @@ from app.search.problem import Term
 from app.search.scan import scan
 from app.search.selection import Selector
 from app.search.threshold import threshold
+
+STRONG: Final = 6.0
+"""2 ln of a likelihood ratio from which evidence is strong (Kass, Raftery, J. Am. Stat. Assoc. 90
+(1995) 773)."""
+
+WANDERS_ALONE: Final = "what is left beside it wanders as in no other component"
 
 
 def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list[tuple[str, ...]]:
@@ -44,9 +51,13 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
             if version.words != OFFSET:
                 candidates.append(_candidate(f"{number}: {version.words}", version.parts))
                 of_term.append(number)
-    said: list[list[str]] = [[] for _ in terms]
+    odd = _odd_wanderers(selector, terms)
+    said: list[list[str]] = [
+        [] if term.origin is not None or odd.isdisjoint(term.channels) else [WANDERS_ALONE]
+        for term in terms
+    ]
     if not candidates:
-        return [() for _ in terms]
+        return [tuple(words) for words in said]
     problem = selector.library.problem
     library = read_library(problem, candidates, draws)
     found = scan(library, selector.given(terms), draws, generic=True)
@@ -63,6 +74,25 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
         candidate = entries[i]
         said[of_term[candidate]].append(candidates[candidate].key.partition(": ")[2])
     return [tuple(dict.fromkeys(words)) for words in said]
+
+
+def _odd_wanderers(selector: Selector, terms: Sequence[Term]) -> set[int]:
+    """Name the channels that wander beside the terms as the other channels make improbable.
+
+    Who wanders alone does so for a cause of its own. A term that imitates part of it, through one
+    record, stretches that are held out confirm.
+    """
+    found = set()
+    for c, state in selector.given(terms).items():
+        expected = state.fixed.channel.expected
+        if expected is None:
+            continue
+        believed = np.log(expected)
+        own = state.null - believed
+        ratio = 2.0 * float(own.max() - (state.null - believed.max()).max())
+        if ratio > STRONG:
+            found.add(c)
+    return found
 
 
 def offset_of(selector: Selector, term: Term) -> Term | None:

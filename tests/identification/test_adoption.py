@@ -63,6 +63,7 @@ def judgement(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, s
         explained=lambda effect: claimed[[effect is e for e in effects].index(True)],
         findings=SimpleNamespace(
             known=None,
+            refitted=(),
             terms=tuple(terms),
             adopted=np.sum(claimed, axis=0),
             noise={0: ChannelNoise(1.0, "declared", 1.0, rows.visits, len(rows))},
@@ -140,6 +141,22 @@ def test_who_harms_is_left_out_and_the_others_are_adopted():
     first, second = judged(right, right, harm, kinds=kinds, terms=terms)
     assert first == (True, None)
     assert "'visit 5'" in second.why_not
+
+
+def test_what_holds_only_with_effects_that_are_refused_is_refused_too():
+    """Two that imitate a small error by their difference: each without the other makes it large."""
+    rows = campaign()
+    large = swinging(rows, 6.0)
+    rare = term(Slope(0.2, 0.2, 25.0), inclusion=0.4)
+    kinds, terms = ("periodic", "backlash"), (term(), rare)
+    first, second = judged(0.2 * large, large, -0.8 * large, kinds=kinds, terms=terms)
+    assert not first.helps
+    assert first.why_not.startswith("EXX would get no smaller: it was fitted beside effects that")
+    assert "0.20 ± 0.20" in second.why_not
+    # Where it is right without the other one, it stays.
+    first, second = judged(large, large, 0.1 * swinging(rows, -1.0), kinds=kinds, terms=terms)
+    assert first == (True, None)
+    assert not second.helps
 
 
 @pytest.mark.parametrize("last", [1, 2])

@@ -61,3 +61,20 @@ def test_one_short_visit_far_from_the_model_is_not_judged():
     assert (found.verdict, found.effects) == ("not-judged", ())
     assert "in one set-up, where repeatability and maps explain" in found.summary
     assert any("8 set-ups or more" in words for words in found.what_next)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "planted", "size", "status"),
+    [(32, "coolant-valve", 4.0, "suspected"), (41, "thermal-lag:component", 2.0, "confirmed")],
+)
+def test_what_imitates_a_hidden_cause_in_one_record_is_not_confirmed(seed, planted, size, status):
+    """A valve that nobody logs was confirmed as a sensor gradient: stretches held out showed it.
+
+    What the gradient leaves wanders there as in no other component; beside a lag nothing does.
+    """
+    made = make_record(seed, planted, size, hours=12.0)
+    found = analysed(made, kinds=("thermal-lag", "sensor-gradient", "state-variable")).effects
+    assert {e.status for e in found} == {status}
+    odd = "what is left beside it wanders as in no other component"
+    assert all((odd in e.doubts) == (status == "suspected") for e in found)

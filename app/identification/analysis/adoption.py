@@ -34,6 +34,9 @@ MARKEDLY: Final = 0.1
 FEWEST_GAINS: Final = 5
 """Visits from which a mean gain has a lower bound."""
 
+MOST_CHANNELS: Final = 4
+"""So many channels are named in a reason."""
+
 SHOWN: Final = 0.05
 """Share of its largest size from which an effect shows in a visit."""
 
@@ -121,6 +124,8 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
             break
         said[least] = _gets_worse(found, worse)
         unsure.add(least)
+    if not found.findings.refitted:
+        _keep_what_stands_alone(found, own, said)
     helps = [Help(words is None, words) for words in said]
     if found.findings.known is None or not (found.findings.refitted or found.findings.dropped):
         return Judged(helps, unsure=frozenset(unsure))
@@ -130,6 +135,42 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
     predicted = together if any(one.helps for one in helps) else found.findings.known
     holds_refitted = next(_markedly_worse(found, predicted), None) is None
     return Judged(helps, holds_refitted, frozenset(unsure))
+
+
+def _keep_what_stands_alone(
+    found: FinishedSearch, own: Sequence[FloatArray], said: list[str | None]
+) -> None:
+    """Refuse what was fitted beside effects that are not adopted, and is wrong without them.
+
+    Effects that imitate something together, as sines imitate a notch, have sizes that hold
+    together alone. What was held out was predicted with all of them, by what each part of the
+    visits had found: who was found again too rarely cannot be taken off there.
+    """
+    terms = found.findings.terms
+
+    def is_torn(i: int) -> bool:
+        mine = set(terms[i].channels)
+        others = (j for j, words in enumerate(said) if words is not None)
+        return said[i] is None and any(mine.intersection(terms[j].channels) for j in others)
+
+    while torn := [i for i in range(len(terms)) if is_torn(i)]:
+        together = sum(
+            (own[i] for i, words in enumerate(said) if words is None), np.zeros(len(found.use))
+        )
+        worse = [i for i in torn if _gain(found, terms[i].channels, together) <= 0.0]
+        if not worse:
+            break
+        least = max(worse, key=lambda i: _gain(found, terms[i].channels, together - own[i]))
+        names = [found.residuals.rows.channels[c] for c in terms[least].channels]
+        said[least] = (
+            f"{list_names(names, MOST_CHANNELS)} would get no smaller: it was fitted beside "
+            "effects that are not adopted"
+        )
+
+
+def _gain(found: FinishedSearch, channels: Collection[int], predicted: FloatArray) -> float:
+    """Sum up by how much the squares of some channels fall, each in its floor's."""
+    return sum(_gains_of_visits(found, channels, predicted, found.use))
 
 
 def _spoilt(effect: Effect, effects: Sequence[Effect]) -> str | None:
@@ -185,24 +226,30 @@ def _is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
 
 def _gains(found: FinishedSearch, channels: Collection[int]) -> bool:
     """Whether held-out visits get smaller: the lower bound of their mean gain is above zero."""
-    gains: list[float] = []
-    nothing = np.zeros(len(found.use))
-    visit = found.rows.visit
-    chosen = found.use & np.isfinite(found.findings.adopted)
-    chosen &= np.isin(found.rows.channel, list(channels))
-    for number in np.unique(visit[chosen]):
-        gain = 0.0
-        for c in channels:
-            own = chosen & (visit == number) & (found.rows.channel == c)
-            before, after = (
-                _from_zero(found, part, own) for part in (nothing, found.findings.adopted)
-            )
-            gain += float(np.sum(before**2 - after**2)) / _floor(found, c) ** 2
-        gains.append(gain)
+    held_out = found.use & np.isfinite(found.findings.adopted)
+    gains = _gains_of_visits(found, channels, found.findings.adopted, held_out)
     if len(gains) < FEWEST_GAINS:
         return False
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
     return bool(np.mean(gains) > t.isf(ONE_SIDED, len(gains) - 1) * error)
+
+
+def _gains_of_visits(
+    found: FinishedSearch, channels: Collection[int], predicted: FloatArray, chosen: BoolArray
+) -> list[float]:
+    """Sum up by how much the squares of each visit fall, each channel in its floor's."""
+    gains: list[float] = []
+    nothing = np.zeros(len(found.use))
+    visit = found.rows.visit
+    chosen = chosen & np.isin(found.rows.channel, list(channels))
+    for number in np.unique(visit[chosen]):
+        gain = 0.0
+        for c in channels:
+            own = chosen & (visit == number) & (found.rows.channel == c)
+            before, after = (_from_zero(found, part, own) for part in (nothing, predicted))
+            gain += float(np.sum(before**2 - after**2)) / _floor(found, c) ** 2
+        gains.append(gain)
+    return gains
 
 
 def _markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[_Worse]:

@@ -355,7 +355,7 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
         if not self.doubts:
             return None
         return (
-            f"the measured values prefer a version of it that is not in the library: "
+            "the measured values do not agree with it as the library has it: "
             f"{list_names(self.doubts)}; it may be another cause that resembles it"
         )
 
