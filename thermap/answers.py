@@ -1493,7 +1493,7 @@ class SurenessAnswer(Shape):
     """Component code"""
 
     expected: float
-    """What was learnt [µm; angular components µrad, squareness µm/m]"""
+    """What was learnt beside the maps [µm; angular components µrad, squareness µm/m]"""
 
     learnt_error: float
     """Standard deviation of what was learnt [µm; angular components µrad, squareness µm/m]"""
@@ -1502,8 +1502,8 @@ class SurenessAnswer(Shape):
     """Standard deviation of what no driver explains [µm; angular components µrad, squareness µm/m]
     """
 
-    factor: float
-    """Share of what was learnt that is in the table, 0 to 1"""
+    corrected: float
+    """What of it is in the table [µm; angular components µrad, squareness µm/m]"""
 
 
 class TargetAnswer(Shape):

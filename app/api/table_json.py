@@ -118,7 +118,7 @@ def _effect_fields(effect: EffectInTable) -> dict[str, Any]:
                 "expected": round(one.expected, 4),
                 "learnt_error": round(one.learnt_error, 4),
                 "wander_error": round(one.wander_error, 4),
-                "factor": round(one.factor, 4),
+                "corrected": round(one.corrected, 4),
             }
             for one in effect.sureness
         ],

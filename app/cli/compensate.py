@@ -195,8 +195,9 @@ def _sure(one: SurenessAnswer) -> str:
     """Say how sure a learnt effect is now, and how much of it is therefore in the table."""
     symbol = COMPONENTS[one.component].unit.symbol
     error = math.hypot(one.learnt_error, one.wander_error)
-    expected = f"{one.expected:+.1f} ± {error:.1f} {symbol}".replace("-", "−")
-    return f"{one.component}: {expected} expected now, {one.factor:.0%} of it in the table"
+    expected = f"{one.expected:+.1f} ± {error:.1f} {symbol} expected now"
+    said = f"{one.component}: {expected}, {one.corrected:+.1f} {symbol} of it in the table"
+    return said.replace("-", "−")
 
 
 def _by_origin(

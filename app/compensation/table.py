@@ -94,18 +94,18 @@ class Sureness:
     Parameters
     ----------
     expected
-        What was learnt.
+        What was learnt beside the maps.
     learnt_error, wander_error
         Standard deviations of that, and of what no driver explains.
-    factor
-        The share of it that is in the table.
+    corrected
+        What of it is in the table.
     """
 
     component: str
     expected: float
     learnt_error: float
     wander_error: float
-    factor: float
+    corrected: float
 
 
 @dataclass(frozen=True, slots=True)

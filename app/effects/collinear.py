@@ -22,7 +22,7 @@ from app.effects.conditions import Conditions, Signal
 from app.effects.driver import Driver
 from app.effects.low_pass import FromStart
 from app.effects.valid import Range
-from app.search.response_average import caution
+from app.search.response_average import cautious
 from app.search.wander import Wander
 from app.units import SECONDS_PER_MIN, unit_of_field
 
@@ -255,14 +255,14 @@ class Told(NamedTuple):
     """What a response says at n moments, shape (n,) each.
 
     `mean` is what was learnt, `learnt` and `wander` the standard deviations of that and of what
-    no driver explains, `factor` the share that is corrected, `is_held` says where a column lies
+    no driver explains, `corrected` what is corrected of it, `is_held` says where a column lies
     at the edge of where it was learnt.
     """
 
     mean: FloatArray
     learnt: FloatArray
     wander: FloatArray
-    factor: FloatArray
+    corrected: FloatArray
     is_held: BoolArray
 
 
@@ -292,6 +292,10 @@ class Responding(Driver):
         Whether it was learnt from set-ups that were zeroed at their first observation.
     longest_min
         The longest record that it was learnt in [min].
+    maps_sensor, maps
+        The sensor that the component's maps follow, and what they say where it was learnt:
+        temperatures [°C], rising, and errors. What is not sure then goes half back to these
+        maps, half to what held when the record began (`cautious`). None: back to the maps.
     """
 
     name: ClassVar[str] = "response"
@@ -306,6 +310,8 @@ class Responding(Driver):
     noise: tuple[float, ...]
     is_zeroed: bool
     longest_min: float
+    maps_sensor: str = ""
+    maps: tuple[Range, ...] = ()
 
     def __post_init__(self) -> None:
         """Read columns as they are stored."""
@@ -317,16 +323,26 @@ class Responding(Driver):
 
     def at(self, conditions: Conditions) -> FloatArray:
         """Give what is corrected, shape (n,)."""
-        told = self.told(conditions)
-        return told.mean * told.factor
+        return self.told(conditions).corrected
 
     def told(self, conditions: Conditions) -> Told:
-        """Say what was learnt, how sure it is, and which share of it is corrected."""
+        """Say what was learnt, how sure it is, and what of it is corrected."""
         found = columns_at(self.columns, self.zero, conditions)
-        return self.told_of(found, conditions.times_s)
+        return self.told_of(found, conditions.times_s, self._maps_since_start(conditions))
 
-    def told_of(self, found: Columns, times_s: FloatArray) -> Told:
-        """Say the same of columns that are known already, at times [s]."""
+    def told_of(self, found: Columns, times_s: FloatArray, maps: FloatArray | None = None) -> Told:
+        """Say the same of columns that are known already.
+
+        Parameters
+        ----------
+        found
+            The columns at n moments.
+        times_s : ndarray, shape (n,) [s]
+            When.
+        maps : ndarray, shape (n,), or None [the component's unit]
+            What the maps say has changed since the record began; None: what is not sure goes
+            back to them alone.
+        """
         values = np.clip(found.values, *self._edges)
         is_held: BoolArray = np.any(found.values != values, axis=1) & np.isfinite(found.age_s)
         if not self.references_c:
@@ -338,7 +354,8 @@ class Responding(Driver):
             found.age_s / SECONDS_PER_MIN, is_zeroed=not self.references_c
         )
         learnt, wander = np.sqrt(variance), np.sqrt(np.maximum(wander, 0.0))
-        return Told(mean, learnt, wander, caution(mean, learnt, wander), is_held)
+        maps = np.zeros(mean.shape) if maps is None else maps
+        return Told(mean, learnt, wander, cautious(mean, maps, learnt, wander), is_held)
 
     def farthest(self, conditions: Conditions) -> Outside | None:
         """Find the column that lies farthest beyond where it is held; None where none does."""
@@ -391,6 +408,14 @@ class Responding(Driver):
             )
         return "the records of its sensors did not begin together"
 
+    def _maps_since_start(self, conditions: Conditions) -> FloatArray | None:
+        """Say what the maps have changed by since the record began, shape (n,)."""
+        if not self.maps:
+            return None
+        own = Column(LATE, self.maps_sensor, 0.0)
+        first_c = conditions.from_start(own.signal, needed_signals(self.columns)[own]).first
+        return changed_by(self.maps, conditions.temperature(self.maps_sensor), first_c)
+
     @cached_property
     def _edges(self) -> tuple[FloatArray, FloatArray]:
         low, high = np.array(self.ranges).T
@@ -400,6 +425,26 @@ class Responding(Driver):
     @cached_property
     def _root(self) -> FloatArray:
         return read_root(self.spread, len(self.columns))
+
+
+def changed_by(maps: Sequence[Range], here_c: FloatArray, first_c: FloatArray) -> FloatArray:
+    """Say by how much errors differ between two temperatures, shape (n,).
+
+    Parameters
+    ----------
+    maps
+        Temperatures [°C], rising, and errors; held at their ends.
+    here_c, first_c : ndarray, shape (n,) [°C]
+
+    Examples
+    --------
+    >>> changed_by([(20.0, 0.0), (30.0, 5.0)], np.array([24.0]), np.array([22.0])).tolist()
+    [1.0]
+    """
+    temperatures_c, errors = np.array(maps).T
+    now, then = (np.interp(t, temperatures_c, errors) for t in (here_c, first_c))
+    found: FloatArray = now - then
+    return found
 
 
 def written_root(covariance: FloatArray) -> str:

@@ -134,6 +134,34 @@ def caution(mean: FloatArray, learnt: FloatArray, wander: FloatArray) -> FloatAr
     return np.divide(square, total, out=np.zeros_like(square), where=total > 0.0)
 
 
+def cautious(
+    mean: FloatArray, maps: FloatArray, learnt: FloatArray, wander: FloatArray
+) -> FloatArray:
+    """Say what to correct beside maps: what is not sure goes half back to them, half to nothing.
+
+    Neither is to be harmed: who corrects nothing, and who corrects what the maps say. One caution
+    is for what is to be corrected beside the maps, the other for all that is corrected since the
+    start, maps included; this is their mean.
+
+    Parameters
+    ----------
+    mean, learnt, wander : ndarray, shape (n,)
+        What was learnt beside the maps, and standard deviations (`Predicted`).
+    maps : ndarray, shape (n,)
+        What the maps say has changed since the start; 0: caution is towards the maps alone.
+
+    Examples
+    --------
+    >>> learnt, wander = np.full(3, 2.0), np.zeros(3)
+    >>> cautious(np.array([2.0, 2.0, -2.0]), np.array([0.0, 2.0, 2.0]), learnt, wander).tolist()
+    [1.0, 1.1, -1.5]
+    """
+    whole = maps + mean
+    beside = mean * caution(mean, learnt, wander)
+    found: FloatArray = 0.5 * (beside + whole * caution(whole, learnt, wander) - maps)
+    return found
+
+
 def learn_average(
     response: Response,
     changing: IntArray,

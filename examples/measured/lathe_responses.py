@@ -26,6 +26,9 @@ def print_report(data: Path, folds: int) -> None:
         print(f"  {code}, runs held out, from their zero [µm]; the run that gains least")
         print_left("maps", judged.before, judged.before)
         print_left("response", judged.before, judged.after)
+        print("    the same, against runs without any correction")
+        print_left("maps", judged.uncompensated, judged.before)
+        print_left("response", judged.uncompensated, judged.after)
         courses = [one.course for one in rows.set_ups]
         for name, learn in black_boxes().items():
             left = [

@@ -73,7 +73,7 @@ def test_a_person_reads_how_sure_a_response_is_now_and_how_much_of_it_is_correct
     table = table_of(example().model, [fitted("angular|constant")], moment_of(100))
     answer = CompensationAnswer.model_validate_json(table_json(table))
     sure = SurenessAnswer(
-        component="EAX", expected=-12.0, learnt_error=3.0, wander_error=4.0, factor=144.0 / 169.0
+        component="EAX", expected=-12.0, learnt_error=3.0, wander_error=4.0, corrected=-10.2
     )
     answer.effects[0].sureness.append(sure)
-    assert "EAX: −12.0 ± 5.0 µrad expected now, 85% of it in the table" in seen(answer)
+    assert "EAX: −12.0 ± 5.0 µrad expected now, −10.2 µrad of it in the table" in seen(answer)

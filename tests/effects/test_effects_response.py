@@ -126,7 +126,7 @@ def test_live_it_is_what_the_record_says():
         here, there = responding().told(live), responding().told(recorded)
         for one, other in zip(here[:3], there[:3], strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(here.mean * here.factor, there.mean * there.factor, atol=1e-9)
+        np.testing.assert_allclose(here.corrected, there.corrected, atol=1e-9)
         rebuilt = Past.of_record(
             SENSORS,
             needed,
@@ -152,13 +152,33 @@ def test_a_correction_is_smaller_than_what_was_learnt_and_the_table_says_by_how_
     told = responding().told(there)
     square = sure.expected**2
     expected = square / (square + sure.learnt_error**2 + sure.wander_error**2)
-    assert sure.factor == pytest.approx(expected)
-    assert 0.0 < sure.factor < 1.0
-    assert responding().at(there)[0] == pytest.approx(sure.factor * sure.expected)
+    assert 0.0 < expected < 1.0
+    assert sure.corrected == pytest.approx(expected * sure.expected)
+    assert responding().at(there)[0] == pytest.approx(sure.corrected)
     assert not told.is_held.any()
     wide = written_root(1e-3 * np.eye(len(responding().columns)))
     unsure = responding(spread=wide).told(there)
-    assert unsure.factor[0] < sure.factor
+    assert abs(unsure.corrected[0]) < abs(sure.corrected)
+
+
+def test_what_is_not_sure_goes_half_back_to_the_maps_and_half_to_the_start():
+    """Maps of 5 µm/K over a, which has risen by 4 (1 − exp(−2.5)) K; by hand."""
+    there = conditions_of(readings(), np.array([9000.0]))
+    maps = ((10.0, -50.0), (20.0, 0.0), (30.0, 50.0))
+    told = responding(maps_sensor="a", maps=maps).told(there)
+    said = 5.0 * 4.0 * (1.0 - math.exp(-2.5))
+    variance = told.learnt[0] ** 2 + told.wander[0] ** 2
+    mean = told.mean[0]
+    beside, whole = (x**3 / (x**2 + variance) for x in (mean, said + mean))
+    assert told.corrected[0] == pytest.approx(0.5 * (beside + whole - said), rel=1e-3)
+    unsure = responding(
+        maps_sensor="a", maps=maps, spread=written_root(1e6 * np.eye(len(told_columns())))
+    ).told(there)
+    assert unsure.corrected[0] == pytest.approx(-0.5 * said, rel=1e-3)
+
+
+def told_columns():
+    return responding().columns
 
 
 def test_a_column_is_held_half_its_span_beyond_where_it_was_learnt():

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from datetime import UTC, datetime
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,11 +12,14 @@ from app.effects.adopted.carry_over import without_replaced
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.identification.analysis import responses
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.response_judged import judge
 from app.identification.analysis.response_rows import response_rows
 from app.identification.analysis.responses import find_responses
 from app.identification.campaign import Campaign, residuals_of
+from app.search.figures import rms
+from app.search.findings import Status
 from app.search.rows import Datum
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
@@ -37,13 +42,13 @@ def machine():
     )
 
 
-def maps():
+def maps(slope_um_per_k=0.0):
     return [
         ErrorMap(
             label=f"{t:g} °C",
             measured_at=datetime(2026, 2, 1, tzinfo=UTC),
             temperatures_c=dict.fromkeys(NAMES, t),
-            tables={"EXX": ComponentTable.make(COMPONENTS["EXX"], [0.0], [0.0])},
+            tables={"EXX": ComponentTable.make(COMPONENTS["EXX"], [slope_um_per_k * t], [0.0])},
         )
         for t in (15.0, 35.0)
     ]
@@ -57,7 +62,7 @@ def late(values, tau_s, first):
     return found
 
 
-def campaign(seed, runs=12, drives=0.0, wander=2.0, effects=(), first_day=0):
+def campaign(seed, runs=12, drives=0.0, wander=2.0, effects=(), first_day=0, slope=0.0):
     """Runs of four hours on as many days: the error follows the room late, and the speed."""
     random = np.random.default_rng(seed)
     times = np.arange(0.0, LONG_S + 1.0, STEP_S)
@@ -95,8 +100,8 @@ def campaign(seed, runs=12, drives=0.0, wander=2.0, effects=(), first_day=0):
         ]
         verifications.append(Verification(f"run {run}", observations, Datum.FIRST))
     return Campaign(
-        compile_model(machine(), maps(), {"EXX": "bed"}),
-        maps(),
+        compile_model(machine(), maps(slope), {"EXX": "bed"}),
+        maps(slope),
         verifications,
         TemperatureHistory.of_readings(machine().sensors, readings),
         states,
@@ -214,7 +219,65 @@ def test_variances_that_set_ups_held_out_belie_are_stated_larger():
     told, sure = (d.told_of(found.found, found.times_s) for d in (driver, plain))
     np.testing.assert_allclose(told.learnt, np.sqrt(one.doubt) * sure.learnt, rtol=1e-5)
     np.testing.assert_allclose(told.wander, np.sqrt(one.doubt) * sure.wander)
-    assert (told.factor <= sure.factor).all()
+    assert (np.abs(told.corrected) <= np.abs(sure.corrected) + 1e-9).all()
+
+
+def test_maps_that_harm_are_not_what_is_fallen_back_on():
+    """Maps of −10 µm/K over the bed, which the machine does not follow at all."""
+    rows = response_rows(residuals_of(campaign(4, drives=1.0, slope=-10.0)), "EXX")
+    judged = judge(rows)
+    assert not judged.why_not
+    assert not judged.spares_maps
+    assert not judged.is_worse_than_none.any()
+    by_maps = np.array([rms(one) for one in judged.before])
+    raw = np.array([rms(one) for one in judged.uncompensated])
+    assert (by_maps > raw).sum() >= 3
+
+
+def test_what_is_judged_of_maps_is_what_a_live_table_makes_of_them():
+    asked = campaign(4, drives=1.0, slope=-10.0)
+    rows = response_rows(residuals_of(asked), "EXX")
+    judged = judge(rows)
+    driver = rows.driver(judged.average, rows.set_ups, judged.doubt)
+    conditions = residuals_of(asked).projection.conditions
+    live = dict(zip(conditions.times_s.tolist(), driver.at(conditions).tolist(), strict=True))
+    for one in rows.set_ups:
+        told = driver.told_of(one.found, one.times_s, one.maps)
+        np.testing.assert_allclose(told.corrected, [live[t] for t in one.times_s], atol=1e-6)
+        said = one.measured - one.values
+        np.testing.assert_allclose(one.maps - one.maps[0], said - said[0], atol=1e-3)
+
+
+class Named(NamedTuple):
+    """What the search has named, as far as it matters here."""
+
+    key: str
+    status: Status = Status.SUSPECTED
+
+
+@pytest.mark.parametrize(
+    ("status", "left", "expected"),
+    [
+        (Status.SUSPECTED, {"EXX": 9.0, "EZZ": 9.0}, ["EXX", "EZZ"]),
+        (Status.CONFIRMED, {"EXX": 9.0, "EZZ": 9.0}, []),
+        (Status.SUSPECTED, {"EXX": 9.0, "EZZ": 3.0}, []),
+    ],
+)
+def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
+    monkeypatch, status, left, expected
+):
+    """Clocks apart show in X and Z; each has a response that leaves 5 µm."""
+    clocks = SimpleNamespace(kind="clock-offset", components=("EXX", "EZZ"))
+    other = SimpleNamespace(kind="additional-sensor", components=("EXX",))
+    found = SimpleNamespace(
+        hypotheses={"clocks": clocks, "other": other},
+        findings=SimpleNamespace(terms=[Named("clocks", status), Named("other")]),
+    )
+    offered = [
+        SimpleNamespace(code=code, judged=SimpleNamespace(after_rms=5.0)) for code in ("EXX", "EZZ")
+    ]
+    monkeypatch.setattr(responses, "_left_by_named", lambda _, code: left[code])
+    assert [one.code for one, _ in responses.that_leave_less(found, offered)] == expected
 
 
 def test_few_set_ups_are_said():

@@ -148,12 +148,12 @@ class SurenessAnswer(Schema):
     """How sure a learnt effect is of one component at this moment, in the component's unit."""
 
     component: str = Field(description="Component code", examples=["EZZ"])
-    expected: float = Field(description=f"What was learnt {IN_ITS_UNIT}")
+    expected: float = Field(description=f"What was learnt beside the maps {IN_ITS_UNIT}")
     learnt_error: float = Field(description=f"Standard deviation of what was learnt {IN_ITS_UNIT}")
     wander_error: float = Field(
         description=f"Standard deviation of what no driver explains {IN_ITS_UNIT}"
     )
-    factor: float = Field(description="Share of what was learnt that is in the table, 0 to 1")
+    corrected: float = Field(description=f"What of it is in the table {IN_ITS_UNIT}")
 
 
 class EffectInTableAnswer(Schema):

@@ -148,7 +148,7 @@ def sureness(effect: Effect, moment: Conditions) -> list[Sureness]:
     for term in effect.terms:
         if isinstance(term.driver, Responding):
             told = term.driver.told(moment)
-            parts = (told.mean, told.learnt, told.wander, told.factor)
+            parts = (told.mean, told.learnt, told.wander, told.corrected)
             found.append(Sureness(term.component, *(float(part[0]) for part in parts)))
     return found
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Final
 
 import numpy as np
 from scipy.stats import wilcoxon
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.identification.analysis.response_rows import ResponseRows, SetUp
 from app.search.figures import rms
 from app.search.response_average import Average, learn_average
@@ -22,7 +23,8 @@ SURE: Final = 0.01
 """Probability that as many set-ups get better by chance."""
 
 CARES: Final = (1.0, 2.0, 4.0, 8.0)
-"""Factors of all variances that are tried in turn, until no set-up held out gets markedly worse."""
+"""Factors of all variances that are tried in turn, until no set-up held out gets markedly worse,
+what is not sure going half back to the maps; then the same, going back to the maps alone."""
 
 LEAST_GAIN: Final = 0.1
 """Share of the root mean square that a response must take away on set-ups held out."""
@@ -51,14 +53,19 @@ class Judged:
     care
         By how much they were made larger still, so that no set-up gets markedly worse: 1 where that
         was not needed.
-    before, after
-        For each set-up its residuals from its zero [the component's unit].
+    spares_maps
+        Whether what is not sure goes back to the maps alone: half of it back to no correction
+        would make a set-up markedly worse than the maps leave it.
+    uncompensated, before, after
+        For each set-up what was measured, and its residuals, from its zero [the component's unit].
     """
 
     rows: ResponseRows
     average: Average
     doubt: float
     care: float
+    spares_maps: bool
+    uncompensated: list[FloatArray]
     before: list[FloatArray]
     after: list[FloatArray]
 
@@ -84,13 +91,15 @@ class Judged:
         return int(np.argmax(after - before))
 
     @property
-    def may_lose(self) -> FloatArray:
-        """By how much each set-up may get worse and still count as unharmed."""
+    def is_worse(self) -> BoolArray:
+        """Which set-ups get markedly worse than the model leaves them."""
         before, after = self.each
-        found: FloatArray = np.maximum(
-            WORSE_SHARE * before, WORSE_BESIDE_OTHERS * float(np.median(after))
-        )
-        return found
+        return _is_markedly_worse(before, after)
+
+    @property
+    def is_worse_than_none(self) -> BoolArray:
+        """Which set-ups are left markedly worse than they are without any correction."""
+        return _is_markedly_worse(np.array([rms(v) for v in self.uncompensated]), self.each[1])
 
     @property
     def chance(self) -> float:
@@ -115,7 +124,7 @@ class Judged:
                 f"set-ups held out go from {self.before_rms:.3g} to {self.after_rms:.3g} "
                 "(root mean square), which chance does as well"
             )
-        if (after - before > self.may_lose).any():
+        if self.is_worse.any():
             at = self.worst
             return (
                 f"set-up {self.rows.set_ups[at].label!r}, held out, would go from "
@@ -142,8 +151,19 @@ def judge(rows: ResponseRows) -> Judged:
     surprises = np.array(
         [_surprise(one, set_up) for one, set_up in zip(learnt, rows.set_ups, strict=True)]
     )
-    found = [_judged(rows, average, learnt, surprises, care) for care in CARES]
+    found = []
+    for spares, care in product((False, True) if rows.maps else (True,), CARES):
+        found.append(_judged(rows, average, learnt, surprises, care, spares))
+        if not found[-1].why_not and not found[-1].is_worse_than_none.any():
+            return found[-1]
+    # Where maps harm a set-up by themselves, what leaves less of that is still to be had.
     return next((one for one in found if not one.why_not), found[0])
+
+
+def _is_markedly_worse(before: FloatArray, after: FloatArray) -> BoolArray:
+    may_lose = np.maximum(WORSE_SHARE * before, WORSE_BESIDE_OTHERS * float(np.median(after)))
+    found: BoolArray = after - before > may_lose
+    return found
 
 
 def _judged(
@@ -152,20 +172,23 @@ def _judged(
     learnt: Sequence[Average],
     surprises: FloatArray,
     care: float,
+    spares_maps: bool,
 ) -> Judged:
     """Predict every set-up by what was learnt without it, with a caution that is `care` larger."""
-    before, after = [], []
+    uncompensated, before, after = [], [], []
     for i, held_out in enumerate(rows.set_ups):
         others = [one for j, one in enumerate(rows.set_ups) if j != i]
         doubt = care * _doubt(np.delete(surprises, i))
         driver = replace(rows, set_ups=others).driver(learnt[i], others, doubt)
-        told = driver.told_of(held_out.found, held_out.times_s)
-        measured = held_out.from_zero(held_out.values)
-        left = measured - held_out.from_zero(told.mean * told.factor)
+        maps = None if spares_maps else held_out.maps
+        told = driver.told_of(held_out.found, held_out.times_s, maps)
+        values = held_out.from_zero(held_out.values)
         own = slice(1 if held_out.is_zeroed else 0, None)
-        before.append(measured[own])
-        after.append(left[own])
-    return Judged(rows, average, care * _doubt(surprises), care, before, after)
+        uncompensated.append(held_out.from_zero(held_out.measured)[own])
+        before.append(values[own])
+        after.append((values - held_out.from_zero(told.corrected))[own])
+    doubt = care * _doubt(surprises)
+    return Judged(rows, average, doubt, care, spares_maps, uncompensated, before, after)
 
 
 def _surprise(learnt: Average, held_out: SetUp) -> float:

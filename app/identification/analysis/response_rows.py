@@ -11,12 +11,14 @@ import numpy as np
 
 from app.arrays import FloatArray, IntArray
 from app.effects.collinear import (
+    BEYOND,
     LATE,
     LEVEL,
     Column,
     Columns,
     Responding,
     Zero,
+    changed_by,
     columns_at,
     group_of,
     level_at,
@@ -26,10 +28,12 @@ from app.effects.collinear import (
 )
 from app.effects.conditions import Conditions
 from app.effects.observations import ObservationRows
+from app.effects.valid import Range
 from app.identification.residuals.residuals import Residuals
 from app.search.response import Course, Response
 from app.search.response_average import Average
 from app.search.rows import Datum
+from app.thermal.prediction import predict_component
 from app.units import SECONDS_PER_MIN
 
 KNOWN: Final = 0.95
@@ -51,6 +55,9 @@ CHANGING_MIN: Final = 20.0
 OWN: Final = "own"
 """Group of the present temperature of the component's own sensor."""
 
+MAP_STEPS: Final = 65
+"""Temperatures at which the maps are noted beside a response."""
+
 DIGITS: Final = 6
 
 
@@ -62,8 +69,10 @@ class SetUp:
     ----------
     label
         Of its verification.
-    times_s, values : ndarray, shape (n,)
-        When, and what the model leaves [the component's unit].
+    times_s, values, measured : ndarray, shape (n,)
+        When, what the model leaves, and what was measured [the component's unit].
+    maps : ndarray, shape (n,)
+        What the maps say has changed since the record began [the component's unit].
     found
         All columns at these rows.
     is_zeroed
@@ -73,6 +82,8 @@ class SetUp:
     label: str
     times_s: FloatArray
     values: FloatArray
+    measured: FloatArray
+    maps: FloatArray
     found: Columns
     is_zeroed: bool
 
@@ -106,6 +117,9 @@ class ResponseRows:
         What drives it.
     set_ups
         Those that show a course.
+    maps
+        What the maps say there, over their sensor's temperature (`Responding.maps`); none where
+        set-ups are not counted from their start.
     """
 
     code: str
@@ -113,6 +127,7 @@ class ResponseRows:
     columns: tuple[Column, ...]
     zero: Zero
     set_ups: Sequence[SetUp]
+    maps: tuple[Range, ...] = ()
 
     @cached_property
     def groups(self) -> list[str]:
@@ -139,7 +154,12 @@ class ResponseRows:
         return np.flatnonzero(is_own)
 
     def driver(
-        self, average: Average, learnt_from: Sequence[SetUp], doubt: float = 1.0
+        self,
+        average: Average,
+        learnt_from: Sequence[SetUp],
+        doubt: float = 1.0,
+        *,
+        spares_maps: bool = False,
     ) -> Responding:
         """Make what a model version stores of a response.
 
@@ -151,6 +171,8 @@ class ResponseRows:
             The set-ups that it was learnt from.
         doubt
             By how much variances are larger than what was learnt says: what set-ups held out show.
+        spares_maps
+            Whether what is not sure goes back to the maps alone.
         """
         values = np.concatenate([one.found.values for one in learnt_from])
         ages_s = np.concatenate([one.found.age_s for one in learnt_from])
@@ -168,6 +190,8 @@ class ResponseRows:
             noise=tuple(average.noise.larger(doubt)),
             is_zeroed=all(one.is_zeroed for one in learnt_from),
             longest_min=float(ages_s.max()) / SECONDS_PER_MIN,
+            maps_sensor="" if spares_maps else self.own_sensor,
+            maps=() if spares_maps else self.maps,
         )
 
 
@@ -209,6 +233,12 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
         zero = zero._replace(references_c=_references_c(columns, conditions))
         found = columns_at(columns, zero, conditions)
     values = residuals.values[own]
+    maps: tuple[Range, ...] = ()
+    changed = np.zeros(own.size)
+    if level and not zero.references_c:
+        maps, here_c = _maps(residuals, code, own_sensor), conditions.temperature(own_sensor)
+        risen_k = found.values[:, columns.index(Column(LATE, own_sensor, 0.0))]
+        changed = changed_by(maps, here_c, here_c - risen_k)
     set_ups = []
     for which, part in parts:
         part = part[np.isfinite(found.values[part]).all(axis=1) & np.isfinite(found.age_s[part])]
@@ -220,13 +250,28 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
                 rows.verifications[which].label,
                 conditions.times_s[part],
                 values[part],
+                rows.measured[own[part]],
+                changed[part],
                 Columns(found.values[part], found.age_s[part]),
                 which in zeroed,
             )
         )
-    return ResponseRows(
-        code, own_sensor, columns, zero, sorted(set_ups, key=lambda one: one.times_s[0])
+    set_ups.sort(key=lambda one: one.times_s[0])
+    return ResponseRows(code, own_sensor, columns, zero, set_ups, maps)
+
+
+def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
+    """Ask the maps at the place of a component's rows, over the temperatures that were seen."""
+    view = residuals.projection.view(code)
+    known = view.conditions.temperature(sensor)
+    low, high = float(np.nanmin(known)), float(np.nanmax(known))
+    by = BEYOND * (high - low)
+    asked = np.linspace(low - by, high + by, MAP_STEPS)
+    place = np.full(asked.shape, float(view.places.positions_mm[0]))
+    found = predict_component(
+        residuals.projection.model, code, {sensor: asked}, place, np.zeros(asked.shape)
     )
+    return tuple(zip(_rounded(asked), _rounded(found.values), strict=True))
 
 
 def _set_ups(rows: ObservationRows, own: IntArray) -> list[tuple[int, IntArray]]:

@@ -8,7 +8,7 @@ effects that the search has named on the component, which it then takes the plac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -29,6 +29,7 @@ from app.effects.kinds.response import (
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import explain, kind_of
 from app.effects.term import Term
+from app.errors import list_names
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
 from app.identification.analysis.finished_search import FinishedSearch
@@ -38,12 +39,15 @@ from app.identification.analysis.response_rows import ResponseRows, courses, res
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import Residuals
 from app.search.figures import rms
-from app.search.findings import Status
+from app.search.findings import FoundTerm, Status
 from app.search.search import Progress
 
 FEWEST: Final = 8
 """So many set-ups with a course are needed."""
 
+
+MOST_NAMED: Final = 3
+"""So many set-ups are named in a sentence."""
 
 NOT_HELD_OUT: Final = (
     "the response that its component has was learnt from the same set-ups, none of which is held "
@@ -85,6 +89,10 @@ class Offered:
                 f"so that none of them gets markedly worse, what is not sure counts "
                 f"{self.judged.care:g} times in how much of it is corrected"
             )
+        if self.judged.rows.maps and self.judged.spares_maps:
+            parts.append("what is not sure goes back to the maps, which one of them would lose")
+        if self.judged.is_worse_than_none.any():
+            parts.append(self._worse_than_none)
         if self.instead_of is not None:
             parts.append(
                 f"it takes the place of the effects that were named there, which leave "
@@ -109,6 +117,19 @@ class Offered:
             measure_again=None,
             causes=self.causes,
         )
+
+    @property
+    def _worse_than_none(self) -> str:
+        """Name the set-ups that are left worse than without any correction."""
+        after = self.judged.each[1]
+        said = [
+            f"{one.label!r} {rms(raw):.3g} to {after[i]:.3g} {self._symbol}"
+            for i, (one, raw) in enumerate(
+                zip(self.judged.rows.set_ups, self.judged.uncompensated, strict=True)
+            )
+            if self.judged.is_worse_than_none[i]
+        ]
+        return f"worse than without any correction, maps included: {list_names(said, MOST_NAMED)}"
 
     @property
     def _symbol(self) -> str:
@@ -180,7 +201,7 @@ def _has_learnt_from(effect: Effect, times_s: FloatArray) -> bool:
 
 
 def _effect(rows: ResponseRows, judged: Judged, residuals: Residuals) -> Effect:
-    driver = rows.driver(judged.average, rows.set_ups, judged.doubt)
+    driver = rows.driver(judged.average, rows.set_ups, judged.doubt, spares_maps=judged.spares_maps)
     unit = COMPONENTS[rows.code].unit
     before, after = judged.each
     worst = int(np.argmax(after - before))
@@ -223,27 +244,56 @@ def beside_search(
         Without the effects whose place responses take, and with what set-ups held out say of
         these.
     Responses
-        Those that are left. A component that shares an effect with others has none: it is
-        learnt of what that leaves when it has been adopted.
+        Those that are left. A component that shares an effect with others has none unless they
+        all have one: it is learnt of what that leaves when it has been adopted.
     """
-    kept = []
     found = _suspecting(found, known)
-    for offered in responses.offered:
-        named = [
-            term
-            for term in found.findings.terms
-            if offered.code in found.hypotheses[term.key].components
-        ]
-        if any(len(found.hypotheses[term.key].components) > 1 for term in named):
-            continue
-        if any(kind_of(found.hypotheses[term.key].kind).not_adopted for term in named):
-            continue  # it would have learnt the mistake
-        left = _left_by_named(found, offered.code) if named else None
-        if left is not None and left <= offered.judged.after_rms:
-            continue
-        found = _taking_place(found, offered, [term.key for term in named])
+    kept = []
+    for offered, left in that_leave_less(found, responses.offered):
+        found = _taking_place(found, offered, [term.key for term in _named(found, offered.code)])
         kept.append(replace(offered, instead_of=left))
     return found, replace(responses, offered=tuple(kept))
+
+
+def that_leave_less(
+    found: FinishedSearch, offered: Sequence[Offered]
+) -> list[tuple[Offered, float | None]]:
+    """Choose the responses that take the place of all that is named on their components.
+
+    What acts on several components goes only if each of these has a response that leaves less.
+    A mistake in the data that is confirmed stays, for a response would have learnt it; one
+    that is suspected stands for something else where responses leave less than it does.
+
+    Returns
+    -------
+    list of (Offered, float or None)
+        Each with what the effects leave whose place it takes, from each set-up's zero.
+    """
+    left = {one.code: _left_by_named(found, one.code) for one in offered}
+    less = {one.code for one in offered if _leaves_less(one, left[one.code])}
+    while True:
+        kept = {code for code in less if all(_goes(found, t, less) for t in _named(found, code))}
+        if kept == less:
+            return [(one, left[one.code]) for one in offered if one.code in kept]
+        less = kept
+
+
+def _leaves_less(offered: Offered, left: float | None) -> bool:
+    return left is None or offered.judged.after_rms < left
+
+
+def _named(found: FinishedSearch, code: str) -> list[FoundTerm]:
+    """List what the search has named on a component."""
+    return [t for t in found.findings.terms if code in found.hypotheses[t.key].components]
+
+
+def _goes(found: FinishedSearch, term: FoundTerm, codes: Collection[str]) -> bool:
+    """Whether responses of some components may take the place of an effect."""
+    hypothesis = found.hypotheses[term.key]
+    is_mistake = bool(kind_of(hypothesis.kind).not_adopted)
+    if is_mistake and term.status is Status.CONFIRMED:
+        return False
+    return codes >= set(hypothesis.components)
 
 
 def not_beside(described: Iterable[FoundEffect], known: Sequence[Effect]) -> list[FoundEffect]:
@@ -318,7 +368,12 @@ def explained_by(found: FinishedSearch, offered: Offered, known: Iterable[Effect
 
 
 def _left_by_named(found: FinishedSearch, code: str) -> float | None:
-    """Say what the search's effects leave of a component held out, from each set-up's zero."""
+    """Say what the search's effects leave of a component held out, from each set-up's zero.
+
+    None where it has named none, or nothing was held out.
+    """
+    if not _named(found, code):
+        return None
     rows, left = found.residuals.rows, found.rows.values - found.findings.adopted
     own = rows.of_channel(code)
     parts = [
