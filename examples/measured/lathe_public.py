@@ -1,7 +1,5 @@
 """The lathe by the way that a shop has: every third run unseen, the others analysed and adopted.
 
-This is done three times, so that every run is unseen once.
-
 All goes over HTTP, as a shop would send it: the machine, two error maps, what sensors and spindle
 read during the runs and nothing between them, and a verification of each run. Analysing and
 adopting what helps, which is what `thermap analyse --adopt` does, is repeated until an analysis
@@ -60,11 +58,7 @@ class Held:
 def print_report(data: Path, _: int) -> None:
     """Print what each analysis adopted, and the unseen runs before and after."""
     lathe = make_lathe(read_runs(data))
-    for begin in (1, 2, 0):
-        _print_split(lathe, [run.date for run in lathe.runs][begin::UNSEEN_EACH])
-
-
-def _print_split(lathe: Lathe, unseen: Sequence[str]) -> None:
+    unseen = [run.date for run in lathe.runs][1::UNSEEN_EACH]
     with tempfile.TemporaryDirectory() as folder:
         seen, first, last = asyncio.run(close_and_hold(Path(folder), lathe, unseen))
     for number, one in enumerate(seen, 1):

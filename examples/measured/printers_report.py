@@ -13,6 +13,7 @@ from examples.measured.loop import (
     without_ranges,
 )
 from examples.measured.printers import PARTS, PRINTERS, campaign, read_homings
+from examples.measured.printers_by_hand import print_by_hand
 from examples.measured.printing import pooled, print_figures, print_rounds
 
 STEPS = ("measured, about its mean", "maps over the frame", "after the loop", "nothing held")
@@ -22,6 +23,7 @@ def print_report(data: Path, _: int) -> None:
     """Print for each printer what was found, and what is left of the stretches left out."""
     for name, printer in PRINTERS.items():
         homings = read_homings(data, printer)
+        print_by_hand(name, printer, homings)
         steps: dict[str, list[dict[str, FloatArray]]] = {step: [] for step in STEPS}
         for part in range(PARTS):
             print(f"  {name}, part {part + 1} left out")

@@ -8,7 +8,7 @@ effects that the search has named on the component, which it then takes the plac
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -287,7 +287,7 @@ def _named(found: FinishedSearch, code: str) -> list[FoundTerm]:
     return [t for t in found.findings.terms if code in found.hypotheses[t.key].components]
 
 
-def _goes(found: FinishedSearch, term: FoundTerm, codes: Collection[str]) -> bool:
+def _goes(found: FinishedSearch, term: FoundTerm, codes: set[str]) -> bool:
     """Whether responses of some components may take the place of an effect."""
     hypothesis = found.hypotheses[term.key]
     is_mistake = bool(kind_of(hypothesis.kind).not_adopted)
