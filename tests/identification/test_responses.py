@@ -253,25 +253,30 @@ class Named(NamedTuple):
 
     key: str
     status: Status = Status.SUSPECTED
+    channels: tuple[int, ...] = (0, 1)
 
 
 @pytest.mark.parametrize(
-    ("status", "left", "expected"),
+    ("status", "unexplained", "left", "expected"),
     [
-        (Status.SUSPECTED, {"EXX": 9.0, "EZZ": 9.0}, ["EXX", "EZZ"]),
-        (Status.CONFIRMED, {"EXX": 9.0, "EZZ": 9.0}, []),
-        (Status.SUSPECTED, {"EXX": 9.0, "EZZ": 3.0}, []),
+        (Status.SUSPECTED, [], {"EXX": 9.0, "EZZ": 9.0}, ["EXX", "EZZ"]),
+        (Status.CONFIRMED, [], {"EXX": 9.0, "EZZ": 9.0}, []),
+        (Status.CONFIRMED, [1], {"EXX": 9.0, "EZZ": 9.0}, ["EXX", "EZZ"]),
+        (Status.SUSPECTED, [], {"EXX": 9.0, "EZZ": 3.0}, []),
     ],
 )
 def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
-    monkeypatch, status, left, expected
+    monkeypatch, status, unexplained, left, expected
 ):
     """Clocks apart show in X and Z; each has a response that leaves 5 µm."""
     clocks = SimpleNamespace(kind="clock-offset", components=("EXX", "EZZ"))
     other = SimpleNamespace(kind="additional-sensor", components=("EXX",))
     found = SimpleNamespace(
         hypotheses={"clocks": clocks, "other": other},
-        findings=SimpleNamespace(terms=[Named("clocks", status), Named("other")]),
+        findings=SimpleNamespace(
+            terms=[Named("clocks", status), Named("other")],
+            unexplained=[SimpleNamespace(channel=channel) for channel in unexplained],
+        ),
     )
     offered = [
         SimpleNamespace(code=code, judged=SimpleNamespace(after_rms=5.0)) for code in ("EXX", "EZZ")

@@ -33,6 +33,7 @@ from app.errors import list_names
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effects import is_unexplained_at
 from app.identification.analysis.response_causes import causes_of
 from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_rows import ResponseRows, courses, response_rows
@@ -72,6 +73,8 @@ class Offered:
     instead_of
         What the effects that were named on the component leave, from each set-up's zero; None
         where none was.
+    instead_kinds
+        Their kinds.
     """
 
     code: str
@@ -79,6 +82,7 @@ class Offered:
     judged: Judged
     causes: tuple[Cause, ...] = ()
     instead_of: float | None = None
+    instead_kinds: tuple[str, ...] = ()
 
     @property
     def found(self) -> FoundEffect:
@@ -90,13 +94,15 @@ class Offered:
                 f"{self.judged.care:g} times in how much of it is corrected"
             )
         if self.judged.rows.maps and self.judged.spares_maps:
-            parts.append("what is not sure goes back to the maps, which one of them would lose")
+            parts.append(
+                "what is not sure goes back to the maps alone, or one of them would get worse"
+            )
         if self.judged.is_worse_than_none.any():
             parts.append(self._worse_than_none)
         if self.instead_of is not None:
             parts.append(
-                f"it takes the place of the effects that were named there, which leave "
-                f"{self.instead_of:.3g} {self._symbol}"
+                f"it takes the place of what was named there ({list_names(self.instead_kinds)}), "
+                f"which leaves {self.instead_of:.3g} {self._symbol}"
             )
         return FoundEffect(
             effect=self.effect,
@@ -248,10 +254,13 @@ def beside_search(
         all have one: it is learnt of what that leaves when it has been adopted.
     """
     found = _suspecting(found, known)
+    named = {o.code: [t.key for t in _named(found, o.code)] for o in responses.offered}
     kept = []
     for offered, left in that_leave_less(found, responses.offered):
-        found = _taking_place(found, offered, [term.key for term in _named(found, offered.code)])
-        kept.append(replace(offered, instead_of=left))
+        keys = named[offered.code]
+        found = _taking_place(found, offered, keys)
+        kinds = tuple(dict.fromkeys(found.hypotheses[key].kind for key in keys))
+        kept.append(replace(offered, instead_of=left, instead_kinds=kinds))
     return found, replace(responses, offered=tuple(kept))
 
 
@@ -262,7 +271,8 @@ def that_leave_less(
 
     What acts on several components goes only if each of these has a response that leaves less.
     A mistake in the data that is confirmed stays, for a response would have learnt it; one
-    that is suspected stands for something else where responses leave less than it does.
+    that is suspected, or beside which something unexplained is left, stands for something else
+    where responses leave less than it does.
 
     Returns
     -------
@@ -290,8 +300,10 @@ def _named(found: FinishedSearch, code: str) -> list[FoundTerm]:
 def _goes(found: FinishedSearch, term: FoundTerm, codes: set[str]) -> bool:
     """Whether responses of some components may take the place of an effect."""
     hypothesis = found.hypotheses[term.key]
-    is_mistake = bool(kind_of(hypothesis.kind).not_adopted)
-    if is_mistake and term.status is Status.CONFIRMED:
+    is_sure = term.status is Status.CONFIRMED and not is_unexplained_at(
+        found.findings, term.channels
+    )
+    if is_sure and kind_of(hypothesis.kind).not_adopted:
         return False
     return codes >= set(hypothesis.components)
 
