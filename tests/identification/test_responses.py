@@ -12,6 +12,7 @@ from app.effects.adopted.carry_over import without_replaced
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.identification.analysis import response_rows as response_rows_module
 from app.identification.analysis import responses
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.response_judged import judge
@@ -246,6 +247,16 @@ def test_what_is_judged_of_maps_is_what_a_live_table_makes_of_them():
         np.testing.assert_allclose(told.corrected, [live[t] for t in one.times_s], atol=1e-6)
         said = one.measured - one.values
         np.testing.assert_allclose(one.maps - one.maps[0], said - said[0], atol=1e-3)
+
+
+def test_where_the_policy_allows_no_maps_they_are_held(monkeypatch):
+    """Asked a hundred kelvins beyond them, where the machine extrapolates 30 K."""
+    monkeypatch.setattr(response_rows_module, "BEYOND", 10.0)
+    rows = response_rows(residuals_of(campaign(4, drives=1.0, slope=-10.0)), "EXX")
+    temperatures_c, errors = np.array(rows.maps).T
+    assert np.isfinite(errors).all()
+    assert len(errors) < response_rows_module.MAP_STEPS
+    assert temperatures_c.min() > 15.0 - 31.0
 
 
 class Named(NamedTuple):

@@ -271,7 +271,8 @@ def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
     found = predict_component(
         residuals.projection.model, code, {sensor: asked}, place, np.zeros(asked.shape)
     )
-    return tuple(zip(_rounded(asked), _rounded(found.values), strict=True))
+    said = np.isfinite(found.values)  # beyond them the machine's policy may allow nothing
+    return tuple(zip(_rounded(asked[said]), _rounded(found.values[said]), strict=True))
 
 
 def _set_ups(rows: ObservationRows, own: IntArray) -> list[tuple[int, IntArray]]:
