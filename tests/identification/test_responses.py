@@ -182,6 +182,7 @@ def test_what_is_found_beside_an_adopted_response_is_not_confirmed(answer):
     assert all(found.status != "confirmed" and not found.helps for found in again.effects)
 
 
+@pytest.mark.slow
 def test_with_new_days_it_is_learnt_anew_and_takes_the_place_of_the_old(answer):
     old = [found.effect for found in answer.effects]
     more = campaign(1, runs=14, drives=1.0, effects=old)

@@ -205,6 +205,7 @@ def test_a_visit_of_few_moments_is_searched_with_nothing_held_out(times):
     assert all(str(t.status) == "not-confirmable" for t in found.terms)
 
 
+@pytest.mark.slow
 def test_an_unknown_zero_belongs_to_its_whole_setup():
     """What is constant over a record counts for nothing where its zero is unknown."""
     record = Record(3, hours=6)
