@@ -49,6 +49,9 @@ RATE_OVER_S: Final = 1800.0
 RATE_OVER_AT_LEAST_S: Final = 180.0
 """Over how long at least [s]: of a shorter time the steps of the sensor are the rate."""
 
+_OUTSIDE: Final = frozenset({State.CLAMPED, State.EXTRAPOLATED})
+"""Of these a sentence more may say how large it is; the first one says whom it touches."""
+
 NOTHING_RESTS: Final = "no component rests on it"
 
 
@@ -355,11 +358,13 @@ def _sentences(
         return [f"{all_of} {verb}, on fresh temperatures.", *said]
     touched = {code for cause in causes for code in cause.touches}
     others = sum(c.component.code not in touched for c in components)
-    if touched and 0 < others < count and state is not State.DRIFTING:
-        drifts = any(cause.state is State.DRIFTING for cause in causes)
-        if not drifts:
-            words = counted(others, "other component")
-            said.append(f"The {words.removeprefix('1 ')} can be trusted.")
+    # A drift, a wrong clock, positions that are missing: of these nobody knows whom they touch.
+    spares = all(
+        c.touches or c.state.gravity > State.DRIFTING.gravity or c.state in _OUTSIDE for c in causes
+    )
+    if spares and touched and 0 < others < count:
+        words = counted(others, "other component")
+        said.append(f"The {words.removeprefix('1 ')} can be trusted.")
     return said
 
 

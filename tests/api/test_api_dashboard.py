@@ -61,7 +61,7 @@ async def test_all_machines_and_the_sentence_that_comes_first(client):
     assert page.text.index("VMC-2 second") < page.text.index("MCFV5050LN mcfv5050")
     assert "x-middle is 1.40 K above the hottest map: 3 components are held at Run #6." in page.text
     assert "z-column" not in page.text.split("Compensation")[0]
-    assert "never checked" in page.text
+    assert "not judged" in page.text
     limited = await shown(client, "/?only=limited")
     assert "VMC-2 second" not in limited.text
     assert "MCFV5050LN mcfv5050" in limited.text

@@ -308,3 +308,14 @@ async def test_verifications_beyond_their_limits_and_an_analysis_that_waits(clie
         "Verifications are beyond what the model allows: the machine has changed."
     ]
     assert found["analysis"] == {"id": number, "progress": 0.0}
+
+
+async def test_nothing_is_called_trusted_beside_what_may_touch_everything(client, app):
+    temperatures_c = {"x-middle": 31.0, "y-front": 30.0, "z-column": 25.0, "spindle": 25.0}
+    await feed(client, reading(START, 31.0, temperatures_c=temperatures_c))
+    assert (await status(client))["sentences"][-1] == "The other component can be trusted."
+    with app.state.context.database.writing() as session:
+        write_watch(session, "mcfv5050", 3, WatchState(beyond_since_s=START.timestamp()), START)
+    found = await status(client)
+    assert verdict(found) == ("limited", "clamped")
+    assert not any("can be trusted" in sentence for sentence in found["sentences"])

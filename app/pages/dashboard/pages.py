@@ -50,7 +50,7 @@ _STATES: Final[Mapping[State, str]] = {
     State.FRESH: "Fresh",
 }
 
-_WATCH: Final = {"within": "within", "beyond": "beyond", "not-judged": "never checked"}
+_WATCH: Final = {"within": "within", "beyond": "beyond", "not-judged": "not judged"}
 
 
 def machines_page(views: Sequence[MachineView], now: datetime, only: str = "") -> str:
