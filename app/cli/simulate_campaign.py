@@ -284,7 +284,9 @@ def _made(
     """Simulate, and say as an option's fault what cannot be."""
     from app.simulation.undeclared import make_campaign, make_record
 
-    planted = [_drawn(seed) if name == UNKNOWN else name for name in effects if name != NONE]
+    planted = [
+        _drawn(seed, effects) if name == UNKNOWN else name for name in effects if name != NONE
+    ]
     try:
         if record is None:
             return make_campaign(seed, planted, size, visits, **conditions)
@@ -294,8 +296,17 @@ def _made(
         raise typer.BadParameter(str(wrong)) from None
 
 
-def _drawn(seed: int) -> str:
-    return IN_NO_FAMILY[seed % len(IN_NO_FAMILY)]
+def _drawn(seed: int, stated: Sequence[str]) -> str:
+    """Draw one that is not stated by its name too: from the seed's on, the next that is free."""
+    kinds = {name.partition(":")[0] for name in stated}
+    first = seed % len(IN_NO_FAMILY)
+    free = [k for k in (*IN_NO_FAMILY[first:], *IN_NO_FAMILY[:first]) if k not in kinds]
+    if not free:
+        raise typer.BadParameter(
+            "expected unknown beside effects that leave one to be drawn, got all of them by name",
+            param_hint="--effect",
+        )
+    return free[0]
 
 
 def _write(made: Campaign, folder: Path, machine: Body, verifications: Sequence[Body]) -> None:

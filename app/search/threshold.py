@@ -136,15 +136,26 @@ def threshold(
 
 def _population(found: Scan, groups: np.ndarray, families: np.ndarray) -> Population:
     bartlett = _bartlett(found, groups)
-    # p values and not ratios: entries of one and of three amplitudes then compete on equal terms.
-    drawn = surprise(found.noise * bartlett[:, None], found.rank[:, None])
     location, scale = np.zeros(len(families)), np.ones(len(families))
     for family in np.unique(families[found.rank > 0]):
         own = families == family
-        largest = drawn[own].max(axis=0)
+        largest = _most_surprising(found.noise[own] * bartlett[own, None], found.rank[own])
         scale[own] = max(float(largest.std(ddof=1)) * np.sqrt(6.0) / np.pi, LEAST_SCALE)
         location[own] = float(largest.mean()) - EULER_GAMMA * scale[own]
     return Population(location, scale, bartlett)
+
+
+def _most_surprising(noise: FloatArray, rank: FloatArray) -> FloatArray:
+    """Give the largest surprise of each draw among some entries, shape (draws,).
+
+    p values and not ratios: entries of one and of three amplitudes then compete on equal terms.
+    Among entries of one rank the largest ratio is the most surprising one, which saves to ask
+    for the probabilities of all others.
+    """
+    ranks = np.unique(rank)
+    largest = np.stack([noise[rank == one].max(axis=0) for one in ranks])
+    found: FloatArray = surprise(largest, ranks[:, None]).max(axis=0)
+    return found
 
 
 def _gumbel(probability: float) -> float:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import FieldError, InvalidContent, UnknownThing
 from app.thermal.machine import Machine, Sensor
 from app.thermal.temperature_history import TemperatureHistory
@@ -32,6 +32,10 @@ class Health(StrEnum):
     STUCK = "stuck"
     JUMP = "jump"
     FAULTY = "faulty"
+
+
+_VERDICTS: Final = (Health.OK, Health.OUT_OF_RANGE, Health.JUMP, Health.STUCK)
+"""What a value of a record may be called."""
 
 
 class SensorState(NamedTuple):
@@ -122,10 +126,8 @@ def believed(
             continue
         kept = values.copy()
         known = np.flatnonzero(~np.isnan(values))
-        verdicts = judge_record(machine, machine.sensor(name), history)
-        kept[[i for i, health in zip(known, verdicts, strict=True) if health is not Health.OK]] = (
-            np.nan
-        )
+        verdicts = _verdicts(machine, machine.sensor(name), history)
+        kept[known[verdicts != _VERDICTS.index(Health.OK)]] = np.nan
         cleaned[name] = kept
     return TemperatureHistory(history.times_s, cleaned)
 
@@ -146,8 +148,9 @@ def without_stuck(machine: Machine, history: TemperatureHistory) -> TemperatureH
     for name, values in history.temperatures_c.items():
         kept = values.copy()
         known = np.flatnonzero(~np.isnan(values))
-        stuck = [v is Health.STUCK for v in judge_record(machine, machine.sensor(name), history)]
-        if any(stuck):
+        verdicts = _verdicts(machine, machine.sensor(name), history)
+        stuck = verdicts == _VERDICTS.index(Health.STUCK)
+        if stuck.any():
             stretch = np.cumsum(np.append(True, np.diff(values[known]) != 0)) - 1
             first = np.append(True, np.diff(stretch) != 0)
             is_stuck = np.bincount(stretch, weights=stuck) > 0
@@ -183,16 +186,19 @@ def judge_record(machine: Machine, sensor: Sensor, history: TemperatureHistory) 
         (`ok`, `out-of-range`, `jump` or `stuck`) for each of the sensor's
         n known values, in order of time.
     """
+    return [_VERDICTS[verdict] for verdict in _verdicts(machine, sensor, history).tolist()]
+
+
+def _verdicts(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> IntArray:
+    """Give for each known value its place in `_VERDICTS`."""
     times, values = history.known(sensor.name)
     if values.size == 0:
-        return []
+        return np.empty(0, dtype=np.intp)
     in_range = _in_range(sensor, values)
     jumped = np.zeros(values.shape, dtype=bool)
     jumped[in_range] = _jumped(sensor, times[in_range], values[in_range])
     stuck = _stuck(machine, sensor, history, times, values)
-    verdicts = np.select([~in_range, jumped, stuck], [1, 2, 3], default=0)
-    kinds = (Health.OK, Health.OUT_OF_RANGE, Health.JUMP, Health.STUCK)
-    return [kinds[verdict] for verdict in verdicts]
+    return np.select([~in_range, jumped, stuck], [1, 2, 3], default=0).astype(np.intp)
 
 
 def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorState:
@@ -238,7 +244,7 @@ def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> Se
                 "(`thermap readings withdraw`)"
             )
     elif health is Health.STUCK:
-        first, _ = _runs(sensor, times, values)[-1]
+        first = _runs(sensor, times, values)[0][-1]
         moved = _neighbours_movement(machine, sensor, history, times[first], times[-1:])
         detail = (
             f"{sensor.name} is stuck: exactly {value:g} °C for {times[-1] - times[first]:.0f} s "
@@ -298,20 +304,20 @@ def _stuck(
         return stuck
     steps = np.abs(np.diff(values))
     step = max(sensor.resolution_c, steps[steps > 0].min(initial=np.inf) if steps.any() else 0.0)
-    for first, last in _runs(sensor, times, values):
-        if times[last] - times[first] >= sensor.stuck_after_s:
-            until = times[first : last + 1] - sensor.stuck_after_s
-            moved = _neighbours_movement(machine, sensor, history, times[first], until)
-            stuck[first : last + 1] = moved >= CLEARLY * step
+    starts, ends = _runs(sensor, times, values)
+    is_long = times[ends] - times[starts] >= sensor.stuck_after_s
+    for first, last in zip(starts[is_long].tolist(), ends[is_long].tolist(), strict=True):
+        until = times[first : last + 1] - sensor.stuck_after_s
+        moved = _neighbours_movement(machine, sensor, history, times[first], until)
+        stuck[first : last + 1] = moved >= CLEARLY * step
     return stuck
 
 
-def _runs(sensor: Sensor, times: FloatArray, values: FloatArray) -> list[tuple[int, int]]:
-    """Split a record where the value changes or a gap is too wide: (first, last) of each run."""
+def _runs(sensor: Sensor, times: FloatArray, values: FloatArray) -> tuple[IntArray, IntArray]:
+    """Split a record where the value changes or a gap is too wide: first and last of each run."""
     breaks = (np.diff(values) != 0) | (np.diff(times) > sensor.max_age_s)
     starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
-    ends = np.concatenate([starts[1:] - 1, [len(values) - 1]])
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+    return starts, np.append(starts[1:] - 1, len(values) - 1)
 
 
 def _neighbours_movement(

@@ -84,6 +84,17 @@ def test_unknown_is_an_effect_that_no_kind_describes(thermap, tmp_path):
     assert not effect["in_library"]
 
 
+def test_unknown_is_none_of_those_stated_by_name(thermap, tmp_path):
+    drawn = [IN_NO_FAMILY[seed % len(IN_NO_FAMILY)] for seed in (1, 2)]
+    named = [option for kind in drawn for option in ("--effect", kind)]
+    asked = (*SMALL, "--seed", 1, *named, "--effect", "unknown")
+    found = thermap("simulate", "campaign", *asked, "-o", tmp_path / "u")
+    assert found.exit_code == 0, found.output
+    kinds = [effect["kind"] for effect in stored(tmp_path / "u" / "truth.json")["effects"]]
+    assert len(set(kinds)) == 3
+    assert set(kinds) <= set(IN_NO_FAMILY)
+
+
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [
@@ -113,6 +124,10 @@ def test_a_folder_that_holds_something_is_left_alone(thermap, tmp_path):
         (("--effect", "none", "--effect", "none"), "expected none alone, got it twice"),
         (("--effect", "clock-offset:an-hour-late", "--effect", "clock-offset"), "it twice"),
         (("--effect", "unknown", "--effect", "unknown"), "expected unknown once"),
+        (
+            [o for kind in (*IN_NO_FAMILY, "unknown") for o in ("--effect", kind)],
+            "leave one to be drawn, got all of them",
+        ),
         (("--record", "nan"), "got 'nan'"),
         (("--record", 30, "--every", "inf"), "--every: expected a finite number, got inf"),
         (("--size", "inf"), "--size: expected a finite number, got inf"),

@@ -189,6 +189,21 @@ def test_what_changed_is_named_also_by_a_verification_of_something_else():
 
 
 @pytest.mark.slow
+def test_a_change_that_the_latest_visit_does_not_show_is_not_told_of_that_visit():
+    """EXX is 25 µm off from the ninth visit of it to the last but one, and then as it was."""
+    _, campaign = verifications_of(7, visits=80)
+    of_exx = [v for v in (only(v, "EXX") for v in campaign.verifications) if v.observations]
+    last = len(of_exx) - 1
+    changed = [shifted(v, "EXX", 25.0) if 8 <= i < last else v for i, v in enumerate(of_exx)]
+    *_, before, after = watched(replace(campaign, verifications=changed))
+    assert "the level of EXX is off by" in before.summary
+    level = after.beyond[0]
+    assert (level.component, level.what) == ("EXX", "level")
+    assert abs(level.deviation) < 2.0 * level.expected_sd
+    assert "several visits together show" in after.summary
+
+
+@pytest.mark.slow
 def test_nothing_is_said_before_the_scatter_is_known():
     """One value of a machine that nobody has measured yet, a metre off."""
     _, campaign = verifications_of(8)

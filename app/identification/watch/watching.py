@@ -28,6 +28,9 @@ from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.setups import PAIRS, Track, believed, learn
 from app.search.rows import Datum, Rows
 
+PLAINLY: Final = 2.0
+"""A visit shows a change by itself where it is off by so many standard deviations."""
+
 FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""
 
@@ -434,8 +437,16 @@ def _sentence(changed: Sequence[Followed], judged: bool, *, is_first: bool) -> s
             "The machine is as its model says, within the scatter of measurement, set-up and maps."
         )
     one = changed[0]
+    latest = f"{one.deviation:.2g} {one.unit}"
+    expected = f"±{one.expected_sd:.2g} {one.unit}"
+    # The evidence is of all visits: the latest alone may be where one visit was expected.
+    how = (
+        f"is off by {latest}, where {expected} were expected"
+        if abs(one.deviation) > PLAINLY * one.expected_sd
+        else f"has changed, as several visits together show (in the latest it is off by {latest}, "
+        f"and {expected} were expected of one visit)"
+    )
     return (
-        f"The machine is no longer as its model says: the {one.what} of {one.component} is off by "
-        f"{one.deviation:.2g} {one.unit}, where ±{one.expected_sd:.2g} {one.unit} were expected "
+        f"The machine is no longer as its model says: the {one.what} of {one.component} {how} "
         f"(by chance in at most {FALSE_ALARM:.0%} of all unchanged machines, ever)."
     )
