@@ -11,13 +11,13 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from app.api.field_errors import field_error
+from app.api.files.delimited_text import Problems, UnreadableFile
+from app.api.files.instrument_files import instrument_format
 from app.api.schemas.analyses import PlannedVerification
 from app.api.schemas.verifications import VerificationRequest
 from app.cli.contract_json import read_json
 from app.cli.csv_verification import read_csv_verification
-from app.cli.delimited_text import Problems, UnreadableFile
 from app.cli.import_checks import choose_machine
-from app.cli.instrument_files import instrument_format
 from app.errors import InvalidContent
 from app.geometry.components import parse_component
 from thermap import FieldError

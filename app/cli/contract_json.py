@@ -13,6 +13,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 from pydantic import ValidationError
 
 from app.api.field_errors import field_error
+from app.api.files.delimited_text import Problems, read_text
 from app.api.schemas.base import Schema
 from app.api.schemas.error_maps import (
     ComponentAnswer,
@@ -22,7 +23,6 @@ from app.api.schemas.error_maps import (
 )
 from app.api.schemas.machines import MachineAnswer, MachineSettings
 from app.api.schemas.readings import ReadingSchema
-from app.cli.delimited_text import Problems, read_text
 from app.errors import InvalidContent
 
 Content: TypeAlias = MachineSettings | ErrorMapSchema | ReadingSchema

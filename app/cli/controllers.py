@@ -14,6 +14,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from app.api.files.decimal_text import read_number
 from app.cli.options import (
     JsonOption,
     MachineArgument,
@@ -23,7 +24,6 @@ from app.cli.options import (
     connect,
     in_options,
     read_named_numbers,
-    read_number,
     read_point,
 )
 from app.errors import ThermapError, list_names

@@ -19,7 +19,7 @@ from typing import Final
 
 import typer
 
-from app.cli.csv_columns import (
+from app.api.files.csv_columns import (
     Column,
     Columns,
     Named,
@@ -29,8 +29,8 @@ from app.cli.csv_columns import (
     named,
     normal_heading,
 )
-from app.cli.delimited_text import DelimitedText, Problems, Row, read_delimited
-from app.cli.options import read_number
+from app.api.files.decimal_text import read_number
+from app.api.files.delimited_text import DelimitedText, Problems, Row, read_delimited
 from app.errors import list_names
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 

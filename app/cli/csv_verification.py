@@ -18,8 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.api.schemas.verifications import MOST_OBSERVATIONS
-from app.cli.csv_columns import (
+from app.api.files.csv_columns import (
     LENGTH,
     POSITION,
     SMALL_ANGLE,
@@ -29,10 +28,11 @@ from app.cli.csv_columns import (
     names_after,
     symbol_of,
 )
-from app.cli.csv_comments import Comments, Stated, Statement, read_comments
-from app.cli.csv_measurements.formats import REPEATABILITY, choice_among
-from app.cli.delimited_text import DelimitedText, Row, read_delimited
-from app.cli.delimited_text import Problems as FileProblems
+from app.api.files.csv_comments import Comments, Stated, Statement, read_comments
+from app.api.files.csv_measurements.formats import REPEATABILITY, choice_among
+from app.api.files.delimited_text import DelimitedText, Row, read_delimited
+from app.api.files.delimited_text import Problems as FileProblems
+from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.errors import UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, parse_component
 from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small

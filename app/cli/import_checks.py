@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from app.cli.csv_comments import Stated
+from app.api.files.csv_comments import Stated
 from app.cli.models import preview_lines, waiting_lines
 from app.errors import Conflict, ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER, parse_component

@@ -9,13 +9,14 @@ from typing import Annotated, Final
 
 import typer
 
+from app.api.files.csv_comments import Stated
+from app.api.files.csv_error_map import read_csv_error_map
+from app.api.files.delimited_text import UnreadableFile
+from app.api.files.instrument_files import InstrumentFormat, instrument_format
 from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings, settings_of
 from app.api.schemas.readings import ReadingSchema
 from app.cli.contract_json import read_contract_json
-from app.cli.csv_comments import Stated
-from app.cli.csv_error_map import read_csv_error_map
-from app.cli.delimited_text import UnreadableFile
 from app.cli.import_checks import (
     ImportMode,
     choose_machine,
@@ -28,7 +29,6 @@ from app.cli.import_checks import (
     show_preview,
 )
 from app.cli.import_measurements import import_measurements
-from app.cli.instrument_files import InstrumentFormat, instrument_format
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
 from app.errors import Conflict, counted, list_names
 from thermap import DEFAULT_URL, ThermapClient, UnknownThingError

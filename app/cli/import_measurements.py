@@ -12,6 +12,10 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from app.api.field_errors import field_error
+from app.api.files.csv_comments import Stated
+from app.api.files.csv_measurements import FORMATS, CsvMeasurement, read_csv_measurement
+from app.api.files.delimited_text import Problems, UnreadableFile, read_text
+from app.api.files.instrument_files import InstrumentFormat, instrument_format
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
@@ -22,9 +26,6 @@ from app.api.schemas.measurements.parts import (
     RotaryAxisRequest,
 )
 from app.cli.contract_json import read_json
-from app.cli.csv_comments import Stated
-from app.cli.csv_measurements import FORMATS, CsvMeasurement, read_csv_measurement
-from app.cli.delimited_text import Problems, UnreadableFile, read_text
 from app.cli.import_checks import (
     ImportMode,
     choose_machine,
@@ -36,7 +37,6 @@ from app.cli.import_checks import (
     settings_of_stored,
     show_preview,
 )
-from app.cli.instrument_files import InstrumentFormat, instrument_format
 from app.cli.measurement_view import measurement_view
 from app.cli.options import connect
 from app.errors import counted, list_names

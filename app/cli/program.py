@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from app.api.files.decimal_text import read_number
 from app.cli.analyse_files import read_verifications
 from app.cli.controllers import write_files
 from app.cli.import_checks import settings_of_stored
@@ -19,7 +20,6 @@ from app.cli.options import (
     command_group,
     connect,
     read_named_numbers,
-    read_number,
     read_point,
     read_time,
 )

@@ -30,11 +30,11 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from app.api.files.delimited_text import left_out
 from app.api.schemas.readings import ReadingSchema
 from app.arrays import FloatArray
 from app.cli.compensate import evenly_chosen, signed
 from app.cli.csv_recording import TIME_COLUMNS, Recording, read_recording
-from app.cli.delimited_text import left_out
 from app.cli.options import MachineArgument, UrlOption, connect, read_time
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from app.api.files.decimal_text import read_number
 from app.cli.options import (
     LabelOption,
     MachineArgument,
@@ -20,7 +21,6 @@ from app.cli.options import (
     command_group,
     connect,
     field_question,
-    read_number,
     read_point,
     write_file,
 )

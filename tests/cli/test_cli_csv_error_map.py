@@ -4,9 +4,9 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.cli.csv_comments import Stated
-from app.cli.csv_error_map import read_csv_error_map
-from app.cli.delimited_text import UnreadableFile
+from app.api.files.csv_comments import Stated
+from app.api.files.csv_error_map import read_csv_error_map
+from app.api.files.delimited_text import UnreadableFile
 
 HEAD = """\
 # label: Run #1

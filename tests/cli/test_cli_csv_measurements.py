@@ -10,6 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.api.files.csv_columns import ANGLE, LENGTH, POSITION, SMALL_ANGLE
+from app.api.files.csv_comments import Stated
+from app.api.files.csv_measurements import FORMATS, METHODS, read_csv_measurement
+from app.api.files.delimited_text import UnreadableFile
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
 from app.api.schemas.measurements.drift import ThermalDriftRequest
@@ -18,10 +22,6 @@ from app.api.schemas.measurements.parts import (
     MachinedPartRequest,
     RotaryAxisRequest,
 )
-from app.cli.csv_columns import ANGLE, LENGTH, POSITION, SMALL_ANGLE
-from app.cli.csv_comments import Stated
-from app.cli.csv_measurements import FORMATS, METHODS, read_csv_measurement
-from app.cli.delimited_text import UnreadableFile
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
 from app.geometry.work_volume import WorkVolume

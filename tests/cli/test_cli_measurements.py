@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from app.cli.csv_measurements import METHODS, read_csv_measurement
+from app.api.files.csv_measurements import METHODS, read_csv_measurement
 from app.cli.measurement_view import figure_text
 from tests.cli.test_cli_csv_measurements import EXAMPLES
 from tests.service_examples import MACHINE, START, error_map, iso, reading, table, temperatures

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.cli.delimited_text import UnreadableFile
-from app.cli.instrument_files import instrument_format
-from app.cli.instrument_files.renishaw_rtl import read_renishaw_rtl
+from app.api.files.delimited_text import UnreadableFile
+from app.api.files.instrument_files import instrument_format
+from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 
 NAME = Path("x.rtl")
 

@@ -5,8 +5,8 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
+from app.api.files.delimited_text import UnreadableFile
 from app.cli.csv_recording import Recording, read_recording
-from app.cli.delimited_text import UnreadableFile
 from app.cli.replay import Stamps, plan_replay
 from thermap.answers import SensorSchema
 

@@ -5,12 +5,12 @@ from datetime import datetime
 import pytest
 from openpyxl import Workbook
 
-from app.cli.csv_comments import Stated
-from app.cli.csv_error_map import read_csv_error_map
-from app.cli.csv_measurements import read_csv_measurement
+from app.api.files.csv_comments import Stated
+from app.api.files.csv_error_map import read_csv_error_map
+from app.api.files.csv_measurements import read_csv_measurement
+from app.api.files.delimited_text import UnreadableFile, read_text
 from app.cli.csv_recording import read_recording
 from app.cli.csv_verification import read_csv_verification
-from app.cli.delimited_text import UnreadableFile, read_text
 
 STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 

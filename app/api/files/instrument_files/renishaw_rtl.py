@@ -23,8 +23,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from app.cli.csv_measurements import CsvMeasurement
-from app.cli.delimited_text import Problems
+from app.api.files.csv_measurements import CsvMeasurement
+from app.api.files.delimited_text import Problems
 from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 

@@ -13,7 +13,7 @@ from datetime import datetime, tzinfo
 from decimal import Decimal
 from typing import Final
 
-from app.cli.delimited_text import DelimitedText, Row, left_out
+from app.api.files.delimited_text import DelimitedText, Row, left_out
 from app.errors import list_names
 from app.units import MM_PER_M, UM_PER_MM, URAD_PER_RAD, unit_of_field
 

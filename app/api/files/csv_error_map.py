@@ -27,8 +27,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from app.api.field_errors import field_error
-from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
-from app.cli.csv_columns import (
+from app.api.files.csv_columns import (
     LENGTH,
     POSITION,
     SMALL_ANGLE,
@@ -39,14 +38,16 @@ from app.cli.csv_columns import (
     by_field,
     match_columns,
 )
-from app.cli.csv_comments import Stated, read_comments
-from app.cli.delimited_text import (
+from app.api.files.csv_comments import Stated, read_comments
+from app.api.files.delimited_text import (
     DelimitedText,
     Problems,
     Row,
     left_out,
-    read_delimited,
+    parse_delimited,
+    read_text,
 )
+from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
 from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import COMPONENTS, Component, parse_component
 from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
@@ -144,8 +145,13 @@ def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
         With file, line and column of everything that is wrong, what was expected
         and what came.
     """
+    return parse_csv_error_map(read_text(file), file, stated)
+
+
+def parse_csv_error_map(written: str, file: Path, stated: Stated) -> CsvErrorMap:
+    """Read an error map from a file's text, as `read_csv_error_map` does."""
     problems = Problems(file)
-    text = read_delimited(file, problems)
+    text = parse_delimited(written, problems)
     remarks: list[str] = []
     comments = read_comments(text, stated, remarks)
     components = _read_components(text, remarks)

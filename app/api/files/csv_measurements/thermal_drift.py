@@ -8,17 +8,17 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Any, Final
 
-from app.cli.csv_columns import LENGTH, POSITION, Named, find_columns, names_after
-from app.cli.csv_comments import Statement
-from app.cli.csv_measurements.formats import (
+from app.api.files.csv_columns import LENGTH, POSITION, Named, find_columns, names_after
+from app.api.files.csv_comments import Statement
+from app.api.files.csv_measurements.formats import (
     REPEATABILITY,
     TOOL_OFFSET,
     Body,
     Format,
     word_among,
 )
-from app.cli.delimited_text import DelimitedText
-from app.cli.options import read_number
+from app.api.files.decimal_text import read_number
+from app.api.files.delimited_text import DelimitedText
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.thermal_drift import SENSORS, DriftTest

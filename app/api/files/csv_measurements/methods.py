@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from app.cli.csv_columns import (
+from app.api.files.csv_columns import (
     ANGLE,
     EXPANSION,
     LENGTH,
@@ -20,8 +20,8 @@ from app.cli.csv_columns import (
     find_columns,
     normal_heading,
 )
-from app.cli.csv_comments import Statement
-from app.cli.csv_measurements.formats import (
+from app.api.files.csv_comments import Statement
+from app.api.files.csv_measurements.formats import (
     MEASURING_LINE,
     REPEATABILITY,
     REPEATABILITY_OF_ANGLES,
@@ -36,7 +36,7 @@ from app.cli.csv_measurements.formats import (
     positions_and_runs,
     read_runs,
 )
-from app.cli.delimited_text import DelimitedText, Row
+from app.api.files.delimited_text import DelimitedText, Row
 from app.errors import list_names
 from app.geometry.body_diagonal import DIAGONALS
 from app.geometry.components import LINEAR_LETTERS, ROTATION_LETTERS, parse_component

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
 
-from app.cli.csv_columns import Named, named, symbol_of
-from app.cli.delimited_text import DelimitedText, Problems
-from app.cli.options import read_number
+from app.api.files.csv_columns import Named, named, symbol_of
+from app.api.files.decimal_text import read_number
+from app.api.files.delimited_text import DelimitedText, Problems
 from app.errors import ThermapError, list_names
 
 _KEYS: Final = "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"

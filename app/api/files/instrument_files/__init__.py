@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from app.cli.csv_measurements import CsvMeasurement
-from app.cli.delimited_text import UnreadableFile, read_text
-from app.cli.instrument_files.renishaw_rtl import BEGINS, read_renishaw_rtl
+from app.api.files.csv_measurements import CsvMeasurement
+from app.api.files.delimited_text import UnreadableFile, read_text
+from app.api.files.instrument_files.renishaw_rtl import BEGINS, read_renishaw_rtl
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,4 +62,10 @@ def instrument_format(file: Path) -> InstrumentFormat | None:
         text = read_text(file)
     except UnreadableFile:  # whoever reads it will say so
         return None
-    return next((one for one in FORMATS.values() if one.begins(text)), None)
+    return format_of_text(file, text)
+
+
+def format_of_text(file: Path, text: str) -> InstrumentFormat | None:
+    """Tell a text's format by its file's name, or else by how it begins."""
+    known = FORMATS.get(file.suffix.lower())
+    return known or next((one for one in FORMATS.values() if one.begins(text)), None)

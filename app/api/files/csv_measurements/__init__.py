@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from app.cli.csv_comments import Stated, read_comments
-from app.cli.csv_measurements.formats import Format
-from app.cli.csv_measurements.methods import (
+from app.api.files.csv_comments import Stated, read_comments
+from app.api.files.csv_measurements.formats import Format
+from app.api.files.csv_measurements.methods import (
     BODY_DIAGONAL,
     DRILLED_PLATE,
     MACHINED_PART,
@@ -23,8 +23,8 @@ from app.cli.csv_measurements.methods import (
     SIX_DOF,
     STEP_DIAGONAL,
 )
-from app.cli.csv_measurements.thermal_drift import THERMAL_DRIFT
-from app.cli.delimited_text import Problems, parse_delimited
+from app.api.files.csv_measurements.thermal_drift import THERMAL_DRIFT
+from app.api.files.delimited_text import Problems, parse_delimited
 from app.errors import InvalidContent, list_names
 
 FORMATS: Final[Mapping[str, Format]] = {

@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from app.cli.options import read_number
+from app.api.files.decimal_text import read_number
 from app.errors import ThermapError, counted, list_names
 
 SHOWN: Final = 8
@@ -172,6 +172,17 @@ def read_text(file: Path) -> str:
         content = file.read_bytes()
     except OSError as error:
         raise UnreadableFile(f"{file}: {error.strerror}") from None
+    return text_of(content, file)
+
+
+def text_of(content: bytes, file: Path) -> str:
+    """Read what is in a file of this name, as `read_text` does.
+
+    Raises
+    ------
+    UnreadableFile
+        If a workbook does not hold one table.
+    """
     if content.startswith((WORKBOOK, OLD_WORKBOOK)):
         try:
             return workbook_text(content)

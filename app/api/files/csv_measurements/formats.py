@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from app.cli.csv_columns import LENGTH, POSITION, SMALL_ANGLE, Columns, Named
-from app.cli.csv_comments import Statement
-from app.cli.delimited_text import DelimitedText, Row
+from app.api.files.csv_columns import LENGTH, POSITION, SMALL_ANGLE, Columns, Named
+from app.api.files.csv_comments import Statement
+from app.api.files.delimited_text import DelimitedText, Row
 from app.errors import InvalidContent, list_names
 
 Body = dict[str, Any]

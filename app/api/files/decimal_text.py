@@ -1,0 +1,20 @@
+"""Numbers as people write them."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
+    """Read a finite decimal number as people write it, or None where it is something else.
+
+    >>> read_number(" 24,1 "), read_number("−3.5"), read_number("nan"), read_number("1_0")
+    (24.1, -3.5, None, None)
+    """
+    written = text.strip().replace("\N{MINUS SIGN}", "-")
+    if decimal_comma and "." not in written:
+        written = written.replace(",", ".")
+    return float(written) if _NUMBER.fullmatch(written) else None
