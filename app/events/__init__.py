@@ -1,0 +1,1 @@
+"""What happened to a machine, and by whose doing."""

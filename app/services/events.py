@@ -1,0 +1,218 @@
+"""What happened to machines; alarms as they come and go."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import datetime
+from threading import Event as Signal
+from threading import Thread
+from time import monotonic
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.errors import StorageUnavailable
+from app.events.event import EventKind, Events
+from app.live.registry import LiveMachine
+from app.services.context import Context
+from app.services.status import Stored, status_of, stored_of_machines
+from app.status.machine_status import MachineStatus, SensorNow, Verdict
+from app.storage.events import (
+    begin_passing,
+    delete_old_alarms,
+    end_passing,
+    lasting_subjects,
+    list_events,
+    write_event,
+)
+from app.storage.machines import find_machine
+from app.thermal.sensor_health import Health
+
+log = logging.getLogger("thermap")
+
+LOOK_EVERY_S: Final = 1.0
+JUDGED_AGAIN_S: Final = 10.0
+"""A machine without a new reading is judged again after so long: readings grow old [s]."""
+
+AT_MOST_S: Final = 0.1
+"""Of each look, for the live table needs the rest; of very many machines some wait [s]."""
+
+TIDY_EVERY_S: Final = 3600.0
+
+
+def show_events(
+    context: Context,
+    machine_id: str | None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+    kinds: Collection[EventKind] = (),
+    before: int | None = None,
+    limit: int = 100,
+) -> Events:
+    """List events, the newest first.
+
+    Parameters
+    ----------
+    machine_id
+        Of this machine; None for all, and what is about none.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    with context.database.reading() as session:
+        if machine_id is not None:
+            find_machine(session, machine_id)
+        found = list_events(
+            session,
+            machine_id,
+            since=since,
+            until=until,
+            kinds=kinds,
+            before=before,
+            limit=limit + 1,
+        )
+    rest = len(found) > limit
+    return Events(tuple(found[:limit]), str(found[limit - 1].id) if rest else None)
+
+
+def note_analysis(
+    session: Session, machine_id: str | None, analysis_id: int, words: str, now: datetime
+) -> None:
+    """Write into the log how an analysis goes on."""
+    text = f"analysis {analysis_id} {words}"
+    write_event(session, machine_id, EventKind.ANALYSIS, text, now, {"analysis": analysis_id})
+
+
+@dataclass(frozen=True, slots=True)
+class _Lasting:
+    """What is the matter with a machine: alarms and failed sensors, each with its words."""
+
+    alarms: dict[str, str]
+    sensors: dict[str, str]
+
+
+class AlarmLog:
+    """Looks at every machine, and writes into the log what comes and goes.
+
+    A state has to be there at two looks in a row; how long it stays after its cause is gone, the
+    verdict itself says. Of several services on one database the first one writes.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._stop = Signal()
+        self._thread = Thread(target=self._run, name="alarm-log", daemon=True)
+        self._written: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
+        self._seen: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
+        self._judged: dict[str, tuple[object, float]] = {}
+        self._tidied_s: float | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self, patience_s: float = 10.0) -> None:
+        """End, and wait for the end; not for ever, since the database may hang."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(patience_s)
+
+    def _run(self) -> None:
+        while not self._stop.wait(LOOK_EVERY_S):
+            try:
+                self.look()
+            except StorageUnavailable:
+                continue  # what changed is seen again at the next look
+            except Exception:
+                log.exception("could not write alarms into the log")
+
+    def look(self) -> None:
+        """Look once at every machine that may have changed."""
+        context = self._context
+        if context.live.database.trouble is not None:
+            return
+        self._tidy()
+        stored = stored_of_machines(context)
+        began_s = monotonic()
+        for machine_id, live, mark in self._due(began_s, stored):
+            self._judged[machine_id] = (mark, began_s)
+            self._compare(machine_id, _lasting(status_of(context, live, stored)))
+            if self._stop.is_set() or monotonic() - began_s >= AT_MOST_S:
+                return
+
+    def _due(self, now_s: float, stored: Stored) -> list[tuple[str, LiveMachine, object]]:
+        """List the machines of which something is new, those first that have waited longest."""
+        machines = {live.current.model.machine.id: live for live in self._context.live.machines()}
+        for known_of in (self._written, self._seen, self._judged):
+            for machine_id in [one for one in known_of if one not in machines]:
+                del known_of[machine_id]
+        due = []
+        for machine_id, live in machines.items():
+            latest = live.readings.latest
+            read_at = None if latest is None else latest.time
+            watched = stored.watches.get(machine_id)
+            mark = (live.current.version, live.current.revision, read_at, watched)
+            known, judged_s = self._judged.get(machine_id, (None, -math.inf))
+            settled = self._seen.get(machine_id) == self._written.get(machine_id)
+            if known != mark or now_s - judged_s >= JUDGED_AGAIN_S or not settled:
+                due.append((judged_s, machine_id, live, mark))
+        due.sort(key=lambda one: one[:2])
+        return [one[1:] for one in due]
+
+    def _compare(self, machine_id: str, lasting: _Lasting) -> None:
+        key = (frozenset(lasting.alarms), frozenset(lasting.sensors))
+        before, self._seen[machine_id] = self._seen.get(machine_id), key
+        if machine_id not in self._written:
+            with self._context.database.reading() as session:
+                open_ones = lasting_subjects(session)
+            self._written[machine_id] = (
+                frozenset(open_ones.get((machine_id, EventKind.ALARM), ())),
+                frozenset(open_ones.get((machine_id, EventKind.SENSOR), ())),
+            )
+        if key != before or key == self._written[machine_id]:
+            return
+        now = self._context.now()
+        with self._context.database.writing() as session:
+            for kind, subjects in (
+                (EventKind.ALARM, lasting.alarms),
+                (EventKind.SENSOR, lasting.sensors),
+            ):
+                end_passing(session, machine_id, kind, subjects, now)
+                for subject, text in subjects.items():
+                    details = {"sensor" if kind is EventKind.SENSOR else "state": subject}
+                    begin_passing(session, machine_id, kind, subject, text, now, details)
+        self._written[machine_id] = key
+
+    def _tidy(self) -> None:
+        now_s = monotonic()
+        if self._tidied_s is not None and now_s - self._tidied_s < TIDY_EVERY_S:
+            return
+        with self._context.database.writing() as session:
+            delete_old_alarms(session, self._context.now())
+        self._tidied_s = now_s
+
+
+def _words(sensor: SensorNow) -> str:
+    """Say what is the matter with a sensor; how old its value is now will not be so for long."""
+    if sensor.health is Health.STALE or not sensor.detail:
+        return f"{sensor.sensor} is {sensor.health}"
+    return sensor.detail
+
+
+def _lasting(status: MachineStatus) -> _Lasting:
+    """Say what is the matter; a machine that was never set up has no alarm."""
+    alarms = {}
+    if status.verdict is not Verdict.TRUSTED and status.model_version is not None:
+        alarms[str(status.state)] = status.sentences[0] if status.sentences else str(status.state)
+    sensors = {
+        sensor.sensor: _words(sensor)
+        for sensor in status.sensors
+        if sensor.health is not Health.OK and sensor.age_s is not None
+    }
+    return _Lasting(alarms, sensors)

@@ -1,0 +1,172 @@
+"""The event log."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from datetime import datetime, timedelta
+from typing import Any, Final
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from app.events.event import PASSING, SERVICE, Event, EventKind, acting
+from app.storage.tables import EventRow
+
+COMES_AGAIN_WITHIN: Final = timedelta(minutes=10)
+"""What comes again so soon after it went is the same row, counted."""
+
+ALARMS_KEPT: Final = timedelta(days=90)
+"""Alarms and failures of sensors that went longer ago are deleted; changes are kept for ever."""
+
+
+def write_event(
+    session: Session,
+    machine_id: str | None,
+    kind: EventKind,
+    text: str,
+    now: datetime,
+    details: Mapping[str, Any] | None = None,
+) -> None:
+    """Write that something was changed, in the transaction that changes it."""
+    session.add(_new(machine_id, kind, "", acting.get(), text, now, details or {}))
+
+
+def begin_passing(
+    session: Session,
+    machine_id: str,
+    kind: EventKind,
+    subject: str,
+    text: str,
+    now: datetime,
+    details: Mapping[str, Any],
+) -> None:
+    """Write that an alarm came, unless that is written already; one that came back is counted."""
+    query = (
+        select(EventRow)
+        .where(
+            EventRow.machine_id == machine_id,
+            EventRow.kind == str(kind),
+            EventRow.subject == subject,
+        )
+        .order_by(EventRow.id.desc())
+        .limit(1)
+    )
+    last = session.scalar(query)
+    if last is not None and last.until is None:
+        return
+    if last is not None and last.until is not None and now - last.until <= COMES_AGAIN_WITHIN:
+        last.until = None
+        last.count += 1
+        return
+    session.add(_new(machine_id, kind, subject, SERVICE, text, now, details))
+
+
+def end_passing(
+    session: Session, machine_id: str, kind: EventKind, still: Collection[str], now: datetime
+) -> None:
+    """Write that all alarms of a kind have gone but those of these subjects."""
+    for row in session.scalars(_lasting(machine_id, kind)):
+        if row.subject not in still:
+            row.until = now
+
+
+def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
+    """Write that nothing lasts any more of a machine that goes."""
+    for kind in PASSING:
+        end_passing(session, machine_id, kind, (), now)
+
+
+def lasting_subjects(session: Session) -> dict[tuple[str, EventKind], set[str]]:
+    """Give what has come and not gone, by machine and kind."""
+    found: dict[tuple[str, EventKind], set[str]] = {}
+    kinds = [str(kind) for kind in PASSING]
+    query = select(EventRow).where(EventRow.until.is_(None), EventRow.kind.in_(kinds))
+    for row in session.scalars(query):
+        if row.machine_id is not None:
+            found.setdefault((row.machine_id, EventKind(row.kind)), set()).add(row.subject)
+    return found
+
+
+def delete_old_alarms(session: Session, now: datetime) -> None:
+    """Delete alarms and sensors' failures that went long ago."""
+    kinds = [str(kind) for kind in PASSING]
+    session.execute(
+        delete(EventRow).where(EventRow.until < now - ALARMS_KEPT, EventRow.kind.in_(kinds))
+    )
+
+
+def list_events(
+    session: Session,
+    machine_id: str | None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+    kinds: Collection[EventKind] = (),
+    before: int | None = None,
+    limit: int = 100,
+) -> list[Event]:
+    """List events, the newest first.
+
+    Parameters
+    ----------
+    machine_id
+        Of this machine; None for all.
+    kinds
+        Of these kinds; none for all.
+    before
+        Only those with a smaller number.
+    """
+    query = select(EventRow).order_by(EventRow.id.desc()).limit(limit)
+    if machine_id is not None:
+        query = query.where(EventRow.machine_id == machine_id)
+    if since is not None:
+        query = query.where(EventRow.time >= since)
+    if until is not None:
+        query = query.where(EventRow.time <= until)
+    if kinds:
+        query = query.where(EventRow.kind.in_([str(kind) for kind in kinds]))
+    if before is not None:
+        query = query.where(EventRow.id < before)
+    return [_event(row) for row in session.scalars(query)]
+
+
+def _lasting(machine_id: str, kind: EventKind) -> Any:
+    return select(EventRow).where(
+        EventRow.machine_id == machine_id, EventRow.kind == str(kind), EventRow.until.is_(None)
+    )
+
+
+def _new(
+    machine_id: str | None,
+    kind: EventKind,
+    subject: str,
+    who: str,
+    text: str,
+    now: datetime,
+    details: Mapping[str, Any],
+) -> EventRow:
+    return EventRow(
+        time=now,
+        kind=str(kind),
+        subject=subject,
+        machine_id=machine_id,
+        who=who,
+        text=text,
+        details=dict(details),
+        until=None,
+        count=1,
+    )
+
+
+def _event(row: EventRow) -> Event:
+    return Event(
+        id=row.id,
+        time=row.time,
+        kind=EventKind(row.kind),
+        who=row.who,
+        machine=row.machine_id,
+        text=row.text,
+        details=row.details,
+        until=row.until,
+        count=row.count,
+    )
