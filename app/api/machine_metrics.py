@@ -1,0 +1,167 @@
+"""Machines' values for Prometheus: temperatures, verdicts, compensations, watches, analyses.
+
+Units are Prometheus' base units, except °C, as its conventions allow. What is not known has no
+sample: a 0 in its place would be drawn, and believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from app.identification.watch.watching import LIMIT
+from app.services.watching_values import ShopValues
+from app.status.machine_status import Largest, Verdict
+from app.storage.records import AnalysisStatus
+from app.units import MM_PER_M, UM_PER_MM, URAD_PER_RAD, Unit
+
+UM_PER_M: Final = UM_PER_MM * MM_PER_M
+
+VERDICTS: Final = {Verdict.TRUSTED: 0, Verdict.LIMITED: 1, Verdict.NOT_TRUSTED: 2}
+
+
+def machine_metrics(values: ShopValues | None) -> bytes:
+    """Write the machines' values in Prometheus' text format.
+
+    Parameters
+    ----------
+    values
+        None where they did not come in time: then only that is said.
+    """
+    registry = CollectorRegistry()
+    registry.register(_Values(values))
+    return generate_latest(registry)
+
+
+class _Values(Collector):
+    """The values of one moment."""
+
+    def __init__(self, values: ShopValues | None) -> None:
+        self._values = values
+
+    def collect(self) -> Iterator[Metric]:
+        """Hand them out."""
+        yield GaugeMetricFamily(
+            "thermap_machine_values_missing",
+            "1 where the machines' values could not be computed in time, and are left out",
+            value=float(self._values is None),
+        )
+        if self._values is None:
+            return
+        yield GaugeMetricFamily(
+            "thermap_machines_left_out",
+            "Machines beyond the first 1000 by id, whose values are left out",
+            value=self._values.left_out,
+        )
+        yield from _of_sensors(self._values)
+        yield from _of_machines(self._values)
+        if self._values.analyses is not None:
+            yield from _of_database(self._values)
+
+
+def _of_sensors(values: ShopValues) -> Iterator[Metric]:
+    labels = ["machine", "sensor"]
+    temperature = GaugeMetricFamily(
+        "thermap_sensor_temperature_celsius", "Latest temperature of a sensor [°C]", labels=labels
+    )
+    age = GaugeMetricFamily(
+        "thermap_sensor_age_seconds", "Age of a sensor's latest temperature [s]", labels=labels
+    )
+    health = GaugeMetricFamily(
+        "thermap_sensor_health",
+        "1 with what is the matter with a sensor in `health`: ok, missing, stale, out-of-range, "
+        "stuck, jump or faulty",
+        labels=[*labels, "health"],
+    )
+    for machine in values.machines:
+        for sensor in machine.sensors:
+            which = [machine.machine, sensor.sensor]
+            if sensor.temperature_c is not None:
+                temperature.add_metric(which, sensor.temperature_c)
+            if sensor.age_s is not None:
+                age.add_metric(which, sensor.age_s)
+            health.add_metric([*which, sensor.health.value], 1.0)
+    yield from (temperature, age, health)
+
+
+def _of_machines(values: ShopValues) -> Iterator[Metric]:
+    verdict = _family(
+        "thermap_machine_verdict", "Verdict on a machine: 0 trusted, 1 limited, 2 not-trusted"
+    )
+    state = GaugeMetricFamily(
+        "thermap_machine_state",
+        "1 with the worst of what is the matter with a machine in `state`, fresh where nothing is",
+        labels=["machine", "state"],
+    )
+    components = _family(
+        "thermap_machine_components", "Components of a machine's table, 0 without one"
+    )
+    age = _family("thermap_reading_age_seconds", "Age of the latest reading in use [s]")
+    lengths = _family(
+        "thermap_largest_compensation_meters",
+        "Largest compensation of a machine's table, with its sign [m]",
+    )
+    angles = _family(
+        "thermap_largest_compensation_radians",
+        "Largest compensation, with its sign, of a table without displacements [rad]",
+    )
+    for machine in values.machines:
+        which = [machine.machine]
+        verdict.add_metric(which, VERDICTS[machine.verdict])
+        state.add_metric([*which, machine.state.value], 1.0)
+        components.add_metric(which, machine.components)
+        if machine.reading_age_s is not None:
+            age.add_metric(which, machine.reading_age_s)
+        if machine.largest is not None:
+            _add_largest(lengths, angles, which, machine.largest)
+    yield from (verdict, state, components, age, lengths, angles)
+
+
+def _add_largest(
+    lengths: GaugeMetricFamily, angles: GaugeMetricFamily, which: list[str], largest: Largest
+) -> None:
+    if largest.unit == Unit.UM.symbol:
+        lengths.add_metric(which, largest.value / UM_PER_M)
+    elif largest.unit in (Unit.URAD.symbol, Unit.UM_PER_M.symbol):  # µm/m is µrad
+        angles.add_metric(which, largest.value / URAD_PER_RAD)
+
+
+def _of_database(values: ShopValues) -> Iterator[Metric]:
+    """Tell what is known while the database answers."""
+    beyond = _family(
+        "thermap_machine_watch_beyond",
+        "1 where verifications are beyond what a machine's model allows, 0 where within; none "
+        "where nothing could be judged yet",
+    )
+    waits = _family(
+        "thermap_machine_analysis_progress_ratio",
+        "Share that is done of the oldest analysis of a machine that waits or runs",
+    )
+    for machine in values.machines:
+        if machine.watch in _WATCHES:
+            beyond.add_metric([machine.machine], _WATCHES[machine.watch])
+        if machine.analysis is not None:
+            waits.add_metric([machine.machine], machine.analysis.progress)
+    analyses = GaugeMetricFamily(
+        "thermap_analyses", "Analyses in the database by status", labels=["status"]
+    )
+    counted = values.analyses or {}
+    for status in AnalysisStatus:
+        analyses.add_metric([status.value], counted.get(status.value, 0))
+    limit = GaugeMetricFamily(
+        "thermap_watch_evidence_limit",
+        "Evidence above which a machine's watch is beyond: a ratio of likelihoods",
+        value=LIMIT,
+    )
+    yield from (beyond, waits, analyses, limit)
+
+
+_WATCHES: Final = {"within": 0.0, "beyond": 1.0}
+
+
+def _family(name: str, said: str) -> GaugeMetricFamily:
+    return GaugeMetricFamily(name, said, labels=["machine"])
