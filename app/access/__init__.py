@@ -1,0 +1,1 @@
+"""Who may ask the service for what: keys, their roles, and how failures are limited."""

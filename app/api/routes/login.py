@@ -1,0 +1,95 @@
+"""Stating a key in a browser: after that its pages may ask for what the key may."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+from urllib.parse import parse_qs
+
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import RedirectResponse, Response
+
+from app.access.keys import Role
+from app.api.access import COOKIE, LOGIN, AccessControl, stated_secret, too_many
+from app.api.error_responses import problem
+from app.api.pages import Page
+from app.pages.environment import render_live
+from app.services.access_keys import BROWSER_LASTS
+
+router = APIRouter(include_in_schema=False)
+
+_LONGEST_FORM: Final = 4096
+_HEADERS: Final = {"Cache-Control": "no-store"}
+
+NextQuery = Annotated[str, Query(max_length=1024)]
+
+
+@router.get(LOGIN, response_class=Page)
+async def get_login(request: Request, next: NextQuery = "/") -> Response:
+    """Ask for a key."""
+    control: AccessControl = request.app.state.access
+    if not control.is_on:
+        return RedirectResponse("/", status_code=303)
+    return _page(next, "")
+
+
+@router.post(LOGIN, response_class=Page)
+async def post_login(request: Request) -> Response:
+    """Take a key, and let the browser have something to state in its place."""
+    control: AccessControl = request.app.state.access
+    form = await _form(request)
+    if form is None:
+        return problem(413, "Too large", f"expected a form of at most {_LONGEST_FORM} bytes")
+    onward = form.get("next", "/")
+    key = await control.find(form.get("key", "").strip())
+    if key is None:
+        wait_s = control.wait_s(request.scope)
+        return too_many(wait_s) if wait_s > 0.0 else _page(onward, "This is no key, or no longer.")
+    if not key.role.includes(Role.VIEWER):
+        return _page(onward, f"The key {key.name} is for sending readings only.")
+    session = await run_in_threadpool(control.ring.open_browser, key)
+    answer = RedirectResponse(_own(onward), status_code=303)
+    answer.set_cookie(
+        COOKIE,
+        session,
+        max_age=int(BROWSER_LASTS.total_seconds()),
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return answer
+
+
+@router.post("/logout")
+async def post_logout(request: Request) -> Response:
+    """Forget this browser."""
+    control: AccessControl = request.app.state.access
+    secret = stated_secret(request.scope)
+    if secret is not None:
+        await run_in_threadpool(control.ring.close_browser, secret)
+    answer = RedirectResponse(LOGIN, status_code=303)
+    answer.delete_cookie(COOKIE)
+    return answer
+
+
+def _page(onward: str, wrong: str) -> Page:
+    page = render_live("login.html", onward=_own(onward), wrong=wrong)
+    status = 403 if wrong else 200
+    return Page(page, scripts=0, headers=_HEADERS, status=status, has_form=True)
+
+
+def _own(path: str) -> str:
+    """Give a path of the service's own pages: nobody is sent on to another host."""
+    is_own = path.startswith("/") and not path.startswith(("//", "/\\")) and path.isprintable()
+    return path if is_own else "/"
+
+
+async def _form(request: Request) -> dict[str, str] | None:
+    """Read a short form; None for a long one."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _LONGEST_FORM:
+            return None
+    fields = parse_qs(body.decode("utf-8", "replace"), max_num_fields=8)
+    return {name: values[-1] for name, values in fields.items()}

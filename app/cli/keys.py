@@ -1,0 +1,116 @@
+"""thermap keys: who may ask a service that other computers reach.
+
+They work on the database itself: who made no key yet, or lost the last one, can still make one.
+"""
+
+from __future__ import annotations
+
+import json as json_text
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from app.access.keys import AccessKey, Role
+from app.cli.answers import listing, show_view, when
+from app.cli.backup import DatabaseOption
+from app.cli.options import JsonOption, YesOption, command_group, confirm
+from app.services.access_keys import create_key, revoke_key, show_keys
+from app.settings import make_own_folder
+from app.storage.database import Database
+from app.storage.migrate import upgrade
+
+keys = command_group()
+
+NameArgument = Annotated[
+    str, typer.Argument(metavar="NAME", help="Whose it is: a person, a computer, a sensor.")
+]
+
+
+@keys.callback()
+def _describe() -> None:
+    """Make, list and revoke the keys that a service asks for."""
+
+
+@keys.command("create")
+def create(
+    name: NameArgument,
+    *,
+    role: Annotated[
+        Role,
+        typer.Option(
+            envvar="THERMAP_ROLE",
+            help="sensor: sends readings. viewer: reads and computes. metrologist: both, and maps, "
+            "verifications, adoption. admin: machines too.",
+        ),
+    ],
+    machine: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--machine",
+            "-m",
+            envvar="THERMAP_KEY_MACHINES",
+            metavar="MACHINE",
+            help="A machine that it is for, once for each; without it all.",
+        ),
+    ] = None,
+    database_url: DatabaseOption,
+) -> None:
+    """Make a key and write it once: it is stored nowhere.
+
+    Example: `thermap keys create line-3 --role sensor --machine vmc`
+    """
+    make_own_folder(database_url)
+    database = Database(database_url)
+    try:
+        upgrade(database)
+        key, secret = create_key(database, name, role, machine or ())
+    finally:
+        database.close()
+    typer.echo(secret)
+    typer.echo(
+        f"key {key.name}, {key.role}, for {_machines(key)}. It is shown this once. Clients "
+        "state it as `Authorization: Bearer KEY`, or read it from THERMAP_KEY",
+        err=True,
+    )
+
+
+@keys.command("list")
+def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None:
+    """List keys: what each may do, and when it was used last."""
+    database = Database(database_url, may_be_new=False)
+    try:
+        found = show_keys(database)
+    finally:
+        database.close()
+    if json:
+        typer.echo(json_text.dumps([asdict(key) for key in found], default=str))
+        return
+    table = listing("key", "role", "machines", "made", "last used")
+    for key in found:
+        used = "never" if key.last_used_at is None else when(key.last_used_at)
+        table.add_row(key.name, str(key.role), _machines(key), when(key.created_at), used)
+    show_view(table)
+
+
+@keys.command("revoke")
+def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption = False) -> None:
+    """Let a key be none any more; a service that runs knows it a second later.
+
+    Streams that were opened with it end within a heartbeat, browsers ask for another.
+    """
+    confirm(
+        f"key {name!r} was not revoked",
+        f"Revoke the key {name!r}? Who uses it is refused from then on.",
+        yes=yes,
+    )
+    database = Database(database_url, may_be_new=False)
+    try:
+        revoke_key(database, name)
+    finally:
+        database.close()
+    typer.echo(f"key {name} is revoked")
+
+
+def _machines(key: AccessKey) -> str:
+    return "all machines" if key.machines is None else ", ".join(key.machines)

@@ -1,0 +1,198 @@
+"""Keys: making and revoking them, and knowing them again without asking the database."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import datetime, timedelta
+from time import monotonic
+from typing import Final
+
+from app.access.keys import AccessKey, Role, checked_name, digest_of, new_secret
+from app.errors import InvalidContent, StorageUnavailable, list_names
+from app.events.event import EventKind
+from app.services.context import Context, repeated, utc_now
+from app.storage.access_keys import (
+    Known,
+    add_browser,
+    add_key,
+    delete_browsers,
+    delete_key,
+    known_digests,
+    note_uses,
+    stored_keys,
+)
+from app.storage.database import Database
+from app.storage.events import write_event
+from app.storage.limits import QUESTION
+from app.storage.machines import list_machines
+
+BROWSER_LASTS: Final = timedelta(days=30)
+"""How long a browser need not be told the key again."""
+
+USE_NOTED_EVERY: Final = timedelta(minutes=1)
+"""How exactly the last use of a key is stored: a key is used a hundred times a second."""
+
+FIRST_KEY: Final = "admin"
+"""Name of the key that a service makes for itself."""
+
+
+@repeated
+def create_key(
+    database: Database,
+    name: str,
+    role: Role,
+    machines: Sequence[str] = (),
+    now: Callable[[], datetime] = utc_now,
+) -> tuple[AccessKey, str]:
+    """Make a key.
+
+    Parameters
+    ----------
+    machines
+        Ids of stored machines that it is for; none for all.
+
+    Returns
+    -------
+    tuple
+        The key as it is listed, and the key itself: it is stored nowhere.
+
+    Raises
+    ------
+    InvalidContent
+        If the name cannot be one, a machine does not exist, or an admin is to be for some only.
+    Conflict
+        If there is a key of this name.
+    """
+    checked_name(name)
+    if machines and role is Role.ADMIN:
+        raise InvalidContent.of_field(
+            "machine", "expected none for the role admin, which makes and deletes machines"
+        )
+    secret = new_secret()
+    with database.writing() as session:
+        known = [stored.machine.id for stored in list_machines(session)]
+        for machine in machines:
+            if machine not in known:
+                raise InvalidContent.of_field(
+                    "machine", f"expected one of {list_names(known)}, got {machine!r}"
+                )
+        chosen = tuple(dict.fromkeys(machines)) or None
+        key = add_key(session, name, role, chosen, digest_of(secret), now())
+        write_event(session, None, EventKind.KEY, f"key {name!r} made: {role}", now())
+    return key, secret
+
+
+def create_first_key(database: Database) -> str | None:
+    """Make an admin's key where there is no key at all.
+
+    Returns
+    -------
+    str or None
+        The key itself; None where there are keys.
+    """
+    with database.reading() as session:
+        if stored_keys(session):
+            return None
+    return create_key(database, FIRST_KEY, Role.ADMIN)[1]
+
+
+def show_keys(database: Database) -> list[AccessKey]:
+    """List all keys by name, with their last use."""
+    with database.reading() as session:
+        return stored_keys(session)
+
+
+@repeated
+def revoke_key(database: Database, name: str, now: Callable[[], datetime] = utc_now) -> None:
+    """Let a key be none any more; services know within `refresh_s`.
+
+    Raises
+    ------
+    UnknownThing
+        If there is none of this name.
+    """
+    with database.writing() as session:
+        delete_key(session, name)
+        write_event(session, None, EventKind.KEY, f"key {name!r} revoked", now())
+
+
+class KeyRing:
+    """The keys in memory, as they were in the database a moment ago.
+
+    While the database is away the keys go on as they were last known: a table that compensates a
+    machine does not stop for it.
+
+    Parameters
+    ----------
+    context
+        Of the service as it is then.
+    every_s
+        How old what is known may be before the database is asked again [s].
+    """
+
+    def __init__(self, context: Callable[[], Context], every_s: float) -> None:
+        self._context = context
+        self._every_s = every_s
+        self._known: dict[str, Known] = {}
+        self._asked_s: float | None = None
+        self.is_known = False
+        """Whether the database has ever answered."""
+        self._used: dict[int, datetime] = {}
+        self._stored_uses: dict[int, datetime] = {}
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the database is to be asked again."""
+        return self._asked_s is None or monotonic() - self._asked_s >= self._every_s
+
+    def refresh(self) -> None:
+        """Ask the database which keys there are, and tell it which were used."""
+        self._asked_s = monotonic()
+        database = self._context().database
+        try:
+            with database.reading(QUESTION) as session:
+                self._known = known_digests(session)
+            self.is_known = True
+            self._store_uses(database)
+        except StorageUnavailable:
+            return
+
+    def find(self, secret: str) -> AccessKey | None:
+        """Find the key that a secret states, from memory."""
+        known = self._known.get(digest_of(secret))
+        now = self._context().now()
+        if known is None or (known.expires_at is not None and known.expires_at <= now):
+            return None
+        self._used[known.key.id] = now
+        return known.key
+
+    def open_browser(self, key: AccessKey) -> str:
+        """Make what a browser states from now on instead of a key."""
+        secret = new_secret()
+        context = self._context()
+        now = context.now()
+        end = now + BROWSER_LASTS
+        with context.database.writing() as session:
+            add_browser(session, digest_of(secret), key.id, now, end)
+        self._known = self._known | {digest_of(secret): Known(key, end)}
+        return secret
+
+    def close_browser(self, secret: str) -> None:
+        """Forget a browser."""
+        with self._context().database.writing() as session:
+            delete_browsers(session, [digest_of(secret)])
+        self.refresh()
+
+    def _store_uses(self, database: Database) -> None:
+        stored = {known.key.id for known in self._known.values()}
+        due = {
+            number: time
+            for number, time in self._used.items()
+            if number in stored
+            and time - self._stored_uses.get(number, datetime.min.replace(tzinfo=time.tzinfo))
+            >= USE_NOTED_EVERY
+        }
+        if due:
+            with database.writing(QUESTION) as session:
+                note_uses(session, due)
+            self._stored_uses |= due

@@ -1,0 +1,322 @@
+"""Keys: who has none is refused, each role may do what it is for, and on its machines only."""
+
+import asyncio
+import re
+import threading
+from datetime import timedelta
+
+import httpx
+import pytest
+from fastapi import Request
+
+from app.access.failures import AT_MOST, WITHIN_S, Failures
+from app.access.keys import Role
+from app.api.access import COOKIE, role_needed, sees, stays_welcome
+from app.api.routes.streams import while_welcome
+from app.errors import StorageUnavailable
+from app.main import create_app
+from app.services.access_keys import BROWSER_LASTS, create_key, revoke_key, show_keys
+from app.settings import Settings
+from app.storage.database import Database
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    as_published,
+    error_map,
+    problem,
+    reading,
+    temperatures,
+)
+
+pytestmark = pytest.mark.anyio
+
+CONTENT = {"temperatures_c": temperatures(25.0)}
+
+
+@pytest.fixture
+def guarded(new_app, furnished_url):
+    """A service that asks for keys, and is told of changes by the tests."""
+    return new_app(furnished_url, require_keys=True, refresh_s=3600)
+
+
+def with_key(service, secret=None, **more):
+    headers = {} if secret is None else {"Authorization": f"Bearer {secret}"}
+    return httpx.AsyncClient(
+        transport=httpx.ASGITransport(app=service, raise_app_exceptions=False),
+        base_url="http://localhost",
+        headers=headers,
+        trust_env=False,
+        event_hooks={"response": [as_published]},
+        **more,
+    )
+
+
+def key(service, role, *machines):
+    database = service.state.context.database
+    name = f"{role}-{len(show_keys(database))}"
+    secret = create_key(database, name, Role(role), machines, service.state.context.now)[1]
+    service.state.access.ring.refresh()
+    return secret
+
+
+def revoked(service, name):
+    revoke_key(service.state.context.database, name)
+    service.state.access.ring.refresh()
+
+
+REQUESTS = {
+    "table": ("POST", f"{ROOM}/compensation", CONTENT),
+    "read": ("GET", f"{ROOM}/error-maps", None),
+    "reading": ("POST", f"{ROOM}/readings", reading(START, 25.0)),
+    "map": ("POST", f"{ROOM}/error-maps", error_map("Run #9", 33.0)),
+    "machine": ("PATCH", ROOM, {"name": "Another name"}),
+}
+MAY = {
+    "sensor": {"reading"},
+    "viewer": {"table", "read"},
+    "metrologist": {"table", "read", "reading", "map"},
+    "admin": set(REQUESTS),
+}
+
+
+@pytest.mark.parametrize("role", MAY)
+async def test_each_role_may_do_what_it_is_for_and_nothing_else(guarded, role):
+    async with with_key(guarded, key(guarded, role)) as client:
+        for name, (method, path, content) in REQUESTS.items():
+            answer = await client.request(method, path, json=content)
+            if name in MAY[role]:
+                assert answer.is_success, (name, answer.text)
+            else:
+                assert answer.status_code == 403, (name, answer.text)
+                assert role in answer.json()["detail"] or "readings only" in answer.json()["detail"]
+
+
+async def test_without_a_key_there_is_the_service_s_health_and_nothing_else(guarded):
+    async with with_key(guarded) as client:
+        for path in ("/healthz", "/readyz", "/login", "/assets/dashboard.css"):
+            # A service that has not begun is not ready: that is no matter of keys.
+            assert (await client.get(path)).status_code in (200, 503), path
+        for method, path, content in REQUESTS.values():
+            answer = await client.request(method, path, json=content)
+            assert answer.status_code == 401
+            assert answer.headers["WWW-Authenticate"] == "Bearer"
+            assert "Authorization: Bearer KEY" in problem(answer, 401)["detail"]
+        for path in ("/openapi.json", "/docs", "/metrics", "/v1/stream", "/v1/status", "/nothing"):
+            assert (await client.get(path)).status_code == 401, path
+
+
+async def test_a_key_for_one_machine_sees_and_changes_that_one_only(guarded):
+    async with with_key(guarded, key(guarded, "admin")) as admin:
+        other = await admin.post("/v1/machines", json=MACHINE | {"id": "second", "name": "VMC-2"})
+        assert other.status_code == 201
+        assert len((await admin.get("/v1/machines")).json()) == 2
+    async with with_key(guarded, key(guarded, "metrologist", "second")) as client:
+        assert [m["id"] for m in (await client.get("/v1/machines")).json()] == ["second"]
+        assert [m["machine"] for m in (await client.get("/v1/status")).json()] == ["second"]
+        page = (await client.get("/")).text
+        assert "VMC-2" in page
+        assert "MCFV5050LN" not in page
+        for path in (ROOM, f"{ROOM}/status", "/machines/mcfv5050", "/metrics"):
+            assert (await client.get(path)).status_code == 403, path
+        answer = await client.post(f"{ROOM}/readings", json=reading(START, 25.0))
+        assert "is not for the machine 'mcfv5050'" in problem(answer, 403)["detail"]
+        assert (await client.get("/v1/machines/second")).status_code == 200
+
+
+async def test_a_revoked_key_is_none_any_more_and_uses_are_noted(guarded, clock):
+    secret = key(guarded, "viewer")
+    database = guarded.state.context.database
+    async with with_key(guarded, secret) as client:
+        assert (await client.get(ROOM)).status_code == 200
+        clock.advance(90)
+        assert (await client.get(ROOM)).status_code == 200
+        guarded.state.access.ring.refresh()
+        assert show_keys(database)[0].last_used_at == START + timedelta(seconds=90)
+        revoked(guarded, "viewer-0")
+        assert (await client.get(ROOM)).status_code == 401
+
+
+async def test_a_service_follows_what_is_revoked_beside_it(new_app, furnished_url):
+    service = new_app(furnished_url, require_keys=True, refresh_s=0.01)
+    async with with_key(service, key(service, "viewer")) as client:
+        assert (await client.get(ROOM)).status_code == 200
+        revoke_key(service.state.context.database, "viewer-0")
+        async with asyncio.timeout(60):
+            while (await client.get(ROOM)).status_code == 200:
+                await asyncio.sleep(0.02)
+
+
+async def test_who_has_a_key_does_not_wait_for_a_database_that_hangs(new_app, furnished_url):
+    service = new_app(furnished_url, require_keys=True, refresh_s=0.001)
+    secret = key(service, "viewer")
+    held = threading.Event()
+    service.state.access.ring.refresh = held.wait
+    try:
+        async with with_key(service, secret) as client, asyncio.timeout(60):
+            for _ in range(3):
+                answer = await client.post(f"{ROOM}/compensation", json=CONTENT)
+                assert answer.status_code == 200
+    finally:
+        held.set()
+
+
+async def test_the_key_itself_is_stored_nowhere(guarded):
+    secret = key(guarded, "viewer")
+    with guarded.state.context.database.engine.connect() as connection:
+        stored = str(connection.exec_driver_sql("SELECT * FROM access_key").fetchall())
+    assert secret not in stored
+    assert secret.removeprefix("thermap_") not in stored
+
+
+async def test_who_guesses_has_to_wait_and_who_has_a_key_has_not(guarded):
+    right = key(guarded, "viewer")
+    async with with_key(guarded) as client:
+        for _ in range(AT_MOST):
+            assert (await client.get(ROOM, headers=bearer("wrong"))).status_code == 401
+        answer = await client.get(ROOM, headers=bearer("wrong"))
+        assert problem(answer, 429)["title"] == "Too many wrong keys"
+        assert 0 < int(answer.headers["Retry-After"]) <= WITHIN_S
+        assert (await client.get(ROOM, headers=bearer(right))).status_code == 200
+
+
+def bearer(secret):
+    return {"Authorization": f"Bearer {secret}"}
+
+
+def test_failures_are_forgotten_after_a_minute_and_by_address():
+    failures = Failures()
+    waits = [failures.count("a", t) for t in range(AT_MOST + 1)]
+    assert waits == [0.0] * AT_MOST + [WITHIN_S - AT_MOST]
+    assert failures.count("b", 5.0) == 0.0
+    assert failures.count("a", WITHIN_S) == 0.0
+
+
+async def test_while_the_database_is_away_keys_go_on_as_they_were(guarded, monkeypatch):
+    secret = key(guarded, "viewer")
+    async with with_key(guarded, secret) as client:
+        assert (await client.post(f"{ROOM}/compensation", json=CONTENT)).status_code == 200
+
+        def away(*_asked, **_named):
+            raise StorageUnavailable("the database is away")
+
+        monkeypatch.setattr(Database, "reading", away)
+        assert (await client.post(f"{ROOM}/compensation", json=CONTENT)).status_code == 200
+
+
+async def test_a_browser_states_a_key_once(guarded, clock):
+    secret = key(guarded, "viewer")
+    async with with_key(guarded) as browser:
+        answer = await browser.get("/machines/mcfv5050?x=EXX", headers={"Accept": "text/html"})
+        assert answer.status_code == 303
+        assert answer.headers["Location"] == "/login?next=/machines/mcfv5050"
+        wrong = await browser.post("/login", data={"key": "thermap_guess", "next": "/"})
+        assert wrong.status_code == 403
+        assert "This is no key" in wrong.text
+        right = await browser.post("/login", data={"key": secret, "next": "//evil.example/"})
+        assert right.status_code == 303
+        assert right.headers["Location"] == "/"
+        cookie = right.headers["Set-Cookie"]
+        assert {"HttpOnly", "SameSite=strict"} <= set(cookie.split("; "))
+        assert secret not in cookie
+        assert (await browser.get("/machines/mcfv5050")).status_code == 200
+        assert (await browser.patch(ROOM, json={"name": "x"})).status_code == 403
+        clock.advance(BROWSER_LASTS.total_seconds() + 1)
+        assert (await browser.get(ROOM)).status_code == 401
+
+
+async def test_a_browser_is_forgotten_on_demand_and_with_its_key(guarded):
+    secret = key(guarded, "viewer")
+    async with with_key(guarded) as browser:
+        await browser.post("/login", data={"key": secret})
+        session = browser.cookies[COOKIE]
+        assert (await browser.get(ROOM)).status_code == 200
+        await browser.post("/logout")
+        stale = {"Cookie": f"{COOKIE}={session}"}
+        assert (await browser.get(ROOM, headers=stale)).status_code == 401
+        await browser.post("/login", data={"key": secret})
+        revoked(guarded, "viewer-0")
+        assert (await browser.get(ROOM)).status_code == 401
+
+
+async def test_another_page_cannot_use_a_browser_s_session(guarded):
+    secret = key(guarded, "admin")
+    async with with_key(guarded) as browser:
+        await browser.post("/login", data={"key": secret})
+        foreign = {"Origin": "https://evil.example", "Sec-Fetch-Site": "cross-site"}
+        assert (await browser.delete(ROOM, headers=foreign)).status_code == 403
+        sent = await browser.post("/login", data={"key": secret}, headers=foreign)
+        assert sent.status_code == 403
+
+
+async def test_a_stream_ends_with_its_key_and_tells_of_its_machines_only(guarded):
+    limited = key(guarded, "viewer", "mcfv5050")
+    found = guarded.state.access.ring
+    found.refresh()
+    scope = {
+        "type": "http",
+        "method": "GET",
+        "path": "/v1/stream",
+        "headers": [(b"authorization", f"Bearer {limited}".encode())],
+        "app": guarded,
+        "state": {},
+    }
+    assert await guarded.state.access.refusal(scope) is None
+    request = Request(scope)
+    assert sees(request)("mcfv5050")
+    assert not sees(request)("second")
+
+    async def events():
+        yield b"one"
+        revoked(guarded, "viewer-0")
+        yield b"two"
+
+    told = [event async for event in while_welcome(events(), stays_welcome(request))]
+    assert told == [b"one"]
+
+
+async def test_eight_at_once_with_a_new_key_are_all_let_in(new_app, furnished_url):
+    service = new_app(furnished_url, require_keys=True, refresh_s=3600)
+    async with with_key(service, key(service, "viewer")) as client:
+        answers = await asyncio.gather(*(client.get(ROOM) for _ in range(8)))
+        assert [answer.status_code for answer in answers] == [200] * 8
+
+
+@pytest.mark.parametrize(
+    ("options", "asks"),
+    [
+        ({}, False),
+        ({"host": "localhost"}, False),
+        ({"host": "::1"}, False),
+        ({"require_keys": True}, True),
+        ({"host": "0.0.0.0"}, True),
+        ({"host": "192.0.2.7"}, True),
+        ({"host": "shop.example"}, True),
+        ({"host": "0.0.0.0", "insecure": True}, False),
+    ],
+)
+def test_keys_are_asked_for_where_other_computers_reach_the_service(options, asks):
+    assert Settings(**options).asks_for_keys is asks
+
+
+def test_every_route_that_writes_needs_more_than_a_viewer(sqlite_url):
+    """New routes are for metrologists unless they are named: nobody can forget one."""
+    service = create_app(Settings(database_url=sqlite_url))
+    needed = {}
+    for path, methods in service.openapi()["paths"].items():
+        for method in methods:
+            stated = re.sub(r"\{(\w+)\}", r"\1", path)
+            needed[f"{method.upper()} {path}"] = role_needed(method.upper(), stated)
+    service.state.context.database.close()
+    sensors = {name for name, role in needed.items() if role is Role.SENSOR}
+    assert sensors == {"POST /v1/machines/{machine}/readings"}
+    admins = {name for name, role in needed.items() if role is Role.ADMIN}
+    assert admins == {
+        "POST /v1/machines",
+        "PATCH /v1/machines/{machine}",
+        "DELETE /v1/machines/{machine}",
+    }
+    changing = {n for n, role in needed.items() if role is Role.METROLOGIST}
+    assert "DELETE /v1/machines/{machine}/readings" in changing
+    assert not [n for n in changing if n.startswith("GET ")]
+    assert {n for n, role in needed.items() if role is None} == {"GET /healthz", "GET /readyz"}
