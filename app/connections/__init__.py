@@ -1,0 +1,1 @@
+"""What machines, controllers and plants are connected by beside HTTP."""

@@ -1,0 +1,324 @@
+"""Where connections hand over what sensors say: collected into readings, kept, and stored.
+
+Senders state one sensor a message, or all; what arrives within a short window becomes one
+reading. Readings are stored as those over HTTP are, with the same checks. While the database
+is away they are kept, the oldest dropped first where there are too many: each is counted, and
+who handed a value over is told what became of it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from enum import StrEnum
+from typing import Final
+
+from starlette.concurrency import run_in_threadpool
+
+from app.errors import InvalidContent, StorageUnavailable, ThermapError
+from app.services.context import Context
+from app.services.readings import store_readings
+from app.thermal.reading import Reading
+
+log = logging.getLogger("thermap")
+
+MOST_AT_ONCE: Final = 500
+"""Readings of one machine in one transaction."""
+
+SMALLEST_STEP: Final = timedelta(microseconds=1)
+"""Between two readings of one machine: a time has one reading."""
+
+SENSOR_FIELD: Final = "temperatures_c."
+
+
+class Fate(StrEnum):
+    """What became of a value that was handed over."""
+
+    STORED = "stored"
+    REFUSED = "refused"
+    DROPPED = "dropped"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How long values are collected, how many are kept, and how far clocks may differ.
+
+    Parameters
+    ----------
+    collect_s
+        From the first value of a reading until it is closed [s].
+    most_kept
+        Readings that wait for the database.
+    clock_tolerance_s
+        A sender's clock that differs by more is warned of [s].
+    first_pause_s, longest_pause_s
+        Before the database is tried again [s]; twice as long each time.
+    """
+
+    collect_s: float = 1.0
+    most_kept: int = 10_000
+    clock_tolerance_s: float = 5.0
+    first_pause_s: float = 1.0
+    longest_pause_s: float = 30.0
+
+
+@dataclass(slots=True)
+class Counts:
+    """What became of all that was handed over: readings stored and dropped, values refused."""
+
+    stored: int = 0
+    dropped: int = 0
+    refused: int = 0
+    wrong_clocks: int = 0
+    last_refusal: str = ""
+
+
+@dataclass(eq=False, slots=True)
+class _Collected:
+    """A reading that is being collected, or waits; who waits for which of its values."""
+
+    machine: str
+    time: datetime
+    temperatures_c: dict[str, float] = field(default_factory=dict)
+    state: dict[str, float] = field(default_factory=dict)
+    asked: list[tuple[frozenset[str], asyncio.Future[Fate]]] = field(default_factory=list)
+    refused: set[str] = field(default_factory=set)
+
+    def contradicts(self, temperatures_c: Mapping[str, float], state: Mapping[str, float]) -> bool:
+        """Whether a sensor or a state has another value here already."""
+        return any(self.temperatures_c.get(k, v) != v for k, v in temperatures_c.items()) or any(
+            self.state.get(k, v) != v for k, v in state.items()
+        )
+
+    def reading(self) -> Reading:
+        return Reading(self.time, dict(self.temperatures_c), dict(self.state))
+
+    def tell(self, fate: Fate) -> None:
+        """Say what became of it; a sender of whose sensors one was refused is told that."""
+        for sensors, waiting in self.asked:
+            if not waiting.done():
+                waiting.set_result(Fate.REFUSED if sensors & self.refused else fate)
+
+
+class Intake:
+    """Takes values of all connections; `run` stores them until it is cancelled.
+
+    All but the storing happens in the event loop that `run` runs in.
+
+    Parameters
+    ----------
+    context
+        Gives the database and the clock as they are then.
+    """
+
+    def __init__(self, context: Callable[[], Context], limits: Limits | None = None) -> None:
+        self._context = context
+        self._limits = limits or Limits()
+        self._open: dict[tuple[str, datetime | None], _Collected] = {}
+        self._kept: deque[_Collected] = deque()
+        self._something = asyncio.Event()
+        self._latest: dict[str, datetime] = {}
+        self._wrong_clocks: set[str] = set()
+        self.counts = Counts()
+
+    def offer(
+        self,
+        machine: str,
+        temperatures_c: Mapping[str, float],
+        time: datetime | None = None,
+        state: Mapping[str, float] | None = None,
+    ) -> asyncio.Future[Fate]:
+        """Take values of one machine.
+
+        Parameters
+        ----------
+        temperatures_c
+            Sensor to temperature [°C].
+        time
+            When they were measured, with its zone; without one, now, by the service's clock.
+            Values of one time that arrive later than the window contradict the stored reading
+            of that time, and are refused.
+
+        Returns
+        -------
+        Future of Fate
+            Done when it is known what became of the values.
+        """
+        told: asyncio.Future[Fate] = asyncio.get_running_loop().create_future()
+        state = state or {}
+        wrong = _not_usable(temperatures_c, state, time)
+        if wrong:
+            self._refuse(machine, wrong)
+            told.set_result(Fate.REFUSED)
+            return told
+        now = self._context().now()
+        if time is not None:
+            self._judge_clock(machine, time, now)
+        key = (machine, time)
+        collected = self._open.get(key)
+        # With the sender's time a second value contradicts the first: two readings of one
+        # time, of which the store refuses the second. Without one it is just the next.
+        if collected is not None and collected.contradicts(temperatures_c, state):
+            self._close(key)
+            collected = None
+        if collected is None:
+            collected = self._open[key] = _Collected(machine, time or now)
+            loop = asyncio.get_running_loop()
+            loop.call_later(self._limits.collect_s, self._close_this, key, collected)
+        if time is None:
+            # The latest arrival: no value is claimed for a time before it came.
+            collected.time = self._own_time(machine, now)
+        collected.temperatures_c.update(temperatures_c)
+        collected.state.update(state)
+        collected.asked.append((frozenset(temperatures_c), told))
+        return told
+
+    async def run(self) -> None:
+        """Store what is closed, for as long as it is not cancelled; then what is left is dropped.
+
+        What is being stored when it is cancelled may be stored and yet told to be dropped:
+        a sender that repeats it with its own time finds it there already.
+        """
+        pause_s = self._limits.first_pause_s
+        try:
+            while True:
+                await self._something.wait()
+                try:
+                    await self._store_next()
+                    pause_s = self._limits.first_pause_s
+                except StorageUnavailable as away:
+                    log.warning("%d readings of connections wait: %s", len(self._kept), away.detail)
+                    await asyncio.sleep(pause_s)
+                    pause_s = min(2.0 * pause_s, self._limits.longest_pause_s)
+        finally:
+            self._drop_all()
+
+    async def _store_next(self) -> None:
+        """Store the oldest readings of one machine; they stay in front until that is done."""
+        batch = self._next_batch()
+        try:
+            await self._store(batch)
+        except StorageUnavailable:
+            raise
+        except ThermapError:
+            for one in batch:
+                await self._store_what_can_be(one)
+        except Exception:
+            log.exception("readings of machine %r could not be stored", batch[0].machine)
+            for one in batch:
+                self._settle(one, Fate.REFUSED)
+
+    def _next_batch(self) -> list[_Collected]:
+        first = self._kept[0]
+        alike = (one for one in self._kept if one.machine == first.machine)
+        return [one for one, _ in zip(alike, range(MOST_AT_ONCE), strict=False)]
+
+    async def _store(self, batch: Sequence[_Collected]) -> None:
+        readings = [one.reading() for one in batch]
+        await run_in_threadpool(store_readings, self._context(), batch[0].machine, readings)
+        for one in batch:
+            self._settle(one, Fate.STORED)
+
+    async def _store_what_can_be(self, one: _Collected) -> None:
+        """Store a reading without the sensors that are refused: the others are not to blame."""
+        try:
+            await self._store([one])
+        except StorageUnavailable:
+            raise
+        except ThermapError as error:
+            self._refuse(one.machine, error.detail)
+            blamed = _blamed_sensors(error) & one.temperatures_c.keys()
+            for sensor in blamed:
+                del one.temperatures_c[sensor]
+            one.refused |= blamed
+            if blamed and (one.temperatures_c or one.state):
+                await self._store_what_can_be(one)
+            else:
+                self._settle(one, Fate.REFUSED)
+
+    def _settle(self, one: _Collected, fate: Fate) -> None:
+        if one not in self._kept:  # dropped since, because too many came
+            return
+        self._kept.remove(one)
+        self.counts.stored += fate is Fate.STORED
+        self.counts.dropped += fate is Fate.DROPPED
+        if not self._kept:
+            self._something.clear()
+        one.tell(fate)
+
+    def _close_this(self, key: tuple[str, datetime | None], collected: _Collected) -> None:
+        if self._open.get(key) is collected:
+            self._close(key)
+
+    def _close(self, key: tuple[str, datetime | None]) -> None:
+        self._kept.append(self._open.pop(key))
+        self._something.set()
+        while len(self._kept) > self._limits.most_kept:
+            self._settle(self._kept[0], Fate.DROPPED)
+
+    def _drop_all(self) -> None:
+        for key in list(self._open):
+            self._close(key)
+        for one in list(self._kept):
+            self._settle(one, Fate.DROPPED)
+
+    def _own_time(self, machine: str, now: datetime) -> datetime:
+        latest = self._latest.get(machine)
+        own = now if latest is None else max(now, latest + SMALLEST_STEP)
+        self._latest[machine] = own
+        return own
+
+    def _judge_clock(self, machine: str, time: datetime, now: datetime) -> None:
+        """Warn once when a sender's clock is wrong, and once when it is right again."""
+        ahead_s = (time - now).total_seconds()
+        wrong = abs(ahead_s) > self._limits.clock_tolerance_s
+        self.counts.wrong_clocks += wrong
+        if wrong == (machine in self._wrong_clocks):
+            return
+        self._wrong_clocks ^= {machine}
+        if wrong:
+            where = "ahead of" if ahead_s > 0 else "behind"
+            log.warning(
+                "machine %r: a sender's time is %.1f s %s the service's clock",
+                *(machine, abs(ahead_s), where),
+            )
+        else:
+            log.warning("machine %r: the sender's time is right again", machine)
+
+    def _refuse(self, machine: str, reason: str) -> None:
+        self.counts.refused += 1
+        self.counts.last_refusal = f"machine {machine!r}: {reason}"
+        log.warning("refused from a connection: %s", self.counts.last_refusal)
+
+
+def _not_usable(
+    temperatures_c: Mapping[str, float], state: Mapping[str, float], time: datetime | None
+) -> str:
+    """Say what no reading can contain; empty where there is nothing."""
+    for name, value in [*temperatures_c.items(), *state.items()]:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+            unit = " in °C" if name in temperatures_c else ""
+            return f"{name}: expected a finite number{unit}, got {value!r:.80}"
+    if time is not None and time.utcoffset() is None:
+        return f"expected a time with its zone, got {time.isoformat()}"
+    return "" if temperatures_c or state else "expected at least one value, got none"
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer that no float can be
+        return False
+
+
+def _blamed_sensors(error: ThermapError) -> set[str]:
+    """Read out of a refusal which sensors' values were refused."""
+    if not isinstance(error, InvalidContent):
+        return set()
+    paths = [one.field.partition(SENSOR_FIELD) for one in error.errors]
+    return {name for _, found, name in paths if found}

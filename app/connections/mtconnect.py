@@ -1,0 +1,210 @@
+"""Follow an MTConnect agent for as long as it is told to, through restarts, gaps and nonsense."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass, field
+from typing import Final
+
+import httpx
+
+from app.connections.mtconnect_agent import MOST_AT_ONCE, Agent
+from app.connections.mtconnect_documents import (
+    AgentRefused,
+    DataItem,
+    NotMtconnect,
+    Observation,
+)
+from app.connections.mtconnect_sequence import Place
+from app.errors import InvalidContent, list_names
+
+log = logging.getLogger("thermap")
+
+FIRST_PAUSE_S: Final = 1.0
+"""Before an agent that failed is asked again [s]; twice as long each time that it fails."""
+
+LONGEST_PAUSE_S: Final = 30.0
+
+UNITS: Final[Mapping[str, Callable[[float], float]]] = {
+    "CELSIUS": lambda value: value,
+    "FAHRENHEIT": lambda value: (value - 32.0) / 1.8,
+    "KELVIN": lambda value: value - 273.15,
+}
+"""MTConnect's names of units of temperature, to °C."""
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """A data item that a sensor or a state is read from.
+
+    Parameters
+    ----------
+    item
+        Its id, or its name where only one item has it.
+    unit
+        Of a temperature, as MTConnect names it; None: what the agent says, or CELSIUS. States
+        are taken as they are.
+    """
+
+    item: str
+    is_temperature: bool = True
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and (self.unit not in UNITS or not self.is_temperature):
+            raise InvalidContent.of_field(
+                "unit", f"expected one of {list_names(UNITS)}, of a temperature, got {self.unit!r}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What an agent observed of one that is followed: [°C] or the state's unit, None if missing."""
+
+    name: str
+    value: float | None
+    observation: Observation
+
+
+@dataclass(slots=True)
+class AgentFollower:
+    """Reads the data items that are followed, and hands on what it finds.
+
+    Parameters
+    ----------
+    followed
+        Name of the sensor or state to its data item.
+    take
+        Takes what was found, in the order of the agent's sequence; nothing is handed on twice.
+        An empty list says that contact was lost: what was known is not known any more.
+    is_streamed
+        Let the agent send, instead of asking every `every_s` seconds.
+    """
+
+    agent: Agent
+    followed: Mapping[str, Followed]
+    take: Callable[[Sequence[Found]], Awaitable[None]]
+    every_s: float = 1.0
+    is_streamed: bool = False
+    trouble: str = ""
+    unreadable: int = 0
+    is_connected: bool = False
+    place: Place = field(init=False)
+    _units: dict[str, str] = field(default_factory=dict)
+    _items: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.place = Place(say=lambda words: log.warning("MTConnect: %s", words))
+
+    @property
+    def readable(self) -> set[str]:
+        """Sensors and states whose data items the agent has: after a restart others, perhaps."""
+        return set(self._items)
+
+    async def run(self) -> None:
+        """Follow, until cancelled; what goes wrong is said, and tried again."""
+        pause_s = FIRST_PAUSE_S
+        while True:
+            try:
+                await self._begin()
+                self.is_connected, pause_s = True, FIRST_PAUSE_S
+                await self._go_on()
+            except (AgentRefused, NotMtconnect, httpx.HTTPError, OSError, TimeoutError) as why:
+                self._say(str(why) or type(why).__name__)
+            if self.is_connected:
+                self.is_connected = False
+                await self.take([])
+            await asyncio.sleep(pause_s)
+            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+    async def _begin(self) -> None:
+        """Find the data items and what holds now."""
+        self._find(await self.agent.probe())
+        await self._take(self.place.take_current(await self.agent.current()))
+
+    async def _go_on(self) -> None:
+        """Follow the sequence; after a restart of the agent its items are found anew."""
+        while True:
+            since = self.place.next_sequence
+            if since is None:
+                await self._begin()
+            else:
+                await self._go_on_from(since)
+
+    async def _go_on_from(self, since: int) -> None:
+        try:
+            await (self._stream(since) if self.is_streamed else self._poll(since))
+        except AgentRefused as why:
+            if not why.is_out_of_range:
+                raise
+            self.place.leave()
+            await self._take(self.place.take_current(await self.agent.current()))
+            await asyncio.sleep(self.every_s)
+
+    async def _poll(self, since: int) -> None:
+        streams = await self.agent.sample(since)
+        await self._take(self.place.take_sample(streams))
+        if len(streams.observations) < MOST_AT_ONCE or self.place.next_sequence is None:
+            await asyncio.sleep(self.every_s)
+
+    async def _stream(self, since: int) -> None:
+        async with aclosing(self.agent.stream(since, self.every_s)) as documents:
+            async for streams in documents:
+                await self._take(self.place.take_sample(streams))
+                if self.place.next_sequence is None:
+                    return
+        # The agent ended it, or does not stream: this is then polling.
+        await asyncio.sleep(self.every_s)
+
+    def _find(self, items: Sequence[DataItem]) -> None:
+        """Find by id or by name what is followed; say what there is not."""
+        self._items, self._units, matters = {}, {}, []
+        for name, wanted in self.followed.items():
+            found = [one for one in items if one.item == wanted.item]
+            found = found or [one for one in items if one.name == wanted.item]
+            if len(found) != 1:
+                why = "no data item has that" if not found else f"{len(found)} data items have it"
+                matters.append(
+                    f"{name}: expected the id or name of one, got {wanted.item!r}: {why}"
+                )
+                continue
+            stated = found[0].units or "CELSIUS"
+            if wanted.is_temperature and (wanted.unit or stated) not in UNITS:
+                matters.append(f"{name}: expected a unit of temperature, got {stated!r}")
+                continue
+            if wanted.is_temperature and wanted.unit and found[0].units not in ("", wanted.unit):
+                matters.append(
+                    f"{name}: expected {wanted.unit} as configured, got {stated} from the agent; "
+                    "taken as configured"
+                )
+            self._items[name] = found[0].item
+            self._units[name] = wanted.unit or stated
+        self.trouble = ""
+        if matters:
+            self._say("; ".join(matters))
+
+    async def _take(self, observations: Sequence[Observation]) -> None:
+        """Hand on what is followed; what cannot be read is missing, and counted."""
+        found = []
+        for observation in observations:
+            for name, item in self._items.items():
+                if observation.item == item:
+                    found.append(Found(name, self._value_of(name, observation), observation))
+        if found:
+            await self.take(found)
+
+    def _value_of(self, name: str, observation: Observation) -> float | None:
+        if observation.value is None and not observation.is_unavailable:
+            self.unreadable += 1
+            self._say(f"{name}: expected a number, got {observation.text!r}")
+        if observation.value is None or not self.followed[name].is_temperature:
+            return observation.value
+        return UNITS[self._units[name]](observation.value)
+
+    def _say(self, words: str) -> None:
+        if words != self.trouble:
+            log.warning("MTConnect: %s", words)
+        self.trouble = words

@@ -1,0 +1,229 @@
+"""Ask an MTConnect agent over HTTP: bounded in time and size, since an agent may be anything."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
+from contextlib import aclosing
+from email.message import Message
+from typing import Final
+
+import httpx
+
+from app.connections.mtconnect_documents import (
+    DataItem,
+    NotMtconnect,
+    Streams,
+    read_probe,
+    read_streams,
+)
+
+LARGEST_DOCUMENT: Final = 16 * 1024 * 1024
+"""Of any answer, or any part of a streamed one [bytes]: some hundred thousand observations."""
+
+MOST_AT_ONCE: Final = 1000
+"""Observations that are asked for at once."""
+
+ANSWER_S: Final = 20.0
+"""How long an answer may take from the first to the last byte [s]."""
+
+HEARTBEAT_S: Final = 10.0
+"""After so long without an observation a streaming agent sends an empty document [s]."""
+
+PART_HEADER: Final = 8192
+"""Largest header of a streamed document [bytes]."""
+
+DOCUMENTS: Final = "text/xml, application/xml"
+
+
+class Parts:
+    """Takes documents out of a `multipart/x-mixed-replace` body as it comes."""
+
+    def __init__(self, boundary: str) -> None:
+        self._mark = b"--" + boundary.encode("latin-1", "replace")
+        self._buffer = bytearray()
+        self._length: int | None = None
+        self._in_body = False
+
+    def feed(self, content: bytes) -> Iterator[bytes]:
+        """Take bytes, give the documents that are whole by now.
+
+        Raises
+        ------
+        NotMtconnect
+            If a document is too large, or has no header.
+        """
+        self._buffer += content
+        while (document := self._next()) is not None:
+            yield document
+        if len(self._buffer) > LARGEST_DOCUMENT:
+            raise _too_large()
+
+    def _next(self) -> bytes | None:
+        if not self._in_body and not self._take_header():
+            return None
+        length = self._length
+        if length is None:
+            # Without a length a document ends where the next begins.
+            length = self._buffer.find(self._mark)
+            if length < 0:
+                return None
+        if len(self._buffer) < length:
+            return None
+        document = bytes(self._buffer[:length])
+        del self._buffer[:length]
+        self._in_body = False
+        return document.strip()
+
+    def _take_header(self) -> bool:
+        begin = self._buffer.find(self._mark)
+        if begin < 0:
+            if len(self._buffer) > PART_HEADER:
+                raise NotMtconnect("expected the boundary of a streamed document, got none")
+            return False
+        lines = bytes(self._buffer[begin : begin + PART_HEADER]).replace(b"\r\n", b"\n")
+        header, ended, _ = lines.partition(b"\n\n")
+        if not ended:
+            if len(self._buffer) - begin >= PART_HEADER:
+                raise NotMtconnect("expected a streamed document's header, got no end of it")
+            return False
+        raw_end = min(
+            at + len(end)
+            for end in (b"\r\n\r\n", b"\n\n")
+            if (at := self._buffer.find(end, begin)) >= 0
+        )
+        self._length = _length_of(header)
+        del self._buffer[:raw_end]
+        self._in_body = True
+        return True
+
+
+def _length_of(header: bytes) -> int | None:
+    for line in header.split(b"\n"):
+        name, _, value = line.partition(b":")
+        if name.strip().lower() != b"content-length":
+            continue
+        if not value.strip().isdigit() or len(value.strip()) > 12:
+            raise NotMtconnect(f"expected a streamed document's length, got {value[:40]!r}")
+        if int(value) > LARGEST_DOCUMENT:
+            raise _too_large()
+        return int(value)
+    return None
+
+
+class Agent:
+    """An agent's three questions, and the streamed form of the last.
+
+    All raise `AgentRefused`, `NotMtconnect`, httpx.HTTPError or TimeoutError.
+    """
+
+    def __init__(self, http: httpx.AsyncClient, url: str) -> None:
+        self._http = http
+        self._url = url.rstrip("/")
+
+    async def probe(self) -> Sequence[DataItem]:
+        """Ask what data items there are."""
+        return read_probe(await self._whole("probe", {}))
+
+    async def current(self) -> Streams:
+        """Ask what holds now."""
+        return read_streams(await self._whole("current", {}))
+
+    async def sample(self, since: int) -> Streams:
+        """Ask what was observed from a sequence number on."""
+        asked = {"from": str(since), "count": str(MOST_AT_ONCE)}
+        return read_streams(await self._whole("sample", asked))
+
+    async def stream(self, since: int, interval_s: float) -> AsyncGenerator[Streams, None]:
+        """Let the agent send what it observes from a sequence number on, and heartbeats.
+
+        An agent that does not stream answers once.
+        """
+        asked = {
+            "from": str(since),
+            "count": str(MOST_AT_ONCE),
+            "interval": str(round(interval_s * 1000)),
+            "heartbeat": str(round(HEARTBEAT_S * 1000)),
+        }
+        limit = httpx.Timeout(ANSWER_S, read=3 * HEARTBEAT_S)
+        async with self._http.stream(
+            "GET", f"{self._url}/sample", params=asked, headers=_HEADERS, timeout=limit
+        ) as response:
+            boundary = _boundary_of(response)
+            if boundary is None:
+                async with asyncio.timeout(ANSWER_S):
+                    content = await _content_of(response)
+                yield read_streams(content)
+                return
+            async with aclosing(_documents(response, Parts(boundary))) as documents:
+                async for document in documents:
+                    yield read_streams(document)
+
+    async def _whole(self, question: str, asked: Mapping[str, str]) -> bytes:
+        async with (
+            asyncio.timeout(ANSWER_S),
+            self._http.stream(
+                "GET", f"{self._url}/{question}", params=asked, headers=_HEADERS
+            ) as response,
+        ):
+            return await _content_of(response)
+
+
+# Compressed, a small answer could be a huge one.
+_HEADERS: Final = {"Accept": DOCUMENTS, "Accept-Encoding": "identity"}
+
+
+async def _content_of(response: httpx.Response) -> bytes:
+    """Read an answer up to its limit; error documents come with any status."""
+    _expect_plain(response)
+    content = bytearray()
+    async for piece in response.aiter_raw():
+        content += piece
+        if len(content) > LARGEST_DOCUMENT:
+            raise _too_large()
+    if not content.strip():
+        raise NotMtconnect(
+            f"expected a document of MTConnect, got HTTP {response.status_code} and nothing"
+        )
+    if response.is_success or b"MTConnectError" in content:
+        return bytes(content)
+    raise NotMtconnect(
+        f"expected a document of MTConnect, got HTTP {response.status_code} from {response.url}"
+    )
+
+
+async def _documents(response: httpx.Response, parts: Parts) -> AsyncGenerator[bytes, None]:
+    """Give streamed documents; TimeoutError where bytes come, but for too long no document."""
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(3 * HEARTBEAT_S) as limit:
+        async for piece in response.aiter_raw():
+            for document in parts.feed(piece):
+                limit.reschedule(None)
+                yield document
+                limit.reschedule(loop.time() + 3 * HEARTBEAT_S)
+
+
+def _boundary_of(response: httpx.Response) -> str | None:
+    """Name what stands between streamed documents; None where there is one document."""
+    _expect_plain(response)
+    header = Message()
+    header["Content-Type"] = response.headers.get("Content-Type", "")
+    if not header.get_content_type().startswith("multipart/"):
+        return None
+    boundary = header.get_boundary()
+    if not boundary:
+        raise NotMtconnect("expected a multipart answer's boundary, got none")
+    # Some agents write it with its leading dashes.
+    return boundary.removeprefix("--")
+
+
+def _expect_plain(response: httpx.Response) -> None:
+    encoding = response.headers.get("Content-Encoding", "identity")
+    if encoding != "identity":
+        raise NotMtconnect(f"expected an answer that is not compressed, got {encoding[:40]!r}")
+
+
+def _too_large() -> NotMtconnect:
+    return NotMtconnect(
+        f"expected a document of at most {LARGEST_DOCUMENT >> 20} MiB, got a larger one"
+    )

@@ -1,0 +1,271 @@
+"""thermap as an OPC UA server: each machine's table and verdict, for a PLC to read.
+
+Nothing can be written, called or added by clients, whatever name they sign in with.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Final
+
+from asyncua import Node, Server, ua
+from asyncua.crypto.permission_rules import User, UserRole
+from starlette.concurrency import run_in_threadpool
+
+from app.connections.opcua_values import NO_VALUE, Said, Snapshot, snapshot_of, values_of
+from app.geometry.components import Component
+from app.live.registry import LiveMachine
+from app.services.context import Context
+from app.services.status import Stored, stored_of_machines
+
+log = logging.getLogger("thermap")
+
+NAMESPACE: Final = "urn:thermap:machines"
+"""Of all nodes; clients find its index by it."""
+
+LOOK_EVERY_S: Final = 0.5
+"""How often machines are looked at [s]: a reading is in a PLC's hand that soon."""
+
+ASK_EVERY_S: Final = 2.0
+"""How often the database is asked for watches and analyses [s]."""
+
+AGAIN_S: Final = 10.0
+"""After so long a server that could not listen tries again [s]."""
+
+_BROKEN: Final = ua.StatusCodes.BadInternalError
+
+
+class OnlyReaders:
+    """Lets everybody in to read: asyncua would make whoever says `admin` one."""
+
+    def get_user(self, *_asked: Any, **_named: Any) -> User:
+        """Give a user who may write what is writable, which is nothing."""
+        return User(role=UserRole.User)
+
+
+@dataclass(slots=True)
+class _Machine:
+    """A machine's nodes, and what they say now."""
+
+    object: Node
+    layout: tuple[Any, ...]
+    nodes: dict[str, ua.NodeId] = field(default_factory=dict)
+    said: dict[str, Said] = field(default_factory=dict)
+
+    def nothing(self, path: str, code: int = NO_VALUE) -> Said:
+        """Say that a node has no value."""
+        known = self.said[path]
+        return Said(known.kind, None, code, known.is_array)
+
+
+class TableServer:
+    """The server; `run` until it is cancelled."""
+
+    def __init__(self, context: Callable[[], Context], endpoint: str) -> None:
+        self._context = context
+        self._endpoint = endpoint
+        self._machines: dict[str, _Machine] = {}
+        self._stored = Stored()
+        self._index = 0
+        self.is_listening = False
+        self.trouble = ""
+
+    async def run(self) -> None:
+        """Serve; where the port is taken, say so and try again."""
+        while True:
+            try:
+                await self._serve()
+            except Exception as why:
+                self.trouble = f"cannot serve at {self._endpoint}: {why}"
+                log.warning("OPC UA server: %s; it tries again in %.0f s", self.trouble, AGAIN_S)
+            await asyncio.sleep(AGAIN_S)
+
+    async def _serve(self) -> None:
+        server = Server(user_manager=OnlyReaders())  # type: ignore[arg-type]
+        await server.init()
+        server.set_endpoint(self._endpoint)
+        server.set_server_name("thermap")
+        await server.set_application_uri("urn:thermap:server")
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        server.set_identity_tokens([ua.AnonymousIdentityToken])
+        self._machines = {}
+        self._index = await server.register_namespace(NAMESPACE)
+        machines = await server.nodes.objects.add_folder(
+            self._id("Machines"), ua.QualifiedName("Machines", self._index)
+        )
+        await self._look(server, machines)
+        asking = asyncio.create_task(self._ask())
+        try:
+            async with server:
+                self.is_listening, self.trouble = True, ""
+                while True:
+                    await asyncio.sleep(LOOK_EVERY_S)
+                    await self._look(server, machines)
+        finally:
+            self.is_listening = False
+            asking.cancel()
+
+    async def _ask(self) -> None:
+        """Ask the database beside the rest: while it hangs, tables go on."""
+        while True:
+            try:
+                self._stored = await run_in_threadpool(stored_of_machines, self._context())
+            except Exception:
+                log.exception("OPC UA server: could not ask for watches and analyses")
+            await asyncio.sleep(ASK_EVERY_S)
+
+    async def _look(self, server: Server, machines: Node) -> None:
+        """Bring all nodes up to date; what goes wrong with a machine leaves it without values."""
+        context = self._context()
+        there = {live.current.model.machine.id: live for live in context.live.machines()}
+        for gone in self._machines.keys() - there.keys():
+            await server.delete_nodes([self._machines.pop(gone).object], recursive=True)
+        for machine_id, live in there.items():
+            try:
+                await self._tell(server, machines, machine_id, live)
+            except Exception:
+                log.exception("OPC UA server: could not tell of machine %r", machine_id)
+                await self._break(server, machine_id, context.now())
+            await asyncio.sleep(0)
+
+    async def _tell(
+        self, server: Server, machines: Node, machine_id: str, live: LiveMachine
+    ) -> None:
+        snapshot = snapshot_of(self._context(), live, self._stored)
+        layout = _layout(live, snapshot)
+        machine = self._machines.get(machine_id)
+        if machine is None or machine.layout != layout:
+            if machine is not None:
+                del self._machines[machine_id]
+                await server.delete_nodes([machine.object], recursive=True)
+            machine = await self._add(server, machines, machine_id, layout)
+            self._machines[machine_id] = machine
+        said, now = dict(values_of(snapshot)), snapshot.status.computed_at
+        for path in machine.nodes:
+            if not path.endswith(_FIXED):
+                # A component that the table does not have keeps its nodes, without a value.
+                await _write(server, machine, path, said.get(path) or machine.nothing(path), now)
+
+    async def _break(self, server: Server, machine_id: str, now: datetime) -> None:
+        machine = self._machines.get(machine_id)
+        if machine is None:
+            return
+        for path in machine.nodes:
+            if not path.endswith(_FIXED):
+                await _write(server, machine, path, machine.nothing(path, _BROKEN), now)
+
+    async def _add(
+        self, server: Server, machines: Node, machine_id: str, layout: tuple[Any, ...]
+    ) -> _Machine:
+        """Make a machine's nodes, all or none; only those that never change have values yet."""
+        top = await self._object(machines, machine_id, machine_id)
+        made = _Machine(top, layout)
+        try:
+            await self._furnish(server, made, machine_id)
+        except BaseException:
+            await server.delete_nodes([top], recursive=True)
+            raise
+        return made
+
+    async def _furnish(self, server: Server, made: _Machine, machine_id: str) -> None:
+        folders: dict[str, Node] = {}
+        for path, said in _nodes_of(made.layout):
+            parent, above, names = made.object, machine_id, path.split("/")
+            for name in names[:-1]:
+                above = f"{above}/{name}"
+                if above not in folders:
+                    folders[above] = await self._object(parent, above, name)
+                parent = folders[above]
+            node = await parent.add_variable(
+                self._id(f"{machine_id}/{path}"),
+                ua.QualifiedName(names[-1], self._index),
+                # The data type is taken from a value, which is replaced at once.
+                _example(said),
+                said.kind,
+            )
+            made.nodes[path] = node.nodeid
+            await _write(server, made, path, said, self._context().now())
+
+    async def _object(self, parent: Node, path: str, name: str) -> Node:
+        return await parent.add_object(self._id(path), ua.QualifiedName(name, self._index))
+
+    def _id(self, path: str) -> ua.NodeId:
+        return ua.NodeId(ua.String(path), ua.Int16(self._index))
+
+
+_FIXED: Final = ("/Unit", "/PositionAxis")
+"""What a component's nodes say as long as there are any."""
+
+
+def _layout(live: LiveMachine, snapshot: Snapshot) -> tuple[Any, ...]:
+    """Say which nodes a machine has: also those of components that have no values now."""
+    model = live.current.model
+    components = {
+        member.component: member.backward is not None
+        for group in model.groups
+        for member in group.members
+    }
+    for entry in snapshot.table.components if snapshot.table is not None else ():
+        known = components.get(entry.component, False)
+        components[entry.component] = known or entry.backward_errors is not None
+    sensors = tuple(one.sensor for one in snapshot.status.sensors)
+    ordered = sorted(components.items(), key=lambda one: one[0].code)
+    return tuple(sorted(sensors)), tuple(ordered)
+
+
+def _nodes_of(layout: tuple[Any, ...]) -> Iterable[tuple[str, Said]]:
+    sensors, components = layout
+    text, number = ua.VariantType.String, ua.VariantType.Double
+    yield "Name", Said(text, None, NO_VALUE)
+    yield "Configuration", Said(text, None, NO_VALUE)
+    yield "Verdict", Said(text, None, NO_VALUE)
+    yield "State", Said(text, None, NO_VALUE)
+    yield "Sentences", Said(text, None, NO_VALUE, is_array=True)
+    yield "Usable", Said(ua.VariantType.Boolean, None, NO_VALUE)
+    yield "Complete", Said(ua.VariantType.Boolean, None, NO_VALUE)
+    yield "ModelVersion", Said(ua.VariantType.UInt32, None, NO_VALUE)
+    yield "ReadingTime", Said(ua.VariantType.DateTime, None, NO_VALUE)
+    yield "ReadingAge", Said(number, None, NO_VALUE)
+    yield "ComputedAt", Said(ua.VariantType.DateTime, None, NO_VALUE)
+    for sensor in sensors:
+        yield f"Temperatures/{sensor}", Said(number, None, NO_VALUE)
+    for component, has_backward in components:
+        yield from _component_nodes(component, has_backward=has_backward)
+
+
+def _component_nodes(component: Component, *, has_backward: bool) -> Iterable[tuple[str, Said]]:
+    above = f"Components/{component.code}"
+    text, number = ua.VariantType.String, ua.VariantType.Double
+    yield f"{above}/Unit", Said(text, component.unit.symbol)
+    yield f"{above}/PositionAxis", Said(text, component.axis if component.is_table else "")
+    yield f"{above}/Positions", Said(number, None, NO_VALUE, is_array=True)
+    yield f"{above}/Compensation", Said(number, None, NO_VALUE, is_array=True)
+    if has_backward:
+        yield f"{above}/BackwardCompensation", Said(number, None, NO_VALUE, is_array=True)
+    yield f"{above}/Status", Said(text, None, NO_VALUE)
+
+
+def _example(said: Said) -> Any:
+    """Give a value of a type, from which a node takes its own."""
+    one = {
+        ua.VariantType.String: "",
+        ua.VariantType.Boolean: False,
+        ua.VariantType.DateTime: datetime(2000, 1, 1),
+        ua.VariantType.UInt32: 0,
+        ua.VariantType.Double: 0.0,
+    }[said.kind]
+    if said.value is not None:
+        return said.value
+    return [one] if said.is_array else one
+
+
+async def _write(server: Server, machine: _Machine, path: str, said: Said, now: datetime) -> None:
+    """Say a value where it is another one; the first time in any case."""
+    if machine.said.get(path) == said:
+        return
+    machine.said[path] = said
+    await server.write_attribute_value(machine.nodes[path], said.at(now))

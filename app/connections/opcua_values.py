@@ -1,0 +1,133 @@
+"""What a machine says over OPC UA: names, values, and how far each may be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final, TypeAlias, cast
+
+from asyncua import ua
+
+from app.compensation.table import CompensationTable, ComponentCompensation
+from app.errors import ThermapError
+from app.live.registry import LiveMachine
+from app.services.context import Context
+from app.services.live_table import current_state, table_of_state
+from app.services.status import Stored, status_of
+from app.status.machine_status import MachineStatus, SensorNow, State, Verdict
+from app.thermal.sensor_health import Health
+
+GOOD: Final = ua.StatusCodes.Good
+NO_VALUE: Final = ua.StatusCodes.BadNoData
+
+OpcuaValue: TypeAlias = str | float | bool | datetime | list[str] | list[float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A value, its type, and its status code.
+
+    A bad one has no value at all: who passes over the status code must not get a number.
+    """
+
+    kind: ua.VariantType
+    value: OpcuaValue
+    code: int = GOOD
+    is_array: bool = False
+
+    def at(self, time: datetime) -> ua.DataValue:
+        """Make what the server keeps."""
+        status = ua.StatusCode(ua.UInt32(self.code))
+        stamp = cast("ua.DateTime", time)
+        if self.value is None or status.is_bad():
+            return ua.DataValue(StatusCode=status, SourceTimestamp=stamp)
+        variant = ua.Variant(self.value, self.kind, is_array=self.is_array)
+        return ua.DataValue(Value=variant, StatusCode=status, SourceTimestamp=stamp)
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A machine's verdict and its table at one moment; None where there is no table."""
+
+    status: MachineStatus
+    table: CompensationTable | None
+
+
+def snapshot_of(context: Context, live: LiveMachine, stored: Stored) -> Snapshot:
+    """Judge a machine in memory; the table is never newer than the verdict on it."""
+    machine_id = live.current.model.machine.id
+    try:
+        table = table_of_state(context, current_state(context, machine_id, live))
+    except ThermapError:
+        table = None
+    return Snapshot(status_of(context, live, stored), table)
+
+
+def quality_of(snapshot: Snapshot) -> int:
+    """Say how far a machine's compensation may be believed.
+
+    Good only where the machine is trusted; without trust there is no value to be had.
+    """
+    status = snapshot.status
+    if snapshot.table is None or status.verdict is Verdict.NOT_TRUSTED:
+        return NO_VALUE
+    if status.verdict is Verdict.TRUSTED:
+        return GOOD
+    if status.state is State.STALE:
+        return ua.StatusCodes.UncertainLastUsableValue
+    return ua.StatusCodes.UncertainSubNormal
+
+
+_QUALITY: Final = {
+    Health.OK: GOOD,
+    Health.MISSING: NO_VALUE,
+    Health.STALE: ua.StatusCodes.UncertainLastUsableValue,
+}
+"""Of a temperature; a sensor that failed otherwise says nothing."""
+
+
+def values_of(snapshot: Snapshot) -> Iterator[tuple[str, Said]]:
+    """Give all values of a machine by their paths below it."""
+    status, code = snapshot.status, quality_of(snapshot)
+    table = snapshot.table
+    text, number = ua.VariantType.String, ua.VariantType.Double
+    yield "Name", Said(text, status.name)
+    yield "Configuration", Said(text, status.configuration)
+    yield "Verdict", Said(text, status.verdict.value)
+    yield "State", Said(text, status.state.value)
+    yield "Sentences", Said(text, list(status.sentences), is_array=True)
+    yield "Usable", Said(ua.VariantType.Boolean, code != NO_VALUE)
+    complete = table is not None and table.complete and code != NO_VALUE
+    yield "Complete", Said(ua.VariantType.Boolean, complete)
+    yield "ModelVersion", _known(ua.VariantType.UInt32, status.model_version)
+    yield "ReadingTime", _known(ua.VariantType.DateTime, status.reading_time)
+    yield "ReadingAge", _known(number, status.reading_age_s)
+    yield "ComputedAt", Said(ua.VariantType.DateTime, status.computed_at)
+    for sensor in status.sensors:
+        yield f"Temperatures/{sensor.sensor}", _temperature(sensor)
+    for entry in table.components if table is not None else ():
+        yield from _component_values(entry, code)
+
+
+def _component_values(entry: ComponentCompensation, code: int) -> Iterator[tuple[str, Said]]:
+    above = f"Components/{entry.component.code}"
+    number = ua.VariantType.Double
+    yield f"{above}/Positions", Said(number, entry.positions_mm.tolist(), code, is_array=True)
+    compensation = entry.compensation.tolist()
+    yield f"{above}/Compensation", Said(number, compensation, code, is_array=True)
+    if entry.backward_errors is not None:
+        backward = (0.0 - entry.backward_errors).tolist()
+        yield f"{above}/BackwardCompensation", Said(number, backward, code, is_array=True)
+    yield f"{above}/Status", Said(ua.VariantType.String, entry.basis.status, code)
+
+
+def _temperature(sensor: SensorNow) -> Said:
+    code = _QUALITY.get(sensor.health, ua.StatusCodes.BadSensorFailure)
+    if sensor.temperature_c is None:
+        code = NO_VALUE
+    return Said(ua.VariantType.Double, sensor.temperature_c, code)
+
+
+def _known(kind: ua.VariantType, value: OpcuaValue) -> Said:
+    return Said(kind, value, NO_VALUE if value is None else GOOD)

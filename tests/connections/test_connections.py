@@ -1,0 +1,159 @@
+"""From an agent to the table over HTTP, by the file of connections."""
+
+import asyncio
+import re
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
+
+from app.connections.config import MtconnectTable, read_connections
+from app.connections.running import AgentConnection
+from app.errors import InvalidContent
+from app.main import create_app
+from app.settings import Settings
+from tests.connections.mtconnect_agent_example import ExampleAgent, listening
+from tests.service_examples import ROOM, client_of, furnish_database
+
+pytestmark = pytest.mark.anyio
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "connections.md"
+
+
+def file_of(tmp_path, text):
+    path = tmp_path / "thermap.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_documented_file_is_one(tmp_path):
+    (example,) = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    found = read_connections(file_of(tmp_path, example))
+    (agent,) = found.mtconnect
+    assert agent.sensors["x-middle"].item == "Xtemp"
+    assert agent.sensors["z-column"].unit == "FAHRENHEIT"
+    assert agent.state["spindle_rpm"].item == "Srpm"
+
+
+AGENT = '[[mtconnect]]\nname = "a"\nmachine = "vmc"\nurl = "http://h:5000"\n'
+SENSORS = '[mtconnect.sensors]\nx = "X"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[mqtt]\n", "mqtt: extra inputs are not permitted"),
+        ("name = \n", "expected TOML in UTF-8"),
+        (AGENT, "mtconnect.0.sensors: field required"),
+        (AGENT + 'every_s = "1"\n' + SENSORS, "mtconnect.0.every_s: input should be a valid num"),
+        (AGENT + "every_s = 0\n" + SENSORS, "mtconnect.0.every_s: input should be greater"),
+        (AGENT.replace("http:", "ftp:") + SENSORS, "mtconnect.0.url"),
+        (AGENT + '[mtconnect.sensors]\nx = {item = "X", unit = "C"}\n', "expected CELSIUS"),
+        ((AGENT + SENSORS) * 2, "expected each name once, got 'a' 2 times"),
+    ],
+)
+def test_a_wrong_file_is_refused_by_its_key(tmp_path, text, words):
+    path = file_of(tmp_path, text)
+    with pytest.raises(InvalidContent, match=re.escape(words)) as refused:
+        read_connections(path)
+    assert str(path) in refused.value.detail
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InvalidContent, match="cannot be read"):
+        read_connections(tmp_path / "none.toml")
+
+
+@asynccontextmanager
+async def connected(new_app, url, tmp_path, agent_url):
+    path = file_of(
+        tmp_path,
+        f"""
+[intake]
+collect_s = 0.05
+
+[[mtconnect]]
+name = "mill"
+machine = "mcfv5050"
+url = "{agent_url}"
+every_s = 0.1
+
+[mtconnect.sensors]
+x-middle = "t1"
+z-column = "column_t"
+
+[mtconnect.state]
+spindle_rpm = "Srpm"
+""",
+    )
+    service = new_app(url, config=path)
+    async with service.state.connections.running(), client_of(service) as client:
+        yield client
+
+
+async def until(ask, is_so):
+    async with asyncio.timeout(60):
+        while not is_so(found := await ask()):
+            await asyncio.sleep(0.05)
+    return found
+
+
+async def test_what_an_agent_says_becomes_readings(new_app, databases, tmp_path):
+    with ThreadPoolExecutor(1) as aside:
+        url = aside.submit(databases.prepared, "sqlite", furnish_database).result()
+    agent = ExampleAgent()
+    agent.observe("t1", "25.0")
+    agent.observe("t2", "80.6")
+    agent.observe("s1", "8000")
+    with listening(agent) as agent_url:
+        await follow_agent(agent, connected(new_app, url, tmp_path, agent_url))
+    databases.give_back(url)
+
+
+async def test_what_an_agent_has_no_more_is_not_told_again_as_fresh():
+    told = []
+
+    class Agent:
+        readable = {"x-middle"}
+
+    class Taker:
+        def offer(self, machine, temperatures_c, state):
+            told.append(temperatures_c)
+
+    table = MtconnectTable(
+        name="mill", machine="vmc", url="http://h:5000", sensors={"x-middle": "t1", "spindle": "t2"}
+    )
+    connection = AgentConnection(table, Taker(), None)
+    connection._follower = Agent()
+    connection._known = {"x-middle": 25.0, "spindle": 31.0}
+    connection._repeat_known()
+    assert told == [{"x-middle": 25.0}]
+
+
+async def follow_agent(agent, opened):
+    async with opened as client:
+
+        async def connections():
+            return (await client.get("/v1/connections")).json()
+
+        await until(connections, lambda found: found["stored"] >= 1)
+        (one,) = (await connections())["connections"]
+        assert (one["connected"], one["known"], one["trouble"]) == (True, 3, "")
+        (reading,) = (await client.get(f"{ROOM}/readings")).json()
+        assert reading["temperatures_c"] == {"x-middle": 25.0, "z-column": pytest.approx(27.0)}
+        assert reading["state"] == {"spindle_rpm": 8000.0}
+        table = (await client.get(f"{ROOM}/compensation")).json()
+        (exx,) = (c for c in table["components"] if c["component"] == "EXX")
+        assert exx["compensation_um"] == [0.0, -5.0, -25.0]
+        agent.observe("t1", "UNAVAILABLE")
+        await until(connections, lambda found: found["connections"][0]["known"] == 2)
+
+
+def test_the_service_does_not_start_with_a_wrong_file(tmp_path):
+    path = file_of(tmp_path, "[mqtt]\n")
+    with pytest.raises(InvalidContent, match="mqtt: extra inputs"):
+        create_app(Settings(database_url=f"sqlite:///{tmp_path}/new.db", config=path))
+    assert not (tmp_path / "new.db").exists()

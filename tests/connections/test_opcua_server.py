@@ -1,0 +1,253 @@
+"""The tables as a PLC reads them: over OPC UA, with quality, and never to be written."""
+
+import asyncio
+import socket
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    client_of,
+    furnish_database,
+    iso,
+    reading,
+    temperatures,
+)
+
+pytest.importorskip("asyncua", reason="the extra opcua is not installed")
+
+from asyncua import Client, ua
+
+from app.connections.opcua_server import NAMESPACE, TableServer
+from app.connections.serving_tables import expect_library
+from app.errors import InvalidContent
+from app.settings import Settings
+
+pytestmark = pytest.mark.anyio
+
+EXX = "mcfv5050/Components/EXX"
+
+
+def free_port():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+@asynccontextmanager
+async def table_server(service):
+    url = f"opc.tcp://127.0.0.1:{free_port()}/thermap"
+    server = TableServer(lambda: service.state.context, url)
+    running = asyncio.create_task(server.run())
+    try:
+        async with asyncio.timeout(20):
+            while not server.is_listening:
+                assert not running.done()
+                await asyncio.sleep(0.02)
+        yield url
+    finally:
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+
+
+class Plc:
+    """A client that reads by path."""
+
+    def __init__(self, client, index):
+        self.client, self.index = client, index
+
+    def node(self, path):
+        return self.client.get_node(ua.NodeId(path, self.index))
+
+    async def read(self, path):
+        return await self.node(path).read_data_value(raise_on_bad_status=False)
+
+    async def until(self, path, is_so):
+        """Wait until a node's value is so; the test's own limit is a minute."""
+        async with asyncio.timeout(20):
+            while not is_so(found := await self.read(path)):
+                await asyncio.sleep(0.05)
+        return found
+
+
+@asynccontextmanager
+async def plc_at(url):
+    async with Client(url) as client:
+        yield Plc(client, await client.get_namespace_index(NAMESPACE))
+
+
+def value_of(data):
+    return None if data.Value is None else data.Value.Value
+
+
+def code_of(data):
+    return data.StatusCode.name
+
+
+@pytest.fixture
+def service(new_app, databases):
+    """The service with the example machine."""
+    url = databases.prepared("sqlite", furnish_database)
+    yield new_app(url)
+    databases.give_back(url)
+
+
+@pytest.fixture
+async def machine(service):
+    """The service with the example machine, and a client of its HTTP."""
+    async with client_of(service) as client:
+        await client.get(f"{ROOM}/status")  # brings it to memory
+        yield service, client
+
+
+@pytest.mark.slow
+async def test_a_plc_reads_what_http_answers(machine):
+    service, client = machine
+    await client.post(f"{ROOM}/readings", json=reading(START, 25.0))
+    table = (await client.get(f"{ROOM}/compensation")).json()
+    by_code = {one["component"]: one for one in table["components"]}
+    async with table_server(service) as url, plc_at(url) as plc:
+        compensation = await plc.until(
+            f"{EXX}/Compensation", lambda data: value_of(data) is not None
+        )
+        # EXX is (25 − 20)·x/100 µm.
+        assert value_of(compensation) == pytest.approx([0.0, -5.0, -25.0])
+        assert value_of(compensation) == pytest.approx(by_code["EXX"]["compensation_um"])
+        assert code_of(compensation) == "Good"
+        assert value_of(await plc.read(f"{EXX}/Positions")) == [0.0, 100.0, 500.0]
+        assert value_of(await plc.read(f"{EXX}/Unit")) == "µm"
+        assert value_of(await plc.read("mcfv5050/Components/EBX/Unit")) == "µrad"
+        assert value_of(await plc.read("mcfv5050/Components/SXY/Compensation")) == [25.0]
+        assert value_of(await plc.read("mcfv5050/Temperatures/x-middle")) == 25.0
+        assert value_of(await plc.read("mcfv5050/Verdict")) == "trusted"
+        assert value_of(await plc.read("mcfv5050/State")) == "fresh"
+        assert value_of(await plc.read("mcfv5050/Usable")) is True
+        assert value_of(await plc.read("mcfv5050/ModelVersion")) == table["model_version"]
+        assert value_of(await plc.read("mcfv5050/ReadingAge")) == 0.0
+        status = (await client.get(f"{ROOM}/status")).json()
+        assert value_of(await plc.read("mcfv5050/Sentences")) == status["sentences"]
+
+
+@pytest.mark.slow
+async def test_without_trust_no_compensation_is_good(machine, clock):
+    service, client = machine
+    async with table_server(service) as url, plc_at(url) as plc:
+        # No reading yet: the nodes are there, their values are not.
+        data = await plc.read(f"{EXX}/Compensation")
+        assert (value_of(data), code_of(data)) == (None, "BadNoData")
+        assert value_of(await plc.read("mcfv5050/Verdict")) == "not-trusted"
+        assert value_of(await plc.read("mcfv5050/Usable")) is False
+
+        await client.post(f"{ROOM}/readings", json=reading(START, 25.0))
+        data = await plc.until(f"{EXX}/Compensation", lambda data: code_of(data) == "Good")
+
+        clock.advance(600)  # sensors are stale after 120 s
+        data = await plc.until(f"{EXX}/Compensation", lambda data: code_of(data) != "Good")
+        assert code_of(data) == "UncertainLastUsableValue"
+        assert value_of(data) == pytest.approx([0.0, -5.0, -25.0])
+        temperature = await plc.read("mcfv5050/Temperatures/x-middle")
+        assert code_of(temperature) == "UncertainLastUsableValue"
+        assert value_of(await plc.read("mcfv5050/ReadingAge")) == 600.0
+
+        # Their ranges end at 80 °C, and nothing else stands in for them.
+        failed = temperatures(25.0) | {"x-middle": 200.0, "y-front": 200.0}
+        body = {"time": iso(clock()), "temperatures_c": failed, "state": {}}
+        assert (await client.post(f"{ROOM}/readings", json=body)).status_code == 201
+        data = await plc.until(f"{EXX}/Compensation", lambda data: value_of(data) is None)
+        assert code_of(data) == "BadNoData"
+        assert value_of(await plc.read("mcfv5050/State")) == "sensor-fault"
+        temperature = await plc.read("mcfv5050/Temperatures/x-middle")
+        assert (value_of(temperature), code_of(temperature)) == (None, "BadSensorFailure")
+
+
+@pytest.mark.slow
+async def test_nobody_writes(machine):
+    service, client = machine
+    await client.post(f"{ROOM}/readings", json=reading(START, 25.0))
+    async with table_server(service) as url, plc_at(url) as plc:
+        await plc.until(f"{EXX}/Compensation", lambda data: code_of(data) == "Good")
+        zeros = ua.DataValue(ua.Variant([0.0, 0.0, 0.0], ua.VariantType.Double))
+        with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+            await plc.node(f"{EXX}/Compensation").write_value(zeros)
+        for refused in (
+            plc.node("mcfv5050").add_variable(ua.NodeId("x", plc.index), "x", 0.0),
+            plc.client.delete_nodes([plc.node("mcfv5050")], recursive=True),
+        ):
+            with suppress(ua.UaError):
+                await refused
+        assert value_of(await plc.read(f"{EXX}/Compensation")) == pytest.approx([0, -5, -25])
+        assert code_of(await plc.read("x")).startswith("Bad")
+
+        admin = Client(url)
+        admin.set_user("admin")
+        with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
+            async with admin:
+                await admin.get_node(plc.node(f"{EXX}/Compensation").nodeid).write_value(zeros)
+        assert value_of(await plc.read(f"{EXX}/Compensation")) == pytest.approx([0, -5, -25])
+
+
+@pytest.mark.slow
+async def test_machines_come_and_go(machine):
+    service, client = machine
+    async with table_server(service) as url, plc_at(url) as plc:
+        await plc.until("mcfv5050/Verdict", lambda data: value_of(data) is not None)
+        assert (await client.delete(ROOM)).status_code == 204
+        await plc.until("mcfv5050/Verdict", lambda data: code_of(data).startswith("Bad"))
+        assert (await client.post("/v1/machines", json=MACHINE | {"id": "other"})).is_success
+        data = await plc.until("other/State", lambda data: value_of(data) is not None)
+        assert value_of(data) in ("no-model", "no-reading")
+        assert value_of(await plc.read("other/Usable")) is False
+
+
+@pytest.mark.slow
+async def test_a_taken_port_is_said_and_tried_again(machine, monkeypatch):
+    monkeypatch.setattr("app.connections.opcua_server.AGAIN_S", 0.2)
+    service, _ = machine
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        url = f"opc.tcp://127.0.0.1:{taken.getsockname()[1]}/thermap"
+        server = TableServer(lambda: service.state.context, url)
+        running = asyncio.create_task(server.run())
+        async with asyncio.timeout(20):
+            while not server.trouble:
+                await asyncio.sleep(0.05)
+        assert url in server.trouble
+    async with asyncio.timeout(20):
+        while not server.is_listening:
+            await asyncio.sleep(0.05)
+    assert server.trouble == ""
+    running.cancel()
+    with suppress(asyncio.CancelledError):
+        await running
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("127.0.0.1:4840", "expected opc.tcp://ADDRESS:PORT/NAME"),
+        ("opc.tcp://127.0.0.1/thermap", "expected opc.tcp://ADDRESS:PORT/NAME"),
+        ("opc.tcp://127.0.0.1:99999/thermap", "expected opc.tcp://ADDRESS:PORT/NAME"),
+        ("opc.tcp://0.0.0.0:4840/thermap", "expected this computer's own address"),
+        ("opc.tcp://plc.example.org:4840/thermap", "expected this computer's own address"),
+    ],
+)
+def test_endpoints_that_are_refused(endpoint, words):
+    with pytest.raises(ValueError, match=words):
+        Settings(opcua_endpoint=endpoint)
+
+
+def test_other_computers_read_where_no_keys_are_asked_for():
+    endpoint = "opc.tcp://0.0.0.0:4840/thermap"
+    assert Settings(opcua_endpoint=endpoint, insecure=True).opcua_endpoint == endpoint
+
+
+def test_an_endpoint_without_the_library_is_refused(monkeypatch):
+    monkeypatch.setattr("app.connections.serving_tables.find_spec", lambda _: None)
+    expect_library("")
+    with pytest.raises(InvalidContent, match="expected the extra opcua installed"):
+        expect_library("opc.tcp://127.0.0.1:4840/thermap")
