@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from app.errors import counted
+from app.pages.dashboard.navigation import MACHINE_PAGES
 from app.pages.dashboard.numbers import age, number, signed, with_unit
 from app.pages.plotly_script import plotly_script
 from app.pages.report_parts.component_names import chapter_name, component_name
@@ -52,11 +53,13 @@ _ENVIRONMENT.filters |= {
 }
 
 
+_ENVIRONMENT.globals["machine_pages"] = MACHINE_PAGES
 _ENVIRONMENT.filters |= {
     "signed": signed,
     "number": number,
     "with_unit": with_unit,
     "age": age,
+    "day_and_time": lambda time: f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
     "utc": lambda time: f"{time.astimezone(UTC):%H:%M:%S} UTC",
 }
 
@@ -87,6 +90,9 @@ def render(
         If the address is none of a file over HTTP.
     """
     script = plotly_script(plotly_js)
+    if not shown.get("drawings", True):
+        # What draws nothing needs nothing to draw with; a page has as many scripts as ever.
+        script = Markup("<script></script>")
     page = _ENVIRONMENT.get_template(template)
     written: str = page.render(plotly_script=script, config=config, **shown)
     return written

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from app.arrays import FloatArray
 from app.compensation.table import CompensationTable, ComponentCompensation
-from app.errors import ThermapError
+from app.errors import StorageUnavailable, ThermapError
+from app.events.event import Event
 from app.geometry.components import Component
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, table_of_state
 from app.services.status import machine_in_memory, status_of, stored_of_machines
 from app.status.machine_status import MachineStatus
+from app.storage.events import list_events
+from app.storage.limits import QUESTION
 from app.thermal.bracket import Status
 from app.thermal.group_state import GroupState
 from app.units import SECONDS_PER_H
+
+EVENTS_SHOWN = 4
 
 COURSE_S = 2.0 * SECONDS_PER_H
 """How far back the course of a temperature is shown [s]."""
@@ -77,6 +82,7 @@ class MachineView:
     courses: dict[str, Course]
     curves: tuple[Curve, ...] = ()
     warnings: tuple[str, ...] = field(default=())
+    events: tuple[Event, ...] = ()
 
 
 def show_machine_view(context: Context, machine_id: str) -> MachineView:
@@ -89,13 +95,23 @@ def show_machine_view(context: Context, machine_id: str) -> MachineView:
     """
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))
+    view = MachineView(status, _courses(context, live), events=_latest_events(context, machine_id))
     try:
         table = table_of_state(context, current_state(context, machine_id, live))
     except ThermapError:
-        return MachineView(status, _courses(context, live))
-    return MachineView(
-        status, _courses(context, live), tuple(_curves(table)), tuple(table.warnings)
-    )
+        return view
+    return replace(view, curves=tuple(_curves(table)), warnings=tuple(table.warnings))
+
+
+def _latest_events(context: Context, machine_id: str) -> tuple[Event, ...]:
+    """Read the last few events; none while the database is away, for the page goes on."""
+    if context.live.database.trouble is not None:
+        return ()
+    try:
+        with context.database.reading(QUESTION) as session:
+            return tuple(list_events(session, machine_id, limit=EVENTS_SHOWN))
+    except StorageUnavailable:
+        return ()
 
 
 def show_machine_views(context: Context) -> list[MachineView]:

@@ -124,13 +124,33 @@ async def test_names_are_shown_letter_by_letter_and_no_other_host_is_asked(empty
         page = await shown(empty, path)
         assert EVIL in page.text
         assert "img" not in page.tags
-        assert page.tags.count("script") == 2
+        assert page.tags.count("script") == 3
         assert all(re.match(r"[/?#]|data:,$", address) for address in page.addresses)
 
 
 async def test_pages_are_light(client):
     await feed(client, reading(START, 27.0))
-    assets = [await client.get(f"/assets/{n}") for n in ("dashboard.css", "live.js", "theme.js")]
+    assets = [
+        await client.get(f"/assets/{n}")
+        for n in ("dashboard.css", "live.js", "keys.js", "theme.js")
+    ]
     assert {answer.status_code for answer in assets} == {200}
     page = await client.get(NOW)
     assert sum(len(answer.content) for answer in (page, *assets)) < 150_000
+
+
+async def test_the_log_of_a_machine_on_a_page(client):
+    evil = await client.patch(ROOM, json={"name": EVIL})
+    assert evil.status_code == 200
+    page = await shown(client, f"{NOW}/events")
+    assert "No alarm lasts now." in page.text
+    assert "v3 active: map 'Run #6' stored" in page.text
+    assert "settings changed: name" in page.text
+    assert "img" not in page.tags
+    models = await shown(client, f"{NOW}/events?kind=model")
+    assert "settings changed" not in models.text
+    alarms = await shown(client, f"{NOW}/events?kind=alarm")
+    assert "There is no event of this kind." in alarms.text
+    now = await shown(client, NOW)
+    assert "settings changed: name" in now.text
+    assert f"{NOW}/events" in now.addresses

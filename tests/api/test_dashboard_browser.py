@@ -25,6 +25,9 @@ pytestmark = [
     ),
 ]
 
+PAGES = ("loop", "maps", "volume", "events")
+SHOWN = ("mcfv5050", "second", *(f"mcfv5050/{page}" for page in PAGES))
+
 SIZES = {"panel": (1366, 768), "phone": (390, 844), "wide": (1920, 1080)}
 
 
@@ -87,6 +90,18 @@ def opened(chromium, shop, size="panel", **options):
     page.close()
 
 
+def barriers(page):
+    """What axe-core finds: names, landmarks, tables, contrast of text, sizes of targets."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [
+        (one["id"], node["html"][:200], node.get("failureSummary"))
+        for one in found
+        for node in one["nodes"]
+    ]
+
+
 def expect(locator):
     from playwright.sync_api import expect
 
@@ -147,12 +162,13 @@ def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
     with shop.open(), opened(chromium, shop, size, color_scheme=scheme) as (page, wrong):
         shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "A long name " * 5})
         shop.feed(31.4)
-        for path in ("/", "/machines/mcfv5050", "/machines/second"):
+        for path in ("/", *(f"/machines/{one}" for one in SHOWN)):
             page.goto(shop.url + path)
             expect(page.locator("#connection")).to_have_text("Live")
             root = page.locator("html")
             assert root.evaluate("e => e.scrollWidth") <= SIZES[size][0]
             assert root.evaluate("e => getComputedStyle(e).colorScheme") == scheme
+            assert barriers(page) == []
         assert wrong == []
 
 
@@ -163,3 +179,45 @@ def test_without_javascript_the_answer_is_there(chromium, shop):
         expect(page.locator("#answer h1")).to_have_text("Trusted")
         expect(page.locator("#row-EZZ")).to_contain_text("−50.0")
         assert wrong == []
+
+
+MAP_CSV = """# label: Run #9
+# measured_at: 2026-02-28T06:00:00Z
+# temperature x-middle: 34
+# temperature y-front: 33
+# temperature z-column: 36
+# temperature spindle: 39
+component,position_mm,error_um
+EXX,0,0
+EXX,100,14
+EXX,500,80
+"""
+
+
+def test_a_map_is_shown_before_it_is_stored_and_versions_go_back(chromium, shop):
+    """What loses something is stored only by a second button; going back is asked about too."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050/maps")
+        file = {"name": "run9.csv", "mimeType": "text/csv", "buffer": MAP_CSV.encode()}
+        page.set_input_files("#file", file)
+        expect(page.locator("#preview")).to_contain_text("EXX")
+        expect(page.locator("#upload-state")).to_have_text("run9.csv: nothing is stored yet")
+        page.get_by_role("button", name="Discard").click()
+        expect(page.locator("#preview")).to_be_empty()
+        expect(page.locator(".timeline li")).to_have_count(3)
+        page.set_input_files("#file", file)
+        page.locator("#preview button[data-do^=store]").last.click()
+        expect(page.locator("#preview")).to_contain_text("Map ‘Run #9’ is stored")
+        expect(page.locator(".timeline li")).to_have_count(4)
+        page.locator("#activate-2").click()
+        expect(page.locator("#preview")).to_contain_text("v2")
+        page.locator("#preview button[data-do=activate]").click()
+        expect(page.locator("#preview")).to_contain_text("v2 is active.")
+        expect(page.locator("li.active .knot")).to_have_text("v2")
+        broken = {"name": "bad.csv", "mimeType": "text/csv", "buffer": b"component,oops\nEXX,1\n"}
+        page.set_input_files("#file", broken)
+        expect(page.locator("#preview")).to_contain_text("bad.csv was not stored.")
+        expect(page.locator("#preview")).to_contain_text("Nothing has changed.")
+        # A refusal is also a line of the browser's console, and nothing else is.
+        assert all("422" in words for words in wrong)

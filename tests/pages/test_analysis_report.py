@@ -121,7 +121,7 @@ def test_where_nothing_was_found_the_page_says_what_that_is_worth():
     assert "What the model lacks" not in told
     assert "after" not in told.split("Residuals by component")[1].split("EZZ")[0]
     smallest = told.index("The smallest effects that would have been seen")
-    assert told.index("EZZ") < smallest < told.index("Over time")
+    assert smallest < told.index("Residuals by component") < told.index("Over time")
     assert "thermal lag 0.21 to 0.30 0.40" in told
     assert "Nothing that stands out of the noise is left" in told
     assert "None was left out" in told
@@ -392,3 +392,17 @@ def test_another_sensor_is_said_before_the_figures_on_the_present_one():
     assert at < page.index("Before and after</h2>")
     assert "EYZ: not judged, needs 8 set-ups" in page
     assert "Which sensor each component follows" not in written(FOUND)
+
+
+def test_the_finding_and_its_picture_come_before_all_else():
+    told = read(FOUND).told
+    found = told.index("What the model lacks")
+    assert found < told.index("Before this effect") < told.index("parameter")
+    assert found < told.index("What to measure or check next") < told.index("What was analysed")
+
+
+def test_a_page_without_a_chart_does_not_carry_what_draws_one():
+    plots = {"effects": [], "visits": []}
+    page = analysis_report(HEAD, RESULTS.read_text(json.dumps(NOTHING | {"plots": plots})))
+    assert len(page) < 200_000
+    assert page.count("<script") == 3

@@ -1,6 +1,8 @@
 // The page follows the service: whenever something changes it asks for itself again, and takes over
 // what differs. The service writes everything; nothing is judged or computed here.
 
+import { areOff } from "./keys.js";
+
 const WAITING_MS = 5000;
 const LOST_MS = 15000;
 const AT_MOST_EVERY_MS = 500;
@@ -29,6 +31,8 @@ function takeOver(page) {
 }
 
 async function ask() {
+  // What one reads and has chosen stays: such a page asks by itself for what it follows.
+  if ("still" in root.dataset) return;
   if (asking) {
     isDue = true;
     return;
@@ -101,11 +105,13 @@ document.getElementById("theme").addEventListener("click", () => {
 });
 
 document.addEventListener("keydown", (event) => {
+  if (areOff() || document.querySelector("dialog[open]")) return;
   if (event.target.closest("input, textarea, select") || event.ctrlKey || event.metaKey || event.altKey) return;
   const links = [...document.querySelectorAll("[data-row]")];
   const at = links.indexOf(document.activeElement);
   if (event.key === "ArrowDown" && links.length) links[Math.min(at + 1, links.length - 1)].focus();
   else if (event.key === "ArrowUp" && links.length) links[Math.max(at - 1, 0)].focus();
+  else if (document.querySelector(`a[data-page="${CSS.escape(event.key)}"]`)) document.querySelector(`a[data-page="${CSS.escape(event.key)}"]`).click();
   else if (event.key === "Escape" && root.dataset.back) location.assign(root.dataset.back);
   else if (event.key === "f" && document.querySelector("table.machines")) {
     if (root.dataset.view) delete root.dataset.view;
@@ -118,5 +124,8 @@ document.addEventListener("keydown", (event) => {
   } else return;
   event.preventDefault();
 });
+
+// What a page changed itself is shown at once.
+addEventListener("thermap-changed", ask);
 
 follow();

@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from app.arrays import FloatArray
+from app.compensation.table import ComponentCompensation
 from app.services.dashboard import COURSE_S, Course, Curve
 
 SIZE: Final = 1000.0
@@ -131,6 +132,32 @@ def small_svg(curve: Curve, largest: float, ends_mm: Sequence[float]) -> Markup:
     parts = ['<line class="zero" x2="1000" y1="500" y2="500"/>']
     parts.append(_line("now", entry.positions_mm, entry.compensation, scale, ends_mm))
     return _svg("small", "", parts)
+
+
+def before_after_svg(
+    before: ComponentCompensation | None,
+    after: ComponentCompensation | None,
+    scale: Scale,
+    ends_mm: Sequence[float],
+    lost_mm: tuple[float, float] | None,
+    name: str,
+) -> Markup:
+    """Draw a component's compensation as it is and as it would be, and where it would have none."""
+    parts = [
+        f'<line class="{"zero" if tick == 0.0 else "grid"}" x2="1000" '
+        f'y1="{_up(scale, tick):.0f}" y2="{_up(scale, tick):.0f}"/>'
+        for tick in scale.ticks
+    ]
+    if lost_mm is not None:
+        span = (ends_mm[-1] - ends_mm[0]) or 1.0
+        left, right = (SIZE * (x - ends_mm[0]) / span for x in lost_mm)
+        parts.insert(
+            0, f'<rect class="lost" x="{left:.0f}" width="{right - left:.0f}" height="1000"/>'
+        )
+    for style, one in (("before", before), ("now", after)):
+        if one is not None:
+            parts.append(_line(style, one.positions_mm, one.compensation, scale, ends_mm))
+    return _svg("curve", name, parts)
 
 
 def _stretches(course: Course) -> Iterator[range]:

@@ -20,6 +20,8 @@ from app.pages.dashboard.charts import (
     positions_scale,
     small_svg,
 )
+from app.pages.dashboard.events import event_row
+from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import age, clock, number, signed
 from app.pages.environment import render_live
 from app.services.dashboard import Curve, MachineView
@@ -91,13 +93,15 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
     axes = _axes(view.curves, chosen)
     return render_live(
         "dashboard/machine.html",
-        page="machine",
+        page="",
+        machine=Shown(status.machine, status.name),
         stream=f"/v1/machines/{status.machine}/compensation/stream",
         now=now,
         status=status,
         group=group_of(status),
         state=_state_words(status, now),
         watch=_WATCH[status.watch],
+        events=[event_row(event) for event in view.events],
         sensors=[_sensor(view, sensor) for sensor in _worst_first(status.sensors)],
         axes=axes,
         uncertainty=_uncertainty(view.curves),

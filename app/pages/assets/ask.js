@@ -1,0 +1,102 @@
+// Asking the service: what it refuses is said where it was asked, and decisions ask once.
+
+const PLACES = 1;
+
+export class Refusal extends Error {
+  constructor(detail, errors) {
+    super(detail);
+    this.errors = errors ?? [];
+  }
+}
+
+export async function send(method, path, content, accept = "application/json") {
+  const options = { method, headers: { Accept: accept }, cache: "no-store" };
+  if (content !== undefined) {
+    options.headers["Content-Type"] = "application/json";
+    options.body = typeof content === "string" ? content : JSON.stringify(content);
+  }
+  let answer;
+  try {
+    answer = await fetch(path, options);
+  } catch {
+    throw new Refusal("The service was not reached. Nothing has changed that it did not say.");
+  }
+  if (answer.ok) {
+    if (answer.status === 204) return null;
+    return accept === "application/json" ? answer.json() : answer.blob();
+  }
+  const problem = await answer.json().catch(() => ({}));
+  throw new Refusal(problem.detail ?? `The service answered ${answer.status}.`, problem.errors);
+}
+
+function element(tag, text, kind) {
+  const made = document.createElement(tag);
+  if (text) made.textContent = text;
+  if (kind) made.className = kind;
+  return made;
+}
+
+export function list(lines) {
+  const made = element("ul");
+  made.append(...lines.map((line) => element("li", line)));
+  return made;
+}
+
+export function refused(place, what, error) {
+  const box = element("div", "", "refused");
+  box.role = "alert";
+  box.append(element("b", `${what} `), element("span", error.message));
+  if (error.errors?.length) box.append(list(error.errors.map((one) => `${one.field}: ${one.message}`)));
+  place.replaceChildren(box);
+}
+
+export function told(place, words) {
+  place.replaceChildren(element("p", words));
+}
+
+// One question with what it changes and the way back; its button repeats the verb.
+export function askOnce(place, words, lines, verb, act) {
+  const box = element("div", "", "asked");
+  const buttons = element("div", "", "buttons");
+  const yes = element("button", verb, "first");
+  const no = element("button", "Leave it as it is");
+  yes.type = no.type = "button";
+  no.addEventListener("click", () => place.replaceChildren());
+  yes.addEventListener("click", async () => {
+    yes.disabled = no.disabled = true;
+    try {
+      await act();
+    } catch (error) {
+      refused(place, `Not done: ${verb}.`, error);
+    }
+  });
+  buttons.append(yes, no);
+  box.append(element("p", words));
+  if (lines.length) box.append(list(lines));
+  box.append(buttons);
+  place.replaceChildren(box);
+  yes.focus();
+}
+
+export function signed(value) {
+  const text = Math.abs(value).toFixed(PLACES);
+  if (Number(text) === 0) return text;
+  return (value > 0 ? "+" : "−") + text;
+}
+
+// What a preview says: the largest change now and its place, then what would be lost.
+export function changeWords(preview) {
+  if (preview.not_compared) return `What it changes now is not known: ${preview.not_compared}.`;
+  const [largest, ...others] = preview.changes;
+  if (!largest || largest.change === 0) return "At the present temperatures it changes nothing.";
+  const at = largest.position_mm === null ? "" : ` at ${largest.component.at(-1)} ${largest.position_mm}`;
+  const rest = others.filter((one) => one.change !== 0).length;
+  return (
+    `The error in the live table changes now: ${largest.component} by ${signed(largest.change)} ${largest.unit}${at}` +
+    (rest ? `, ${rest} more components by less.` : ", nothing else.")
+  );
+}
+
+export function lossLines(preview) {
+  return preview.loses.map((one) => `It would lose ${one.text}.`);
+}

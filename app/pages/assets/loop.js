@@ -1,0 +1,269 @@
+// The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
+import { askOnce, changeWords, list, lossLines, refused, send, told } from "./ask.js";
+
+const room = document.getElementById("loop");
+const api = room.dataset.api;
+const number = room.dataset.analysis;
+const analysis = `${api}/analyses/${number}`;
+const by = (id) => document.getElementById(id);
+const chosen = (name) => [...document.querySelectorAll(`input[name=${name}]:checked`)].map((one) => one.value);
+const shown = (id) => location.assign(id ? `?analysis=${id}` : location.pathname);
+
+function on(id, event, act) {
+  by(id)?.addEventListener(event, act);
+}
+
+// Following it
+
+function seconds(s) {
+  return s < 60 ? `${Math.round(s)} s` : `${Math.floor(s / 60)} min ${Math.round(s % 60)} s`;
+}
+
+async function follow() {
+  let one;
+  try {
+    one = await send("GET", analysis);
+  } catch (error) {
+    refused(by("cancel-said"), "How far it is cannot be said.", error);
+    setTimeout(follow, 3000);
+    return;
+  }
+  if (one.status !== "queued" && one.status !== "running") {
+    shown(number);
+    return;
+  }
+  const percent = Math.round(100 * one.progress);
+  by("running").textContent = `Analysis ${number}: ${one.message}, ${percent} %.`;
+  by("progress").value = one.progress;
+  by("arc").setAttribute("stroke-dasharray", `${percent} 100`);
+  if (one.started_at) {
+    const soFar = (Date.now() - Date.parse(one.started_at)) / 1000;
+    const left = one.progress > 0.05 ? `, about ${seconds((soFar * (1 - one.progress)) / one.progress)} left` : "";
+    by("so-far").textContent = soFar > 0 ? `${seconds(soFar)} so far${left}.` : "";
+  }
+  setTimeout(follow, 1000);
+}
+
+if (by("progress")) follow();
+
+on("cancel", "click", async () => {
+  by("cancel").disabled = true;
+  try {
+    await send("POST", `${analysis}/cancel`);
+    shown(number);
+  } catch (error) {
+    by("cancel").disabled = false;
+    refused(by("cancel-said"), "Not cancelled.", error);
+  }
+});
+
+// Starting one
+
+async function start(asked, place, button) {
+  button.disabled = true;
+  try {
+    const queued = await send("POST", `${api}/analyses`, asked);
+    shown(queued.id);
+  } catch (error) {
+    button.disabled = false;
+    refused(place, "Not started.", error);
+  }
+}
+
+on("start", "click", () => {
+  const kinds = chosen("kind");
+  const asked = {
+    verifications: chosen("check").map(Number),
+    holdout_fraction: Number(by("held").value) / 100,
+    seed: Number(by("seed").value),
+    effects: kinds.length ? kinds : null,
+  };
+  start(asked, by("checks-said"), by("start"));
+});
+
+for (const button of document.querySelectorAll("[data-again]")) {
+  button.addEventListener("click", async () => {
+    try {
+      const { verifications, holdout_fraction, seed, effects } = await send("GET", analysis);
+      await start({ verifications, holdout_fraction, seed, effects }, by("again-said"), button);
+    } catch (error) {
+      refused(by("again-said"), "Not started.", error);
+    }
+  });
+}
+
+// The decision
+
+const adopt = by("adopt");
+const said = by("decision-said");
+
+function adoption() {
+  const asked = { onto_active: adopt.dataset.onto !== undefined };
+  const boxes = document.querySelectorAll("input[name=effect]");
+  const places = chosen("effect").map(Number);
+  const isDefault = [...boxes].every((box) => box.checked === box.defaultChecked);
+  if (boxes.length && !(isDefault && places.length)) asked.effects = places;
+  return asked;
+}
+
+const preview = () => send("POST", `${analysis}/adopt?preview=true`, adoption());
+
+async function price() {
+  if (adopt.dataset.onto !== undefined) return;
+  try {
+    by("price").textContent = changeWords(await preview());
+  } catch (error) {
+    by("price").textContent = error.message;
+  }
+}
+
+if (adopt) {
+  price();
+  for (const box of document.querySelectorAll("input[name=effect]")) {
+    box.addEventListener("change", () => {
+      said.replaceChildren();
+      price();
+    });
+  }
+  adopt.addEventListener("click", async () => {
+    try {
+      const found = await preview();
+      const verb = `Adopt as v${room.dataset.next}`;
+      const back = `v${found.active_version} stays as it is: going back to it undoes this.`;
+      const lines = [...lossLines(found), found.activated ? back : `It would be stored and wait. ${back}`];
+      askOnce(said, changeWords(found), lines, verb, async () => {
+        const made = await send("POST", `${analysis}/adopt`, adoption());
+        if (made.activated === false) waits(made);
+        else shown(number);
+      });
+    } catch (error) {
+      refused(said, "Not adopted.", error);
+    }
+  });
+}
+
+function waits(made) {
+  askOnce(said, made.next_step, lossLines(made), `Activate v${made.model_version} all the same`, async () => {
+    await send("POST", `${api}/models/${made.model_version}/activate`);
+    shown(number);
+  });
+}
+
+function activating(id, verb) {
+  on(id, "click", async () => {
+    const version = by(id).dataset.version;
+    const path = `${api}/models/${version}/activate`;
+    try {
+      const found = await send("POST", `${path}?preview=true`);
+      const back = `v${found.active_version} stays stored: activating it undoes this.`;
+      askOnce(said, changeWords(found), [...lossLines(found), back], `${verb} v${version}`, async () => {
+        await send("POST", path);
+        shown(number);
+      });
+    } catch (error) {
+      refused(said, `Not done: ${verb} v${version}.`, error);
+    }
+  });
+}
+
+activating("back", "Go back to");
+activating("forward", "Activate");
+
+for (const button of document.querySelectorAll("[data-assign]")) {
+  const place = button.closest("li").querySelector(".said");
+  const asked = { [button.dataset.assign]: button.dataset.sensor };
+  button.addEventListener("click", async () => {
+    try {
+      const found = await send("PUT", `${api}/sensor-assignment?preview=true`, asked);
+      const back = `v${found.active_version} stays stored: activating it undoes this.`;
+      askOnce(place, changeWords(found), [...lossLines(found), back], button.textContent, async () => {
+        const made = await send("PUT", `${api}/sensor-assignment`, asked);
+        told(place, made.next_step ?? "Done. Store the next check to see what it is worth.");
+      });
+    } catch (error) {
+      refused(place, "Not assigned.", error);
+    }
+  });
+}
+
+// Checks
+
+on("every", "change", () => {
+  for (const box of document.querySelectorAll("input[name=check]")) box.checked = by("every").checked;
+});
+
+on("file", "change", async () => {
+  const [file] = by("file").files;
+  if (!file) return;
+  by("file").value = "";
+  try {
+    const stored = await send("POST", `${api}/verifications`, await file.text());
+    const words = stored.judgement ? stored.judgement.summary : "";
+    if (stored.warnings.length) {
+      told(by("checks-said"), `Stored as check ${stored.id}: ${words}`);
+      by("checks-said").append(list(stored.warnings));
+    } else shown(number);
+  } catch (error) {
+    refused(by("checks-said"), `${file.name} was not stored; nothing has changed.`, error);
+  }
+});
+
+function deleting(attribute, what, path, place) {
+  for (const button of document.querySelectorAll(`[data-${attribute}]`)) {
+    button.addEventListener("click", () => {
+      const id = button.dataset[attribute];
+      const name = button.dataset.label ?? id;
+      askOnce(by(place), `${what} ${name} cannot be brought back.`, [], `Delete ${what.toLowerCase()} ${name}`, async () => {
+        await send("DELETE", `${api}/${path}/${id}`);
+        shown(attribute === "drop" ? null : number);
+      });
+    });
+  }
+}
+
+deleting("delete", "Check", "verifications", "checks-said");
+deleting("drop", "Analysis", "analyses", "jobs-said");
+
+// What the active model leaves of each check: asked for when it is seen, one after the other.
+
+let turn = Promise.resolve();
+
+async function showResiduals(cell) {
+  try {
+    const found = await send("GET", `${api}/verifications/${cell.dataset.residuals}/residuals`);
+    const size = found.overall;
+    cell.textContent = size ? (size.rms_um ?? size.rms).toFixed(2) : "no length";
+  } catch (error) {
+    cell.textContent = "–";
+    cell.title = error.message;
+  }
+}
+
+const watcher = new IntersectionObserver((entries) => {
+  for (const entry of entries.filter((one) => one.isIntersecting)) {
+    watcher.unobserve(entry.target);
+    turn = turn.then(() => showResiduals(entry.target));
+  }
+});
+for (const cell of document.querySelectorAll("[data-residuals]")) watcher.observe(cell);
+
+// Planning: what the chosen checks could see together with the visit that is proposed.
+
+on("plan", "click", async () => {
+  const place = by("checks-said");
+  by("plan").disabled = true;
+  told(place, "Planning: what these checks could see, and which visit to add.");
+  try {
+    let planned = [];
+    if (number) {
+      const { result } = await send("GET", analysis);
+      if (result?.next_visit) planned = [result.next_visit.planned];
+    }
+    const plan = await send("POST", `${api}/analyses/plan`, { verifications: chosen("check").map(Number), planned });
+    told(place, plan.summary);
+    place.append(list([...plan.suggestions.map((one) => one.sentence), ...plan.notes]));
+  } catch (error) {
+    refused(place, "Not planned.", error);
+  }
+  by("plan").disabled = false;
+});

@@ -1,0 +1,78 @@
+// The flat drawing is the service's and always there. 3D is plotly's, which is large: it is loaded when
+// somebody wants it, and only where WebGL works.
+
+const PLOTLY = "/docs-assets/plotly.min.js";
+const three = document.getElementById("three");
+const flat = document.getElementById("flat");
+const space = document.getElementById("space");
+const slices = document.getElementById("slices");
+const why = document.getElementById("why");
+
+function hasWebGl() {
+  try {
+    const context = document.createElement("canvas").getContext("webgl");
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+    return context !== null;
+  } catch {
+    return false;
+  }
+}
+
+function load(address) {
+  return new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = address;
+    script.onload = resolve;
+    script.onerror = () => reject(new Error(`${address} did not come`));
+    document.head.append(script);
+  });
+}
+
+function show(isThree) {
+  space.hidden = !isThree;
+  slices.hidden = isThree;
+  three.setAttribute("aria-pressed", String(isThree));
+  flat.setAttribute("aria-pressed", String(!isThree));
+}
+
+async function draw() {
+  three.disabled = true;
+  why.textContent = "The 3D picture is being loaded.";
+  try {
+    const [answer] = await Promise.all([
+      fetch(space.dataset.figure, { headers: { Accept: "application/json" }, cache: "no-store" }),
+      window.Plotly ? null : load(PLOTLY),
+    ]);
+    const figure = await answer.json();
+    if (!answer.ok) throw new Error(figure.detail);
+    const drawn = figure.layout.meta?.drawn ?? "The work volume in 3D";
+    space.setAttribute("role", "img");
+    space.setAttribute("aria-label", drawn);
+    // Its colours are those of paper.
+    const layout = { ...figure.layout, title: {}, annotations: [], paper_bgcolor: "#fff", autosize: true };
+    delete layout.width;
+    delete layout.height;
+    show(true);
+    await window.Plotly.react(space, figure.data, layout, { displaylogo: false, responsive: true });
+    why.textContent = `${drawn} As of ${new Date().toISOString().slice(11, 19)} UTC, with its own exaggeration, without tool offset; 3D draws it anew.`;
+  } catch (error) {
+    show(false);
+    why.textContent = `The 3D picture was not drawn: ${error.message}. The flat drawing shows the same numbers.`;
+  }
+  three.disabled = false;
+}
+
+if (three) {
+  // While values are live the factor stays what it was when the page came.
+  const address = new URL(location.href);
+  if (!address.searchParams.has("times")) {
+    address.searchParams.set("times", slices.dataset.times);
+    history.replaceState(null, "", address);
+  }
+  if (hasWebGl()) {
+    three.disabled = false;
+    why.textContent = "The same numbers in both drawings.";
+  } else why.textContent = "This browser has no WebGL: flat drawing, the same numbers.";
+  three.addEventListener("click", draw);
+  flat.addEventListener("click", () => show(false));
+}

@@ -1,0 +1,425 @@
+"""The page of the loop: what checks showed, what an analysis found, and the decision."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from itertools import groupby
+from statistics import median
+from typing import Any, Final
+
+from app.effects.registry import KINDS, kind_of
+from app.errors import counted, list_names
+from app.identification.analysis.analysis import (
+    Analysis,
+    ComponentFigures,
+    EffectCurve,
+    FoundEffect,
+    TriedAssignment,
+    VisitMeans,
+)
+from app.pages.dashboard.loop_charts import Marks, residual_chart
+from app.pages.dashboard.navigation import Shown
+from app.pages.dashboard.numbers import clock
+from app.pages.environment import render_live
+from app.pages.report_parts.assignment_words import proposal_words, staying_words
+from app.pages.report_parts.component_names import component_name
+from app.pages.report_parts.drawing import TIME, largest
+from app.pages.report_parts.effect_names import (
+    MARKS,
+    VERDICTS,
+    adoption_text,
+    explanation_name,
+    kind_name,
+    parameter_name,
+    parameter_text,
+    rival_name,
+    status_words,
+    untested_together,
+)
+from app.pages.report_parts.smallest_seen import size_range, units_of
+from app.pages.report_parts.words import chance_text, decimals_for, figure_text
+from app.services.loop import UNFINISHED, LaterVisits, LoopView
+from app.storage.records import AnalysisStatus, StoredAnalysis, StoredVerification
+from app.units import Unit
+
+MOST_RIVALS: Final = 6
+VERY_STRONG: Final = 10.0
+"""2 ln B, after Kass and Raftery (1995)."""
+
+_STATUSES: Final = {
+    "confirmed": "Confirmed",
+    "suspected": "Suspected",
+    "not-confirmable": "Not confirmable",
+}
+_JUDGED: Final = {"within": "within", "beyond": "beyond", "not-judged": "not judged"}
+
+
+def loop_page(view: LoopView, now: datetime) -> str:
+    """Write the page of the loop."""
+    analysis, result = view.chosen, view.result
+    labels = {v.id: v.label for v in view.verifications}
+    return render_live(
+        "dashboard/loop.html",
+        page="/loop",
+        machine=Shown(view.machine_id, view.machine_name),
+        stream=f"/v1/machines/{view.machine_id}/compensation/stream",
+        now=now,
+        view=view,
+        analysis=analysis,
+        analysed=_analysed(analysis, labels),
+        is_running=analysis is not None and analysis.status in UNFINISHED,
+        steps=_steps(view),
+        checks=[_check(v, analysis, now) for v in reversed(view.verifications)],
+        jobs=[_job(one, now) for one in reversed(view.analyses)],
+        later="" if view.later is None else later_words(view.later),
+        kinds=[(kind, kind_name(kind)) for kind in sorted(KINDS)],
+        result=result,
+        **({} if result is None else _result(view, result)),
+    )
+
+
+def later_words(later: LaterVisits) -> str:
+    """Say what visits after the analysed ones show of what was adopted.
+
+    >>> later_words(LaterVisits([]))
+    'No later visits yet: store a check to see what it is worth.'
+    """
+    if not later.verification_ids:
+        return "No later visits yet: store a check to see what it is worth."
+    if later.before is None or later.after is None:
+        checks = counted(len(later.verification_ids), "later check")
+        return f"{checks}: nothing can be said, {later.why_not}."
+    decimals = decimals_for(later.before.repeatability)
+    before, after = (figure_text(s.rms, decimals) for s in (later.before, later.after))
+    visits = counted(later.visits, "later visit")
+    return f"{visits}: {before} → {after} {later.before.unit}."
+
+
+def _steps(view: LoopView) -> list[dict[str, Any]]:
+    """Say where we are: checks, analysis, decide, later visits."""
+    one, later = view.chosen, view.later
+    values = sum(v.observations for v in view.verifications)
+    checks = f"{counted(len(view.verifications), 'check')}, {counted(values, 'value')}"
+    decided = "none yet"
+    at = 1 if view.verifications else 0
+    if one is not None and one.status is AnalysisStatus.DONE:
+        at, decided = 2, "to be decided"
+        if view.result is not None and not view.result.effects and not view.result.is_refit_due:
+            decided = "nothing to adopt"
+    if later is not None and one is not None:
+        at, decided = 3, f"adopted as v{one.adopted_version}"
+    came = "none yet" if later is None or not later.verification_ids else ""
+    return [
+        {"title": title, "text": text, "is_current": place == at}
+        for place, (title, text) in enumerate(
+            (
+                ("1 Checks", checks if view.verifications else "none yet"),
+                (f"2 Analysis {one.id}" if one else "2 Analysis", one.status if one else "none"),
+                ("3 Decide", decided),
+                (
+                    "4 Later visits",
+                    came or counted(len(later.verification_ids) if later else 0, "check"),
+                ),
+            )
+        )
+    ]
+
+
+def _analysed(one: StoredAnalysis | None, labels: dict[int, str]) -> str:
+    """Name what an analysis is of."""
+    if one is None:
+        return ""
+    names = [labels.get(i, f"number {i}, deleted") for i in one.task.verification_ids]
+    return list_names(names, 4)
+
+
+def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime) -> dict[str, Any]:
+    return {
+        "stored": one,
+        "when": clock(one.first_at, now),
+        "what": list_names(one.components, 6),
+        "judged": "–" if one.judgement is None else _JUDGED[one.judgement.status],
+        "why": "" if one.judgement is None else one.judgement.summary,
+        "is_analysed": chosen is not None and one.id in chosen.task.verification_ids,
+    }
+
+
+def _job(one: StoredAnalysis, now: datetime) -> dict[str, Any]:
+    adopted = "–" if one.adopted_version is None else f"v{one.adopted_version}"
+    return {"stored": one, "when": clock(one.created_at, now), "adopted": adopted}
+
+
+def _result(view: LoopView, result: Analysis) -> dict[str, Any]:
+    analysis = view.chosen
+    assert analysis is not None
+    decimals = decimals_for(result.noise)
+    adoptable = [e for e in result.effects if not kind_of(e.kind).not_adopted]
+    is_decided = analysis.adopted_version is not None
+    return {
+        "headline": _headline(result),
+        "found": _found_sentence(result, decimals),
+        "verdict_words": VERDICTS[result.verdict],
+        "effects": [_effect(number, one, result) for number, one in enumerate(result.effects)],
+        "can_adopt": not is_decided and bool(adoptable or result.is_refit_due),
+        "is_adopted": is_decided,
+        "is_current": view.active_version == analysis.task.model_version,
+        "can_go_back": is_decided
+        and view.active_version not in (None, analysis.task.model_version),
+        "by_unit": list(_by_unit(result.components)),
+        "all_held_out": all(c.is_held_out for c in result.components),
+        "visits": _visit_chart(result),
+        "proposals": [_proposal(one) for one in result.proposals],
+        "staying": staying_words(result.assignments),
+        "untested": untested_together(result.not_testable),
+        "seen": _seen(result, decimals),
+        "seen_units": units_of(result.detectable),
+        "decimals": decimals,
+    }
+
+
+def _headline(result: Analysis) -> str:
+    """The answer: the first effect in its own sentence, or what the verdict is."""
+    first = next(iter(result.effects), None)
+    if first is None:
+        return f"{VERDICTS[result.verdict]}."
+    more = len(result.effects) - 1
+    others = f", and {counted(more, 'more effect')}" if more else ""
+    return f"{first.explanation}{others}."
+
+
+def _found_sentence(result: Analysis, decimals: int) -> list[str]:
+    """Before, after, floor; where nothing was found, the analysis' own summary."""
+    if not result.effects:
+        return [result.summary]
+    before, after = (figure_text(f.shown_rms, decimals) for f in (result.before, result.after))
+    where = (
+        "On visits that took no part in finding it"
+        if result.before.holdout_rms is not None
+        else "Over all visits, none of which could be held out"
+    )
+    verb = "fall" if result.after.shown_rms < result.before.shown_rms else "go"
+    one_of_many = "" if len(result.effects) == 1 else " with all effects"
+    unit = result.unit
+    found = [f"{where}, the residuals {verb} from {before} to {after} {unit} RMS{one_of_many}."]
+    if result.floor is not None:
+        floor = figure_text(result.floor, decimals)
+        found.append(f"Repeatability and set-up alone leave {floor} {unit}.")
+    else:
+        found.append(f"The floor is unknown: {result.floor_unknown or 'it was not measured'}.")
+    if result.verdict == "unexplained":
+        found.append("Something remains that no effect explains.")
+    return found
+
+
+def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
+    evidence = one.evidence
+    facts = []
+    if evidence.seen_in_readings:
+        facts.append(f"in the readings: {evidence.seen_in_readings}")
+    else:
+        facts.append(_slope_words(one))
+        if evidence.p_global is not None:
+            facts.append(f"by chance: {chance_text(evidence.p_global)}")
+    curves = result.plots.effects
+    curve = curves[number] if number < len(curves) else None
+    warnings = [w for w in (one.doubt, one.leverage_warning, one.measure_again) if w]
+    if one.is_proxy:
+        warnings.append(
+            "something unexplained remains beside it: it may stand for what moves alike"
+        )
+    return {
+        "number": number,
+        "found": one,
+        "status": _STATUSES[one.status],
+        "status_words": status_words(one.status, evidence),
+        "mark": MARKS[one.status],
+        "facts": facts,
+        "ties": [rival_name(one, tie) for tie in one.ties],
+        "adoption": adoption_text(one),
+        "can_be_adopted": not kind_of(one.kind).not_adopted,
+        "warnings": [f"{w[:1].upper()}{w[1:]}." for w in warnings],
+        "parameters": [
+            (
+                parameter_name(name),
+                parameter_text(name, value, one.effect.standard_errors.get(name)),
+            )
+            for name, value in one.parameters.items()
+        ],
+        "curve": None if curve is None or not curve.driver else _curve(curve, result),
+        "rivals": _rivals(one),
+    }
+
+
+def _slope_words(one: FoundEffect) -> str:
+    """Say what held-out visits show of it."""
+    slope, error = one.evidence.calibration_slope, one.evidence.calibration_slope_error
+    if slope is None:
+        return "held-out visits could not say anything"
+    unsure = "" if error is None else f" ± {figure_text(error, 2)}"
+    return f"held-out slope {figure_text(slope, 2)}{unsure} (1 is right)"
+
+
+def _curve(curve: EffectCurve, result: Analysis) -> dict[str, Any]:
+    names = list_names(map(component_name, dict.fromkeys(curve.components)), 3)
+    over_time = curve.over == TIME
+    floor = _floor_of(curve.components, result)
+    unit = "UTC" if over_time else curve.over_unit
+    return {
+        "names": names,
+        "unit": curve.unit,
+        "over": f"{curve.over}, {unit}" if unit else curve.over,
+        "band": floor is not None,
+        "rows": [
+            [f"{at:.4g}", *(figure_text(v, 2) for v in values)]
+            for at, *values in list(
+                zip(curve.driver, curve.before, curve.explained, curve.after, strict=True)
+            )[:200]
+        ],
+        **residual_chart(
+            Marks(curve.driver, curve.before, curve.after, curve.explained),
+            floor,
+            f"Residuals of {names} in {curve.unit} over {curve.over}: within "
+            f"±{largest([curve.before]):.3g} before, ±{largest([curve.after]):.3g} after",
+            over_time=over_time,
+        ),
+    }
+
+
+def _floor_of(names: Sequence[str], result: Analysis) -> float | None:
+    """Two floors of the components that are drawn; None where one has no floor."""
+    floors = [c.floor for c in result.components if c.component in set(names)]
+    known = [floor for floor in floors if floor is not None]
+    return 2.0 * max(known) if known and len(known) == len(floors) else None
+
+
+def _rivals(one: FoundEffect) -> dict[str, Any] | None:
+    """Lay the evidence out as bars on one scale from zero; ties are as black as the effect."""
+    own = one.evidence.two_ln_bayes_factor
+    if own is None:
+        return None
+    shown = [a for a in one.alternatives if a.tied or a.evidence > 0.0][:MOST_RIVALS]
+    ends = [own, VERY_STRONG, *(a.evidence for a in shown)]
+    reach = 1.05 * max(ends)
+    bars = [
+        (explanation_name(one), own, True),
+        *((rival_name(one, a), a.evidence, a.tied) for a in shown),
+    ]
+    lead = min((a.behind for a in one.alternatives), default=None)
+    words = "Dashed: 10, very strong."
+    if any(a.tied for a in one.alternatives):
+        words += " These observations cannot tell black bars apart."
+    elif lead is not None:
+        words += f" The lead is {figure_text(lead, 0)}."
+    further = len(one.alternatives) - len(shown)
+    words += f" {further} more are weaker." if further else ""
+    again = one.evidence.found_again_share
+    words += "" if again is None else f" Found again in {100.0 * again:.0f} % of the splits."
+    return {
+        "strong": round(100.0 * VERY_STRONG / reach, 2),
+        "bars": [
+            {
+                "name": name,
+                "value": figure_text(value, 0),
+                "width": round(100.0 * max(value, 0.0) / reach, 2),
+                "is_black": is_black,
+            }
+            for name, value, is_black in bars
+        ],
+        "words": words,
+        "separating": [
+            (rival_name(one, tie), tie.separating_measurement)
+            for tie in one.ties
+            if tie.separating_measurement
+        ],
+    }
+
+
+def _by_unit(components: Sequence[ComponentFigures]) -> Iterator[dict[str, Any]]:
+    """Group components of one unit on one scale; those that nothing changes fold into one row."""
+    order = [unit.symbol for unit in Unit]
+    for unit, together in groupby(
+        sorted(components, key=lambda c: order.index(c.unit)), lambda c: c.unit
+    ):
+        own = sorted(together, key=lambda c: -c.shown_rms[0])
+        decimals = decimals_for(median(c.noise for c in own))
+        reach = 1.05 * largest((*c.shown_rms, c.floor or 0.0) for c in own) or 1.0
+        rows = [_component(c, decimals, reach) for c in own]
+        kept = [row for row in rows if row["is_changed"]] or rows[:3]
+        yield {
+            "unit": unit,
+            "reach": f"{reach:.2g}",
+            "rows": kept,
+            "folded": [row for row in rows if row not in kept],
+            "at_most": figure_text(
+                max(
+                    (c.shown_rms[0] for c, r in zip(own, rows, strict=True) if r not in kept),
+                    default=0.0,
+                ),
+                decimals,
+            ),
+        }
+
+
+def _component(one: ComponentFigures, decimals: int, reach: float) -> dict[str, Any]:
+    before, after = one.shown_rms
+    return {
+        "name": component_name(one.component),
+        "before": figure_text(before, decimals),
+        "after": figure_text(after, decimals),
+        "floor": "–" if one.floor is None else figure_text(one.floor, decimals),
+        "why_no_floor": one.floor_unknown or "",
+        "count": one.count,
+        "is_changed": one.is_changed,
+        "is_held_out": one.is_held_out,
+        "at_before": round(100.0 * before / reach, 2),
+        "at_after": round(100.0 * after / reach, 2),
+        "at_floor": None if one.floor is None else round(100.0 * one.floor / reach, 2),
+    }
+
+
+def _visit_chart(result: Analysis) -> dict[str, Any] | None:
+    """Draw the visits' means of the component that the first effect, or what is left, is of."""
+    named = [name for e in result.effects for name in e.components]
+    named += [part.component for part in result.unexplained]
+    by_name = {c.component: c for c in result.plots.visits if len(c.time_s) > 1}
+    one: VisitMeans | None = next((by_name[name] for name in named if name in by_name), None)
+    if one is None:
+        return None
+    band = 2.0 * max(one.expected) if one.expected else None
+    name = component_name(one.component)
+    return {
+        "name": name,
+        "unit": one.unit,
+        **residual_chart(
+            Marks(one.time_s, one.before, one.after),
+            band,
+            f"Mean residuals of {name} by visit in {one.unit}, {len(one.time_s)} means: within "
+            f"±{largest([one.before]):.3g} before, ±{largest([one.after]):.3g} after",
+            over_time=True,
+        ),
+    }
+
+
+def _proposal(one: TriedAssignment) -> dict[str, str]:
+    return {
+        "component": one.component,
+        "sensor": one.other_sensor or "",
+        "words": proposal_words(one),
+    }
+
+
+def _seen(result: Analysis, decimals: int) -> list[tuple[str, list[str]]]:
+    """Say of each kind from which size on it would have been seen."""
+    units = units_of(result.detectable)
+    kinds = dict.fromkeys(one.kind for one in result.detectable)
+    return [
+        (
+            kind_name(kind),
+            [
+                size_range([s for s in result.detectable if s.kind == kind], unit, decimals)
+                for unit in units
+            ],
+        )
+        for kind in kinds
+    ]

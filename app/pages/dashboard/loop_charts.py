@@ -1,0 +1,110 @@
+"""Charts of the loop: rings before, dots after, over what drives an effect or by visit.
+
+Places are shares of the box in per cent, so that marks stay round however wide it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from markupsafe import Markup
+
+from app.pages.dashboard.charts import Scale
+from app.pages.dashboard.numbers import MINUS
+
+MOST_MARKS: Final = 150
+"""Marks of one chart: more are not told apart."""
+
+INSET: Final = 3.0
+"""Room on both sides for a mark that stands at an end [%]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """What is drawn at each place: before, after, and what the effect explains."""
+
+    at: Sequence[float]
+    before: Sequence[float]
+    after: Sequence[float]
+    explained: Sequence[float] = ()
+
+    def thinned(self) -> Marks:
+        """Take every so many, as no more can be told apart."""
+        step = -(-len(self.at) // MOST_MARKS) or 1
+        return Marks(*(own[::step] for own in (self.at, self.before, self.after, self.explained)))
+
+
+def residual_chart(marks: Marks, band: float | None, name: str, *, over_time: bool) -> Any:
+    """Draw residuals before and after; the band is what noise alone would leave.
+
+    Returns
+    -------
+    dict
+        `svg`, and the `ticks` and `positions` that stand in HTML beside it.
+    """
+    marks = marks.thinned()
+    reach = [] if band is None else [-band, band]
+    scale = Scale.over([*marks.before, *marks.after, *marks.explained, *reach])
+    low, high = min(marks.at), max(marks.at)
+    return {
+        "svg": _svg(marks, scale, band, low, high, name),
+        "ticks": [
+            {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": _tick(t)}
+            for t in scale.ticks
+        ],
+        "positions": _positions(low, high, over_time=over_time),
+    }
+
+
+def _svg(
+    marks: Marks, scale: Scale, band: float | None, low: float, high: float, name: str
+) -> Markup:
+    def x(value: float) -> str:
+        share = 0.5 if high <= low else (value - low) / (high - low)
+        return f"{INSET + (100.0 - 2.0 * INSET) * share:.2f}%"
+
+    def y(value: float) -> str:
+        return f"{100.0 * (1.0 - scale.share(value)):.2f}%"
+
+    parts = []
+    if band is not None:
+        height = 100.0 * (scale.share(band) - scale.share(-band))
+        parts.append(f'<rect class="band" y="{y(band)}" width="100%" height="{height:.2f}%"/>')
+    for tick in scale.ticks:
+        kind = "grid" if tick else "zero"
+        parts.append(f'<line class="{kind}" x2="100%" y1="{y(tick)}" y2="{y(tick)}"/>')
+    parts += _marks(marks, x, y)
+    said = Markup('role="img" aria-label="{}"').format(name)
+    return Markup(f'<svg class="residuals" {said}>{"".join(parts)}</svg>')
+
+
+def _marks(marks: Marks, x: Any, y: Any) -> Iterable[str]:
+    """Rings that a dot fits into, joined; short dashes where the effect says that they are."""
+    places = list(zip(marks.at, marks.before, marks.after, strict=True))
+    for at, before, after in places:
+        yield f'<line class="way" x1="{x(at)}" x2="{x(at)}" y1="{y(before)}" y2="{y(after)}"/>'
+    for at, said in zip(marks.at, marks.explained, strict=False):
+        yield (
+            f'<svg class="here" x="{x(at)}" y="{y(said)}">'
+            '<line class="explained" x1="-9" x2="9" y1="0" y2="0"/></svg>'
+        )
+    for at, before, _ in places:
+        yield f'<circle class="before" cx="{x(at)}" cy="{y(before)}" r="5"/>'
+    for at, _, after in places:
+        yield f'<circle class="dot" cx="{x(at)}" cy="{y(after)}" r="3"/>'
+
+
+def _positions(low: float, high: float, *, over_time: bool) -> list[str]:
+    """Write both ends, and what lies between them."""
+    ends = [low + (high - low) * i / 4 for i in range(5)] if high > low else [low]
+    if not over_time:
+        return [f"{end:.3g}".replace("-", MINUS) for end in ends]
+    form = "%d %b" if high - low > 2 * 86400.0 else "%d %b %H:%M"
+    return [f"{datetime.fromtimestamp(end, UTC):{form}}" for end in ends[:: 2 if high > low else 1]]
+
+
+def _tick(value: float) -> str:
+    return f"{value:g}".replace("-", MINUS)

@@ -1,0 +1,200 @@
+"""The page of maps and versions: which is active, two side by side, and what a new one would do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any, Final
+
+from app.compensation.table import CompensationTable, ComponentCompensation
+from app.compensation.table_difference import ComponentChange
+from app.effects.adopted.model_difference import Part
+from app.errors import counted
+from app.geometry.components import COMPONENTS
+from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale
+from app.pages.dashboard.navigation import Shown
+from app.pages.dashboard.numbers import clock, signed
+from app.pages.environment import render_live
+from app.services.maps_view import MapsView
+from app.services.models import Preview
+from app.storage.records import ModelVersion
+from app.thermal.error_map import ErrorMap
+
+SEEN: Final = 0.05
+"""Changes below are 0.0 as they are written: their rows fold into one."""
+
+
+def maps_page(view: MapsView, now: datetime) -> str:
+    """Write the page of a machine's maps and versions."""
+    status = view.status
+    return render_live(
+        "dashboard/maps.html",
+        page="/maps",
+        machine=Shown(status.machine, status.name),
+        stream=f"/v1/machines/{status.machine}/compensation/stream",
+        now=now,
+        view=view,
+        title=_title(view, now),
+        versions=[_version(one, view, now) for one in view.versions],
+        difference=None if view.compared is None else _changes(view.compared.changes),
+        why_not="" if view.compared is None else view.compared.why_not,
+    )
+
+
+def upload_preview(preview: Preview, name: str, error_map: ErrorMap, remarks: Sequence[str]) -> str:
+    """Write what storing a file's map would do, before anything is stored."""
+    about = (
+        f"{name} · map ‘{error_map.label}’ · {counted(len(error_map.tables), 'component')}, "
+        f"{counted(len(error_map.temperatures_c), 'temperature')}"
+    )
+    return _preview_page(preview, "upload", "Storing this map", about, remarks=remarks)
+
+
+def activation_preview(preview: Preview, version: int) -> str:
+    """Write what activating a version would do, before it is done."""
+    return _preview_page(
+        preview, "activate", f"Activating v{version}", f"v{version}", version=version
+    )
+
+
+def _preview_page(
+    preview: Preview,
+    what: str,
+    subject: str,
+    about: str,
+    *,
+    version: int | None = None,
+    remarks: Sequence[str] = (),
+) -> str:
+    loses = preview.difference.loses
+    return render_live(
+        "dashboard/preview.html",
+        what=what,
+        about=about,
+        version=version,
+        active=preview.active_version,
+        loses=loses,
+        gains=preview.difference.gains,
+        reason=preview.reason,
+        sentence=_worst(preview, subject),
+        picture=_picture(preview),
+        changes=_changes(preview.present.changes),
+        why_not=preview.present.why_not,
+        waited=preview.waited_before,
+        remarks=remarks,
+    )
+
+
+def _title(view: MapsView, now: datetime) -> str:
+    active = view.active_version
+    if active is None:
+        return "No version yet: the first error map makes one."
+    return f"v{active.version} is active, made {clock(active.created_at, now)}: {_made_of(active)}."
+
+
+def _made_of(version: ModelVersion) -> str:
+    effects = counted(len(version.effects), "adopted effect")
+    return f"{counted(len(version.maps), 'map')} and {effects if version.effects else 'no effect'}"
+
+
+def _version(one: ModelVersion, view: MapsView, now: datetime) -> dict[str, Any]:
+    return {
+        "number": one.version,
+        "reason": one.reason,
+        "made": clock(one.created_at, now),
+        "made_of": _made_of(one),
+        "maps": ", ".join(stored.error_map.label for stored in one.maps),
+        "is_active": one.version == view.active,
+        "is_waiting": one.version == view.waiting,
+        "is_a": one.version == view.a,
+        "is_b": one.version == view.b,
+    }
+
+
+def _worst(preview: Preview, subject: str) -> str:
+    """Say the worst consequence: what is lost, else the largest change."""
+    loses, present = preview.difference.loses, preview.present
+    if loses:
+        more = f", and {len(loses) - 1} more" if len(loses) > 1 else ""
+        return f"{subject} would lose {loses[0].text}{more}."
+    if present.why_not:
+        return f"{subject} loses nothing; by how much tables change is not known."
+    if not present.changes or abs(present.changes[0].change) < SEEN:
+        return f"{subject} loses nothing and changes no value now by more than 0.0."
+    row = _row(present.changes[0])
+    return f"{subject} would change {row['code']} by {row['change']} {row['unit']} {row['place']}."
+
+
+def _changes(changes: Sequence[ComponentChange]) -> dict[str, Any]:
+    """List what is seen to change, and fold the others into how many there are."""
+    seen = [one for one in changes if abs(one.change) >= SEEN]
+    return {"rows": [_row(one) for one in seen], "same": len(changes) - len(seen)}
+
+
+def _row(one: ComponentChange) -> dict[str, Any]:
+    """Write a change of the compensation: minus that of the error."""
+    axis = one.component.axis
+    place = ""
+    if axis is not None and one.position_mm is not None:
+        place = f"at {axis.upper()} {one.position_mm:g}" + (" backward" if one.is_backward else "")
+    return {
+        "code": one.component.code,
+        "change": signed(-one.change),
+        "unit": one.component.unit.symbol,
+        "place": place,
+        "before": one.status_before,
+        "after": one.status_after,
+    }
+
+
+def _picture(preview: Preview) -> dict[str, Any] | None:
+    """Draw the component of the worst consequence, now and as it would be."""
+    present = preview.present
+    lost = next((one for one in preview.difference.loses if one.component is not None), None)
+    code = lost.component if lost is not None else None
+    if code is None and present.changes:
+        code = present.changes[0].component.code
+    before, after = (_entry(table, code) for table in (present.before, present.after))
+    if before is None and after is None:
+        return None
+    shown = [one for one in (before, after) if one is not None]
+    component = shown[0].component
+    if not component.is_table:
+        return None
+    scale = Scale.over(float(v) for one in shown for v in one.compensation)
+    ends = (
+        min(float(one.positions_mm[0]) for one in shown),
+        max(float(one.positions_mm[-1]) for one in shown),
+    )
+    name = f"{component.code} compensation in {component.unit.symbol}: grey now, black afterwards"
+    lost_mm = _lost_mm(lost, ends)
+    return {
+        "title": f"{component.code} compensation at the temperatures of now, "
+        f"{component.unit.symbol}",
+        "svg": before_after_svg(before, after, scale, ends, lost_mm, name),
+        "ticks": [
+            {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": _tick(t)}
+            for t in scale.ticks
+        ],
+        "positions": [f"{x:g}" for x in positions_scale(*ends)],
+        "axis": (component.axis or "").upper(),
+        "lost": lost.text if lost is not None and lost_mm is not None else "",
+    }
+
+
+def _entry(table: CompensationTable | None, code: str | None) -> ComponentCompensation | None:
+    if table is None or code not in COMPONENTS:
+        return None
+    return next((one for one in table.components if one.component.code == code), None)
+
+
+def _lost_mm(lost: Part | None, ends: tuple[float, float]) -> tuple[float, float] | None:
+    if lost is None or lost.what not in ("positions", "component"):
+        return None
+    low = ends[0] if lost.from_mm is None else max(lost.from_mm, ends[0])
+    high = ends[1] if lost.to_mm is None else min(lost.to_mm, ends[1])
+    return (low, high) if high > low else None
+
+
+def _tick(value: float) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")

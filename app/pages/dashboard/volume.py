@@ -1,0 +1,255 @@
+"""The page of the work volume: largest error, three slices, corners, what is left, definitions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import Any, Final
+from urllib.parse import urlencode
+
+import numpy as np
+from markupsafe import Markup
+
+from app.arrays import FloatArray
+from app.errors import counted, list_names
+from app.geometry.compensation_levels import Level
+from app.geometry.components import LINEAR_LETTERS
+from app.geometry.work_volume import WorkVolume
+from app.pages.dashboard.navigation import Shown
+from app.pages.dashboard.numbers import number, signed
+from app.pages.dashboard.pages import group_of
+from app.pages.environment import render_live
+from app.pictures.slices import LINES, Slice
+from app.services.volume import PointError, VolumeNow, VolumeView
+from app.units import UM_PER_MM
+
+LEVELS: Final = {
+    Level.NOTHING: "Nothing is compensated",
+    Level.DISPLACEMENT: "Displacement: EXX, EYY, EZZ",
+    Level.STRAIGHTNESS: "… and straightness, squareness",
+    Level.ANGULAR: "… and the nine rotations",
+    Level.NONRIGID: "… and slopes of bending axes",
+}
+
+_ROUND: Final = (1.0, 2.0, 5.0)
+
+
+def volume_page(view: VolumeView, now: datetime) -> str:
+    """Write the page of a machine's work volume."""
+    status = view.status
+    shown = {} if view.found is None else _shown(view.found)
+    return render_live(
+        "dashboard/volume.html",
+        page="/volume",
+        machine=Shown(status.machine, status.name),
+        stream=f"/v1/machines/{status.machine}/compensation/stream",
+        now=now,
+        status=status,
+        group=group_of(status),
+        why_not=view.why_not,
+        volume=shown,
+    )
+
+
+def _shown(now: VolumeNow) -> dict[str, Any]:
+    worst = now.worst
+    largest = worst.length_um or 1.0
+    base = {"times": f"{now.exaggeration:g}", "through": now.through}
+    if any(now.tool_offset_mm):
+        base |= {
+            f"tool_{a}": f"{t:g}" for a, t in zip(LINEAR_LETTERS, now.tool_offset_mm, strict=True)
+        }
+    m = _margin_mm(now.slices, now.volume)
+    x, y, _ = (high - low + 2.0 * m for low, high in now.volume.ranges_mm)
+    return {
+        "title": f"Largest error {number(worst.length_um, 1)} µm at {_place(worst)}, "
+        "before compensation.",
+        "conditions": _conditions(now),
+        "zero": _zero(now),
+        "warnings": now.warnings,
+        "times": f"{now.exaggeration:g}",
+        "columns": f"{x:.2f}fr {y:.2f}fr",
+        "views": [_view(one, now, m) for one in now.slices],
+        "bars": _bars(now, y, m),
+        "is_ringed": all(one.ringed is not None for one in now.slices),
+        "exaggerations": [
+            (f"{times:g}", urlencode(base | {"times": f"{times:g}"}), times == now.exaggeration)
+            for times in _steps(now.automatic, now.exaggeration)
+        ],
+        "through": [
+            (words, urlencode(base | {"through": words}), words == now.through)
+            for words in ("worst", "middle")
+        ],
+        "corners": [
+            _row("worst", worst, largest),
+            *(_row(str(i), one, largest) for i, one in enumerate(now.corners, start=1)),
+        ],
+        "levels": _levels(now),
+        "definitions": [
+            ("Ed, ISO 230-6", now.accuracy.diagonals.ed_um),
+            ("ESd", now.accuracy.diagonals.esd_um),
+            ("Definition 1", now.accuracy.with_arms.definition_1),
+            ("Definition 2", now.accuracy.with_arms.definition_2),
+            ("ELv", now.accuracy.lines.elv_um),
+            ("ELSv", now.accuracy.lines.elsv_um),
+        ],
+    }
+
+
+def _place(one: PointError) -> str:
+    words = [f"{a.upper()} {_mm(v)}" for a, v in zip(LINEAR_LETTERS, one.point_mm, strict=True)]
+    return ", ".join(words) + " mm"
+
+
+def _conditions(now: VolumeNow) -> str:
+    tool = ", ".join(_mm(t) for t in now.tool_offset_mm)
+    at = ", ".join(f"{s} {number(t)} °C" for s, t in now.answer.temperatures_c[0].items())
+    chain = now.answer.machine.chain.text
+    return f"At {at}; v{now.answer.model_version}, tool offset ({tool}) mm, {chain}."
+
+
+def _zero(now: VolumeNow) -> str:
+    """Say what the numbers leave out: components without maps are not errors of zero."""
+    missing = now.answer.counted_as_zero
+    if not missing:
+        return ""
+    verb = "counts" if len(missing) == 1 else "count"
+    return (
+        f"{counted(len(missing), 'component')} without two maps {verb} as zero: "
+        f"{list_names(missing)}. The true error may be larger."
+    )
+
+
+def _row(name: str, one: PointError, largest_um: float) -> dict[str, Any]:
+    return {
+        "name": name,
+        "point": [_mm(v) for v in one.point_mm],
+        "error": [signed(v) for v in one.error_um],
+        "length": number(one.length_um, 1),
+        "share": round(100.0 * one.length_um / largest_um, 1),
+    }
+
+
+def _levels(now: VolumeNow) -> list[dict[str, Any]]:
+    """Lay out what each level leaves; slopes only where the machine has any."""
+    has_slopes = any("^" in code for code in now.answer.field.tables)
+    largest = max((one.max_um for one in now.levels), default=0.0) or 1.0
+    return [
+        {
+            "name": LEVELS[one.level],
+            "mean": number(one.mean_um, 1),
+            "largest": number(one.max_um, 1),
+            "share": round(100.0 * one.max_um / largest, 1),
+            "mean_share": round(100.0 * one.mean_um / largest, 1),
+        }
+        for one in now.levels
+        if has_slopes or one.level is not Level.NONRIGID
+    ]
+
+
+def _steps(automatic: float, chosen: float) -> list[float]:
+    """Give the factor that suits with its neighbours in steps 1, 2, 5, and the chosen one."""
+    return sorted({_next(automatic, -1), automatic, _next(automatic, 1), chosen})
+
+
+def _next(factor: float, by: int) -> float:
+    """Go up or down by one of the steps 1, 2, 5.
+
+    >>> _next(500.0, 1), _next(500.0, -1), _next(1.0, -1)
+    (1000.0, 200.0, 0.5)
+    """
+    power = math.floor(math.log10(factor) + 1e-9)
+    at = min(range(3), key=lambda i: abs(_ROUND[i] - factor / 10.0**power)) + 3 * power + by
+    return float(f"{_ROUND[at % 3]:g}e{at // 3}")
+
+
+def _margin_mm(slices: Sequence[Slice], volume: WorkVolume) -> float:
+    """How far lines reach beyond the volume, and a little more: the same round all slices [mm]."""
+    beyond = 0.0
+    for one in slices:
+        points = np.vstack(one.real)
+        for i, axis in enumerate((one.across, one.up)):
+            low, high = volume.ranges_mm[axis]
+            beyond = max(beyond, low - points[:, i].min(), points[:, i].max() - high)
+    longest = max(high - low for low, high in volume.ranges_mm)
+    return float(beyond + 0.035 * longest)
+
+
+def _view(one: Slice, now: VolumeNow, margin_mm: float) -> dict[str, Any]:
+    across, up = (now.volume.ranges_mm[axis] for axis in (one.across, one.up))
+    third = LINEAR_LETTERS[one.third].upper()
+    left, top = across[0] - margin_mm, up[1] + margin_mm
+    size = (across[1] - across[0] + 2 * margin_mm, up[1] - up[0] + 2 * margin_mm)
+
+    def to(points_mm: FloatArray) -> str:
+        return " ".join(f"{x - left:.2f},{top - y:.2f}" for x, y in points_mm)
+
+    parts = [f'<polyline class="nominal" points="{to(line)}"/>' for line in one.nominal]
+    edges = {0, LINES - 1, LINES, 2 * LINES - 1}
+    for i, line in enumerate(one.real):
+        kind = "edge" if i in edges else "real"
+        parts.append(f'<polyline class="{kind}" points="{to(line)}"/>')
+    ring = max(max(high - low for low, high in now.volume.ranges_mm) * 0.022, 1e-9)
+    if one.ringed is not None:
+        (a, b), (c, d) = ((x - left, top - y) for x, y in one.ringed)
+        parts.append(f'<line class="edge" x1="{a:.2f}" y1="{b:.2f}" x2="{c:.2f}" y2="{d:.2f}"/>')
+        parts.append(f'<circle class="from" cx="{a:.2f}" cy="{b:.2f}" r="{ring / 2:.2f}"/>')
+        parts.append(f'<circle class="ringed" cx="{c:.2f}" cy="{d:.2f}" r="{ring:.2f}"/>')
+    name = (
+        f"{one.name} view, {one.plane} at {third} {_mm(one.at_mm)} mm: nominal grid and real one, "
+        f"errors drawn {now.exaggeration:g} times larger"
+    )
+    return {
+        "name": one.name,
+        "key": one.name.lower(),
+        "words": f"{one.plane} at {third} {_mm(one.at_mm)}",
+        "svg": _svg(size, parts, name),
+        "across": LINEAR_LETTERS[one.across].upper(),
+        "up": LINEAR_LETTERS[one.up].upper(),
+        "inset": round(100.0 * margin_mm / size[0], 2),
+        "ends": [_mm(v) for v in across],
+        "heights": [_mm(v) for v in up],
+    }
+
+
+def _bars(now: VolumeNow, width_mm: float, margin_mm: float) -> dict[str, Any]:
+    """Draw the two bars for scale at the scale of the slices, in their second column."""
+    travel = _round_below(width_mm / 3.0)
+    error_um = _round_below(width_mm / 3.0 * UM_PER_MM / now.exaggeration)
+    long_mm = error_um * now.exaggeration / UM_PER_MM
+    high = 0.06 * width_mm
+
+    def bar(kind: str, y: float, length: float) -> str:
+        tick = 0.012 * width_mm
+        points = (
+            f"1,{y - tick:.2f} 1,{y:.2f} {1 + length:.2f},{y:.2f} {1 + length:.2f},{y - tick:.2f}"
+        )
+        return f'<polyline class="{kind}" points="{points}"/>'
+
+    def words(length: float, unit: str) -> str:
+        return f"{length:g} {unit}"
+
+    return {
+        "travel": _svg((width_mm, high), [bar("nominal bar-line", high * 0.7, travel)], ""),
+        "travel_words": f"{words(travel, 'mm')} of travel",
+        "error": _svg((width_mm, high), [bar("edge", high * 0.7, long_mm)], ""),
+        "error_words": f"{words(error_um, 'µm')} of error",
+    }
+
+
+def _round_below(value: float) -> float:
+    power = math.floor(math.log10(value)) if value > 0.0 else 0
+    return max(r * 10.0**power for r in _ROUND if r * 10.0**power <= value * (1 + 1e-9) or r == 1.0)
+
+
+def _svg(size: tuple[float, float], parts: Iterable[str], name: str) -> Markup:
+    said = Markup('role="img" aria-label="{}"').format(name) if name else 'aria-hidden="true"'
+    return Markup(
+        f'<svg class="slice" viewBox="0 0 {size[0]:.2f} {size[1]:.2f}" {said}>'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def _mm(value: float) -> str:
+    return f"{round(value, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")

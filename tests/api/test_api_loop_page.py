@@ -1,0 +1,145 @@
+"""The page of the loop as a browser without JavaScript gets it: every state says what to do."""
+
+import json
+from datetime import timedelta
+
+import pytest
+
+from app.pages.report_parts.words import sentence
+from app.storage.analyses import claim_analysis, fail_analysis, finish_analysis, insert_analysis
+from app.storage.analysis_results import RESULTS
+from app.storage.records import AnalysisTask
+from tests.api.test_api_dashboard import EVIL, Texts, shown
+from tests.effect_examples import OUTDATED
+from tests.pages.example_analyses import ALL, BACKLASH, LAG, NOTHING, rival
+from tests.service_examples import ROOM, START, iso, problem, reading
+
+pytestmark = pytest.mark.anyio
+
+PAGE = "/machines/mcfv5050/loop"
+SHIFT = LAG | {
+    "effect": OUTDATED.to_json(),
+    "explanation": "EXX is shifted by 3.0 ± 0.1 µm",
+    "helps": True,
+    "why_not": None,
+    "alternatives": [],
+}
+
+
+def asked(app, version=3):
+    with app.state.context.database.writing() as session:
+        task = AnalysisTask(version, [1], 0.3, None, 0)
+        number = insert_analysis(session, "mcfv5050", task, START).id
+        assert claim_analysis(session, "somebody", START) == number
+    return number
+
+
+def done(app, result):
+    number = asked(app)
+    with app.state.context.database.writing() as session:
+        text = RESULTS.text(RESULTS.read_text(json.dumps(result)))
+        assert finish_analysis(session, number, "somebody", text, START)
+    return number
+
+
+async def check(client, label, time, measured_um):
+    answer = await client.post(f"{ROOM}/readings", json=reading(time, 24.0))
+    assert answer.status_code == 201, answer.text
+    places = [{"component": "EXX", "position_mm": x, "direction": "+"} for x in (100, 300, 500)]
+    body = {
+        "label": label,
+        "observations": [
+            {"time": iso(time), "measured_um": um, **place}
+            for place, um in zip(places, measured_um, strict=True)
+        ],
+    }
+    answer = await client.post(f"{ROOM}/verifications", json=body)
+    assert answer.status_code == 201, answer.text
+    return answer.json()["id"]
+
+
+async def test_before_anything_is_found_it_says_what_to_do_next(client, empty, app):
+    page = await shown(client, PAGE)
+    assert "No checks yet." in page.text
+    assert "Store a check" in page.text
+    number = await check(client, EVIL, START - timedelta(hours=2), [7.0, 12.0, 23.0])
+    page = await shown(client, PAGE)
+    assert "1 check, not analysed yet." in page.text
+    assert EVIL in page.text
+    assert f"{ROOM}/verifications/{number}/residuals" in page.addresses
+    analysis = asked(app)
+    page = await shown(client, PAGE)
+    assert f"Analysis {analysis}: begins, 0 %." in page.text
+    assert "Cancel analysis" in page.text
+    with app.state.context.database.writing() as session:
+        why = "the service was stopped while it ran"
+        assert fail_analysis(session, analysis, "somebody", None, why, START)
+    page = await shown(client, PAGE)
+    assert f"Analysis {analysis} failed: the service was stopped while it ran" in page.text
+    assert "Nothing was adopted; the table is not affected." in page.text
+    problem(await client.get(f"{PAGE}?analysis=99"), 404)
+    problem(await empty.get("/machines/another/loop"), 404)
+
+
+@pytest.mark.parametrize("which", ALL)
+async def test_every_result_is_shown_with_its_decision(client, app, which):
+    done(app, ALL[which])
+    answer = await client.get(PAGE)
+    page = Texts(answer.text)
+    assert answer.status_code == 200
+    assert page.tags.count("script") == 4
+    for effect in ALL[which]["effects"]:
+        assert sentence(effect["explanation"]) in page.text
+    for step in ALL[which]["what_next"]:
+        assert sentence(step) in page.text
+    assert "What would have been seen" in page.text
+
+
+@pytest.mark.parametrize("verdict", ["nothing-found", "not-judged"])
+async def test_nothing_is_never_said_without_what_would_have_been_seen(client, app, verdict):
+    done(app, NOTHING | {"verdict": verdict})
+    page = await shown(client, PAGE)
+    assert "thermal lag: 0.21 to 0.30 µm 0.40 µrad would have been seen" in page.text
+    assert "There is nothing to adopt." in page.text
+    done(app, NOTHING | {"verdict": verdict, "detectable": []})
+    page = await shown(client, PAGE)
+    assert "Nothing could have been seen" in page.text
+
+
+async def test_a_tie_is_a_second_black_bar_with_what_separates_the_two(client, app):
+    tie = rival("backlash", 205.0, tied=True, separating_measurement="measure both ways")
+    done(app, ALL["found"] | {"effects": [SHIFT | {"alternatives": [tie]}, BACKLASH]})
+    answer = await client.get(PAGE)
+    assert answer.text.count('<tr class="black">') >= 2
+    assert "cannot tell black bars apart" in answer.text
+    assert "measure both ways" in answer.text
+
+
+async def test_after_adoption_later_visits_are_held_against_both_versions(client, app):
+    await check(client, "analysed", START - timedelta(hours=2), [7.0, 15.0, 23.0])
+    number = done(app, ALL["found"] | {"effects": [SHIFT]})
+    page = await shown(client, PAGE)
+    assert "Adopt as v4" in page.text
+    adopted = await client.post(f"{ROOM}/analyses/{number}/adopt")
+    assert adopted.status_code == 200, adopted.text
+    page = await shown(client, PAGE)
+    assert "Adopted as v4. No later visits yet" in page.text
+    assert "Go back to v3" in page.text
+    # At 24 °C the maps say 4, 12 and 20 µm; what was adopted adds 3.
+    await check(client, "later", START - timedelta(hours=1), [7.0, 15.0, 23.0])
+    page = await shown(client, PAGE)
+    assert "Adopted as v4. 1 later visit: 3.00 → 0.00 µm." in page.text
+    answer = await client.post(f"{ROOM}/models/3/activate")
+    assert answer.status_code == 200, answer.text
+    page = await shown(client, PAGE)
+    assert "Activate v4" in page.text
+    assert "Go back" not in page.text
+
+
+async def test_what_was_found_on_another_version_is_not_adopted_unasked(client, app):
+    number = done(app, ALL["found"] | {"effects": [SHIFT]})
+    done(app, ALL["found"] | {"effects": [SHIFT | {"effect": BACKLASH["effect"]}]})
+    await client.post(f"{ROOM}/analyses/{number}/adopt")
+    page = await shown(client, PAGE)
+    assert "v4 is active, the analysis was made of v3." in page.text
+    assert "Analyse again on v4" in page.text

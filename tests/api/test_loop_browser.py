@@ -1,0 +1,94 @@
+"""The loop in Debian's Chromium: from checks to an adopted effect and back."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from tests.api.test_dashboard_browser import (
+    SIZES,
+    Shop,
+    barriers,
+    chromium,
+    expect,
+    opened,
+    pytestmark,
+)
+from tests.campaign_examples import ROOM, campaign_database
+
+__all__ = ["chromium", "pytestmark"]
+
+LOOP = "/machines/campaign/loop"
+
+
+@pytest.fixture
+def shop(databases):
+    with ThreadPoolExecutor(1) as aside:
+        database_url = aside.submit(databases.prepared, "sqlite", campaign_database).result()
+    yield Shop(database_url)
+    databases.give_back(database_url)
+
+
+def run_quick_analysis(page):
+    page.locator("details.options summary").click()
+    page.locator("input[name=kind][value=backlash]").check()
+    page.locator("#start").click()
+    expect(page.locator("#answer h1")).to_contain_text("EZX")
+
+
+def test_an_effect_is_found_adopted_and_taken_back(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        expect(page.locator("#answer h1")).to_have_text("8 checks, not analysed yet.")
+        expect(page.locator("[data-residuals]").first).not_to_have_text("–")
+        run_quick_analysis(page)
+        page.keyboard.press("a")
+        expect(page.locator(".asked")).to_contain_text("v3 stays as it is")
+        page.locator(".asked button", has_text="Adopt as v4").click()
+        expect(page.locator(".adopted")).to_have_text(
+            "Adopted as v4. No later visits yet: store a check to see what it is worth."
+        )
+        page.locator("#back").click()
+        page.locator(".asked button", has_text="Go back to v3").click()
+        expect(page.locator("#forward")).to_have_text("Activate v4")
+        shop.send("GET", f"{ROOM}/models/3")
+        assert wrong == []
+
+
+def test_what_is_refused_is_said_where_it_was_asked(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, _):
+        page.goto(shop.url + LOOP)
+        page.locator("#every").uncheck()
+        for box in page.locator("input[name=check]").all():
+            box.uncheck()
+        page.locator("#start").click()
+        expect(page.locator("#checks-said [role=alert]")).to_contain_text("Not started.")
+        wrong_file = {"name": "run-9.json", "mimeType": "application/json", "buffer": b"{}"}
+        page.locator("#file").set_input_files(wrong_file)
+        expect(page.locator("#checks-said [role=alert]")).to_contain_text(
+            "run-9.json was not stored; nothing has changed."
+        )
+        expect(page.locator("#checks-said [role=alert]")).to_contain_text("observations")
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
+    with shop.open(), opened(chromium, shop, size, color_scheme=scheme) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        run_quick_analysis(page)
+        expect(page.locator("#price")).to_contain_text("live table")
+        assert page.locator("html").evaluate("e => e.scrollWidth") <= SIZES[size][0]
+        assert barriers(page) == []
+        assert wrong == []
+
+
+def test_a_controllers_files_are_shown_and_downloaded(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + "/machines/campaign/export?controller=csv")
+        page.keyboard.press("s")
+        expect(page.locator("#shown")).to_contain_text("Check after loading")
+        assert barriers(page) == []
+        with page.expect_download() as found:
+            page.locator("#download").click()
+        assert found.value.suggested_filename == "campaign-csv.zip"
+        assert wrong == []
