@@ -8,25 +8,32 @@ from typing import Any
 
 from fastapi import Depends
 from starlette.concurrency import run_in_threadpool
+from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 import app as package
+from app.api.access import AccessControl
 from app.api.dependencies import refuse_unknown_query
 from app.api.error_responses import install_error_responses
 from app.api.gate import Gate
+from app.api.machine_metrics import machine_metrics
 from app.api.metrics import Metrics, MetricsMiddleware
 from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
 from app.api.pages import PAGE_HEADERS, Page
 from app.api.routes import (
     analyses,
     compensation,
+    connections,
     controllers,
     dashboard,
     error_maps,
+    events,
     geometry,
     health,
+    login,
     machines,
+    map_files,
     measurements,
     models,
     pictures,
@@ -39,10 +46,16 @@ from app.api.routes import (
 from app.api.short_way import ThermapService
 from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns, take_turn
+from app.connections.config import ConnectionsFile, read_connections
+from app.connections.running import Connections
+from app.connections.serving_tables import expect_library, serving_tables
+from app.services.access_keys import KeyRing
 from app.services.context import Context
+from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
 from app.services.machines import check_readiness
 from app.services.run_analyses import AnalysisRunner
+from app.services.watching_values import shop_values
 from app.settings import Settings, make_own_folder
 from app.storage.database import Database
 from app.storage.limits import Limits
@@ -56,6 +69,7 @@ ROOMS = (
     geometry,
     pictures,
     machines,
+    map_files,
     error_maps,
     measurements,
     models,
@@ -63,8 +77,11 @@ ROOMS = (
     verifications,
     residuals,
     analyses,
+    events,
+    connections,
     health,
     dashboard,
+    login,
 )
 """The routes, in the order in which /docs lists them."""
 
@@ -79,6 +96,10 @@ READY_S = 4.0
 """How long the database may take to say that it is there [s]."""
 
 
+METRICS_S = 8.0
+"""How long the machines' values may take for /metrics [s]: who scrapes waits for 10 s."""
+
+
 def create_app(settings: Settings | None = None) -> ThermapService:
     """Make the service: database upgraded, routes in place, memory filled at start-up.
 
@@ -90,6 +111,8 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         If the database cannot be reached.
     """
     settings = settings or Settings()
+    expect_library(settings.opcua_endpoint)
+    stated = ConnectionsFile() if settings.config is None else read_connections(settings.config)
     make_own_folder(settings.database_url)
     limits = Limits(lock_s=settings.lock_limit_s, statement_s=settings.statement_limit_s)
     context = Context(Database(settings.database_url, limits))
@@ -100,14 +123,21 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         raise
     follower = DatabaseFollower(context, settings.refresh_s)
     runner = AnalysisRunner(context)
+    alarms = AlarmLog(context)
 
     @asynccontextmanager
     async def lifespan(_app: object) -> AsyncIterator[None]:
         follower.start()
         runner.start()
+        alarms.start()
         try:
-            yield
+            async with (
+                serving_tables(lambda: service.state.context, settings.opcua_endpoint),
+                service.state.connections.running(),
+            ):
+                yield
         finally:
+            await run_in_threadpool(alarms.stop, STOP_S)
             await run_in_threadpool(runner.stop, STOP_S)
             await run_in_threadpool(follower.stop, STOP_S)
             context.database.close()
@@ -132,11 +162,25 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.readiness = SharedQuestion(
         lambda: check_readiness(service.state.context), READY_S
     )
+    service.state.machine_metrics = SharedQuestion(
+        lambda: machine_metrics(shop_values(service.state.context)), METRICS_S
+    )
     service.state.metrics = Metrics(context.live)
-    service.state.gate = Gate(settings.host, settings.allowed_hosts)
+    service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)
+    service.state.connections = Connections(stated, lambda: service.state.context)
+    ring = KeyRing(lambda: service.state.context, settings.refresh_s)
+    service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
     service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
+    if settings.cors_origins:
+        service.add_middleware(
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=["GET", "POST", "PUT", "PATCH", "DELETE"],
+            allow_headers=["Authorization", "Content-Type", "If-None-Match", "Last-Event-ID"],
+            expose_headers=["ETag", "Location", "Retry-After"],
+        )
     install_error_responses(service)
     for room in ROOMS:
         service.include_router(room.router, dependencies=BEFORE_ALL)

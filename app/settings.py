@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any, Final
+from urllib.parse import urlsplit
 
 from platformdirs import user_data_path
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 LARGEST_BODY: Final = 64 * 1024 * 1024
 """Of any route, unless the operator sets it otherwise [bytes]: a million points fit."""
+
+
+_ORIGIN: Final = re.compile(r"https?://[A-Za-z0-9.\-\[\]:]+")
 
 
 def own_folder() -> Path:
@@ -34,6 +40,13 @@ def make_own_folder(database_url: str) -> None:
             folder.mkdir(parents=True, exist_ok=True)
 
 
+def is_this_computer(host: str) -> bool:
+    """Whether only this computer reaches what listens on an address."""
+    with suppress(ValueError):
+        return ip_address(host).is_loopback
+    return host == "localhost"
+
+
 class Settings(BaseSettings):
     """What an operator may choose."""
 
@@ -48,6 +61,17 @@ class Settings(BaseSettings):
         (),
         description="Names under which the service is reached, beside this computer's own and "
         "numeric addresses; *.example.org for all below it, * for every name",
+    )
+    cors_origins: Annotated[tuple[str, ...], NoDecode] = Field(
+        (),
+        description="Other sites whose pages may read and, with a key where keys are asked for, "
+        "write; such as https://mes.example.org",
+    )
+    require_keys: bool = Field(
+        default=False, description="Ask for a key on this computer's own address too"
+    )
+    insecure: bool = Field(
+        default=False, description="Ask for no key although other computers reach the service"
     )
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on")
     max_body_bytes: int = Field(
@@ -71,9 +95,54 @@ class Settings(BaseSettings):
     waiting_limit_s: float = Field(
         10.0, gt=0, description="Longest that a request waits for its turn at the database [s]"
     )
+    opcua_endpoint: str = Field(
+        "",
+        description="Where OPC UA clients read tables: opc.tcp://ADDRESS:PORT/NAME; empty for no "
+        "OPC UA server",
+    )
+    config: Path | None = Field(
+        None, description="File of connections (TOML); without it there are none"
+    )
     log_level: str = Field("warning", description="debug, info, warning, error or critical")
 
-    @field_validator("allowed_hosts", mode="before")
+    @field_validator("cors_origins")
+    @classmethod
+    def _origins_exactly(cls, origins: tuple[str, ...]) -> tuple[str, ...]:
+        for origin in origins:
+            if not _ORIGIN.fullmatch(origin):
+                raise ValueError(
+                    "expected https://NAME or http://NAME, with :PORT where it is not the usual "
+                    f"one, got {origin!r}; * is not taken: it would let every page in"
+                )
+        return tuple(origin.lower() for origin in origins)
+
+    @property
+    def asks_for_keys(self) -> bool:
+        """Whether who asks has to have a key: wherever other computers reach the service."""
+        return self.require_keys or not (self.insecure or is_this_computer(self.host))
+
+    @field_validator("opcua_endpoint")
+    @classmethod
+    def _read_here(cls, stated: str, others: ValidationInfo) -> str:
+        """Refuse an endpoint that is none, or that would tell others what needs a key."""
+        if not stated:
+            return stated
+        host = port = None
+        with suppress(ValueError):
+            url = urlsplit(stated)
+            host, port = url.hostname, url.port
+        if not (host and port and stated.startswith("opc.tcp://")):
+            raise ValueError(
+                "expected opc.tcp://ADDRESS:PORT/NAME, as opc.tcp://127.0.0.1:4840/thermap"
+            )
+        if not (others.data.get("insecure") or is_this_computer(host)):
+            raise ValueError(
+                "expected this computer's own address, as 127.0.0.1 (OPC UA clients state no key: "
+                "other computers read only where --insecure allows it)"
+            )
+        return stated
+
+    @field_validator("allowed_hosts", "cors_origins", mode="before")
     @classmethod
     def _names_apart(cls, stated: Any) -> Any:
         """Take names apart that stand in one text, as in the environment."""

@@ -37,8 +37,12 @@ DEFAULT_URL: Final = "http://127.0.0.1:8000"
 URL_VARIABLE: Final = "THERMAP_URL"
 """The variable of the environment that says where the service is."""
 
+KEY_VARIABLE: Final = "THERMAP_KEY"
+"""The variable of the environment that has the key, where the service asks for one."""
+
 __all__ = [
     "DEFAULT_URL",
+    "KEY_VARIABLE",
     "URL_VARIABLE",
     "AsyncThermapClient",
     "ConflictError",

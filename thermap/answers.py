@@ -415,6 +415,56 @@ class ComponentFiguresAnswer(Shape):
     """What its figures are relative to, as for the figures over all"""
 
 
+class Connection(Shape):
+    """A connection and how it fares."""
+
+    name: str
+    """Its name in the file"""
+
+    kind: str
+    """`mtconnect`"""
+
+    machine: str
+    """Id of the machine whose sensors it reads"""
+
+    endpoint: str
+    """Where it reads"""
+
+    connected: bool
+    """Whether there is contact now"""
+
+    last_value_at: AwareDatetime | None
+    """When the last value came, null before the first"""
+
+    known: int
+    """How many of its sensors and states have a value now"""
+
+    trouble: str
+    """What is the matter, empty where nothing"""
+
+    lost: int
+    """Observations that the agent had thrown away before they were read"""
+
+
+class ConnectionsNow(Shape):
+    """All connections, and what became of what they read."""
+
+    connections: list[Connection]
+    """The connections, in the order of the file"""
+
+    stored: int
+    """Readings that were stored since the service began"""
+
+    dropped: int
+    """Readings that were dropped, the oldest first, as too many waited for the database"""
+
+    refused: int
+    """Values or readings that were refused"""
+
+    last_refusal: str
+    """The last of these, and why; empty without any"""
+
+
 class CoverageAnswer(Shape):
     """One thing that one version's table has and another's lacks."""
 
@@ -515,6 +565,53 @@ class EffectCurve(Shape):
 
     direction: list[float]
     """Approach of its own axis: 1, -1, or 0 where it is not known"""
+
+
+class Event(Shape):
+    """One event."""
+
+    id: int
+    """Number of the event"""
+
+    time: AwareDatetime
+    """When it happened; of an alarm, when it came first"""
+
+    kind: Literal[
+        "machine", "model", "readings", "verification", "analysis", "alarm", "sensor", "key"
+    ]
+    """`machine`, `model`, `readings`, `verification`, `analysis` and `key` are changes; `alarm` is
+    a verdict other than trusted, `sensor` a sensor that has failed
+    """
+
+    who: str
+    """Who asked for it: the name of a key, or an address and its program; `service` where nobody
+    did
+    """
+
+    machine: str | None
+    """Id of the machine, null where it is about none"""
+
+    text: str
+    """What happened, in words"""
+
+    details: dict[str, Any]
+    """The same in fields: `version`, `from` and `to`, `state`, `sensor`, `verification` …"""
+
+    until: AwareDatetime | None
+    """When an alarm or a sensor's failure went, null while it lasts, and for changes"""
+
+    count: int
+    """How often it came within ten minutes of going; 1 for changes"""
+
+
+class Events(Shape):
+    """Events, the newest first."""
+
+    events: list[Event]
+    """The events"""
+
+    next: str | None
+    """What to state as `before` for those before them, null where there are none"""
 
 
 class EvidenceAnswer(Shape):

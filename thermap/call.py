@@ -42,7 +42,11 @@ class Call(Generic[Answer]):
         sent: dict[str, Any] = {"method": self.method, "url": self.path, "headers": self.headers}
         sent["timeout"] = self.waits_s(timeout_s)
         if self.query:
-            sent["params"] = {k: _text(v) for k, v in self.query.items() if v is not None}
+            sent["params"] = {
+                k: [_text(one) for one in v] if isinstance(v, list) else _text(v)
+                for k, v in self.query.items()
+                if v is not None
+            }
         if self.body is not None:
             sent["content"] = json.dumps(_plain(self.body), default=_plain).encode()
             sent["headers"] = {**self.headers, "Content-Type": "application/json"}

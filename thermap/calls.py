@@ -6,7 +6,7 @@ Both clients send these; neither knows a path or a body.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.util import find_spec
@@ -23,10 +23,12 @@ from thermap.answers import (
     ChangedModelAnswer,
     CompareAnswer,
     CompensationAnswer,
+    ConnectionsNow,
     ControllersAnswer,
     CorrelationAnswer,
     CurrentCompensationAnswer,
     ErrorMapAnswer,
+    Events,
     ExportAnswer,
     GridAnswer,
     HealthAnswer,
@@ -148,6 +150,47 @@ def statuses() -> Call[list[MachineStatus]]:
 def status(machine_id: str) -> Call[MachineStatus]:
     """GET …/status."""
     return Call("GET", of_machine(machine_id, "status"), reader_of(MachineStatus))
+
+
+def connections() -> Call[ConnectionsNow]:
+    """GET /v1/connections."""
+    return Call("GET", "/v1/connections", reader_of(ConnectionsNow))
+
+
+def events(
+    machine_id: str,
+    since: datetime | str | None,
+    until: datetime | str | None,
+    kinds: Sequence[str],
+    before: str | None,
+    limit: int | None,
+) -> Call[Events]:
+    """GET …/events."""
+    query = _events_query(since, until, kinds, before, limit)
+    return Call("GET", of_machine(machine_id, "events"), reader_of(Events), query=query)
+
+
+def all_events(
+    since: datetime | str | None,
+    until: datetime | str | None,
+    kinds: Sequence[str],
+    before: str | None,
+    limit: int | None,
+) -> Call[Events]:
+    """GET /v1/events."""
+    query = _events_query(since, until, kinds, before, limit)
+    return Call("GET", "/v1/events", reader_of(Events), query=query)
+
+
+def _events_query(
+    since: datetime | str | None,
+    until: datetime | str | None,
+    kinds: Sequence[str],
+    before: str | None,
+    limit: int | None,
+) -> dict[str, Any]:
+    kind = list(kinds) or None
+    return {"from": since, "to": until, "kind": kind, "before": before, "limit": limit}
 
 
 def needed_components(

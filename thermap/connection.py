@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 
-from thermap import DEFAULT_URL, URL_VARIABLE, __version__
+from thermap import DEFAULT_URL, KEY_VARIABLE, URL_VARIABLE, __version__
 from thermap.errors import NotListeningError, ServiceUnavailableError
 
 
@@ -42,12 +42,16 @@ def without_password(url: httpx.URL) -> str:
     return str(url.copy_with(userinfo=b""))
 
 
-def httpx_options(url: httpx.URL, timeout_s: float) -> dict[str, Any]:
+def httpx_options(url: httpx.URL, timeout_s: float, key: str | None = None) -> dict[str, Any]:
     """Write what both kinds of httpx client are made with."""
+    key = key or os.environ.get(KEY_VARIABLE)
+    headers = {"User-Agent": f"thermap/{__version__}"}
+    if key:
+        headers["Authorization"] = f"Bearer {key}"
     return {
         "base_url": url,
         "timeout": timeout_s,
-        "headers": {"User-Agent": f"thermap/{__version__}"},
+        "headers": headers,
         # A proxy for the world outside has never been the way to this computer itself.
         "trust_env": not _is_this_computer(url.host),
     }

@@ -6,7 +6,7 @@
      ├─ TooLargeError            413: send it in parts
      ├─ InvalidContentError      422: the content cannot be right
      ├─ NotAllowedError          401, 403: refused for who asks, or from where
-     ├─ TooManyRequestsError     429: come back later; only a proxy says so
+     ├─ TooManyRequestsError     429: come back later; wrong keys came too often
      ├─ ServiceUnavailableError  503, or no answer in time: try again
      │   └─ NotListeningError        nobody listens at the URL
      └─ UnexpectedAnswerError    any other status, or an answer that is not thermap's
@@ -82,12 +82,12 @@ class InvalidContentError(ThermapClientError):
 class NotAllowedError(ThermapClientError):
     """401 or 403: who asks, or from where, is not allowed this.
 
-    The service has no keys of its own; a proxy before it may ask for them.
+    State a key: `ThermapClient(key=…)`, or THERMAP_KEY in the environment.
     """
 
 
 class TooManyRequestsError(ThermapClientError):
-    """429: too many requests, for a proxy before the service; it never says so itself."""
+    """429: wrong keys came too often from this address, or a proxy has had too many requests."""
 
 
 class ServiceUnavailableError(ThermapClientError):

@@ -16,6 +16,7 @@ from starlette.responses import Response
 from starlette.routing import Match
 
 from app.api.field_errors import field_error
+from app.api.request_log import request_id
 from app.api.schemas.in_pieces import ENOUGH_ERRORS
 from app.errors import (
     Conflict,
@@ -156,9 +157,8 @@ async def _concurrent_change(_request: Request, _error: Exception) -> Response:
 
 async def _unexpected(request: Request, error: Exception) -> Response:
     log.error("unexpected error at %s", request.url.path, exc_info=error)
-    return problem(
-        500, "Unexpected error", f"{type(error).__name__}; the service's log has the details"
-    )
+    where = f"the service's log has the details, at request {request_id.get()}"
+    return problem(500, "Unexpected error", f"{type(error).__name__}; {where}")
 
 
 def _without_surrogates(text: str) -> str:

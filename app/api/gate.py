@@ -40,9 +40,17 @@ class Gate:
         Further names; `*.example.org` stands for all below example.org, `*` for every name.
         Numeric addresses, localhost and this computer's own name are always allowed: no page
         can let those point elsewhere.
+    origins
+        Other sites whose pages may write too.
     """
 
-    def __init__(self, listens_on: str, allowed_hosts: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        listens_on: str,
+        allowed_hosts: Iterable[str] = (),
+        origins: Iterable[str] = (),
+    ) -> None:
+        self._origins = frozenset(origin.encode("latin-1") for origin in origins)
         stated = {name.lower() for name in allowed_hosts}
         here = socket.gethostname().lower()
         short = here.partition(".")[0]
@@ -77,6 +85,8 @@ class Gate:
     def _is_from_own_page(
         self, host: bytes | None, origin: bytes | None, site: bytes | None
     ) -> bool:
+        if origin is not None and origin.lower() in self._origins:
+            return True
         if site is not None and site not in _OWN_SITES:
             return False
         # `Sec-Fetch-Site: none` without an origin is an address that somebody typed.

@@ -39,6 +39,8 @@ TAGS = [
         "name": "closing the loop",
         "description": "Verifications, what the model leaves of them, and what it lacks.",
     },
+    {"name": "events", "description": "What happened, and by whose doing."},
+    {"name": "connections", "description": "What the service reads beside HTTP."},
     {"name": "health", "description": "Whether the service is well."},
 ]
 
@@ -49,7 +51,9 @@ PROBLEMS = {
     "413": "The body is too large",
     "415": "The body is no JSON by its header",
     "421": "The host is none of this service",
-    "403": "Another web page sent it",
+    "401": "A key is needed, and none came or a wrong one",
+    "403": "The key does not allow it, or another web page sent it",
+    "429": "Wrong keys came too often from this address",
     "422": "The content cannot be right",
     "503": "The database is away; try again later",
 }

@@ -16,7 +16,7 @@ _NOT_RUN: Final = re.compile(r"\ssrc\s*=|application/json", re.IGNORECASE)
 _POLICY: Final = (
     "default-src 'none'; script-src 'self'{hashes}; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "base-uri 'none'; form-action {forms}; frame-ancestors 'none'"
 )
 """Scripts from the service's files, and those that stand in the page, by their hashes.
 
@@ -40,15 +40,24 @@ class Page(HTMLResponse):
     scripts
         How many scripts were written into it; their hashes become part of the policy. Where
         others stand in it, somebody else wrote one: then none of them may run.
+    has_form
+        Whether it sends a form to the service itself.
     """
 
     def __init__(
-        self, content: str, scripts: int, headers: Mapping[str, str] | None = None
+        self,
+        content: str,
+        scripts: int,
+        headers: Mapping[str, str] | None = None,
+        *,
+        status: int = 200,
+        has_form: bool = False,
     ) -> None:
         found = _scripts(content)
         hashes = "".join(map(_hash_source, found)) if len(found) == scripts else ""
-        policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes)}
-        super().__init__(content, headers={**PAGE_HEADERS, **policy, **(headers or {})})
+        forms = "'self'" if has_form else "'none'"
+        policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes, forms=forms)}
+        super().__init__(content, status, headers={**PAGE_HEADERS, **policy, **(headers or {})})
 
 
 def _scripts(content: str) -> list[str]:

@@ -23,8 +23,10 @@ from fastapi import FastAPI
 from pydantic import TypeAdapter
 from starlette.types import Message, Receive, Scope, Send
 
+from app.api.access import AccessControl, name_who_asks
 from app.api.gate import Gate
 from app.api.metrics import UNKNOWN, Metrics
+from app.api.request_log import RequestLog
 from app.api.schemas.compensation import CompensationRequest
 from app.api.table_json import OPTIONS, table_json
 from app.live.registry import LiveModel
@@ -58,17 +60,28 @@ _REQUEST = TypeAdapter(CompensationRequest).validator
 
 
 class ThermapService(FastAPI):
-    """The application; `state.context`, `metrics` and `gate` are set by `create_app`."""
+    """The application; `state.context`, `metrics`, `gate` and `access` are set by `create_app`."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a plain request for a table at once, any other the ordinary way."""
+        """Answer a request, and write a line about it."""
         if scope["type"] != "http":
             await super().__call__(scope, receive, send)
             return
+        request = RequestLog(scope, send)
+        try:
+            await self._answer(scope, receive, request.send)
+        finally:
+            request.end()
+
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a plain request for a table at once, any other the ordinary way."""
         started = perf_counter()
         gate: Gate = self.state.gate
         metrics: Metrics = self.state.metrics
         refused = gate.refusal(scope)
+        access: AccessControl = self.state.access
+        if refused is None and access.is_on:
+            refused = await access.refusal(scope)
         if refused is not None:
             await refused(scope, receive, send)
             metrics.count(UNKNOWN, UNKNOWN, refused.status_code, perf_counter() - started)
@@ -78,6 +91,8 @@ class ThermapService(FastAPI):
             await super().__call__(as_get, receive, _without_body(send))
             return
         if not _may_be_plain(scope):
+            if scope["method"] != "GET":
+                name_who_asks(scope)  # what is plain changes nothing, and is told nowhere
             await super().__call__(scope, receive, send)
             return
         messages, body = await _read(receive)
@@ -134,6 +149,8 @@ def _may_be_plain(scope: Scope) -> bool:
         and scope["path"].startswith(BEFORE)
         and not scope.get("root_path")
         and [v for k, v in scope["headers"] if k == b"content-type"] == [JSON_HEADER[1]]
+        # What a page of another site may read is said in headers that the ordinary way writes.
+        and not any(k == b"origin" for k, _ in scope["headers"])
     )
 
 

@@ -164,8 +164,13 @@ class TableStreams:
         self._ends = True
         self._tell_all()
 
-    async def follow(self, machine_id: str | None, wanted: Wanted) -> AsyncIterator[bytes]:
-        """Tell of one machine, or of all, until the follower goes, or what it follows.
+    async def follow(
+        self,
+        machine_id: str | None,
+        wanted: Wanted,
+        sees: Callable[[str], bool] = lambda _machine_id: True,
+    ) -> AsyncIterator[bytes]:
+        """Tell of one machine, or of all that it sees, until the follower goes, or what it follows.
 
         Yields
         ------
@@ -185,7 +190,7 @@ class TableStreams:
             while True:
                 news = self._news
                 now_s = time.monotonic()
-                feeds = self._followed_feeds(machine_id)
+                feeds = [f for f in self._followed_feeds(machine_id) if sees(f.machine_id)]
                 if machine_id is not None and not feeds:
                     return  # it was deleted
                 for feed in feeds:

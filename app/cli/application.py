@@ -67,6 +67,12 @@ COMMANDS: Final = {
         "backup", "backup", "Write everything in the database to a file, while the service runs."
     ),
     "restore": Home("backup", "restore", "Bring a backup into a database: whole, or not at all."),
+    "keys": Home("keys", "keys", "Make, list and revoke the keys that a service asks for."),
+    "events": Home(
+        "events",
+        "events",
+        "List what happened, the newest first: changes, alarms, sensors lost and back.",
+    ),
     "machines": Home("machines", "machines", "List, show, change and delete machines."),
     "maps": Home("maps", "maps", "List, show and delete error maps."),
     "models": Home("models", "models", "List, show, activate and compare model versions."),

@@ -20,6 +20,7 @@ from app.cli.listening import (
     DEFAULT_PORT,
     AllowedHostOption,
     HostOption,
+    InsecureOption,
     PortOption,
     checked_settings,
     database_of,
@@ -45,6 +46,7 @@ def demo(
     host: HostOption = DEFAULT_HOST,
     port: PortOption = DEFAULT_PORT,
     allowed_hosts: AllowedHostOption = None,
+    insecure: InsecureOption = False,
     database_url: Annotated[
         str,
         typer.Option(
@@ -95,9 +97,16 @@ def demo(
                 host=host,
                 port=port,
                 allowed_hosts=allowed_hosts or (),
+                insecure=insecure,
                 database_url=database_url,
                 log_level="warning",
             )
+            if settings.asks_for_keys:
+                raise typer.BadParameter(
+                    f"other computers reach {host}, and the demo knows no keys: everybody may "
+                    "change it. Where that is meant, add --insecure",
+                    param_hint="--host",
+                )
             opened = running.enter_context(listening(settings.host, settings.port, "demo"))
             url = url_of(opened)
             service = make_service(settings)

@@ -39,6 +39,13 @@ END_S: Final = 10
 HANDLED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
+_BLAMED: Final = {
+    "database_url": "--database-url",
+    "opcua_endpoint": "--opcua-endpoint",
+    "config": "--config",
+}
+"""A setting that is found wrong when the service is made, to its option."""
+
 DEFAULT_HOST: Final[str] = Settings.model_fields["host"].default
 DEFAULT_PORT: Final[int] = Settings.model_fields["port"].default
 
@@ -54,6 +61,32 @@ AllowedHostOption = Annotated[
 ]
 HostOption = Annotated[
     str, typer.Option("--host", envvar="THERMAP_HOST", metavar="HOST", help="Address to listen on.")
+]
+CorsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--cors-origin",
+        envvar="THERMAP_CORS_ORIGINS",
+        metavar="ORIGIN",
+        help="Another site whose pages may read and write, such as https://mes.example.org; once "
+        "for each.",
+    ),
+]
+RequireKeysOption = Annotated[
+    bool,
+    typer.Option(
+        "--require-keys",
+        envvar="THERMAP_REQUIRE_KEYS",
+        help="Ask for a key on this computer's own address too.",
+    ),
+]
+InsecureOption = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        envvar="THERMAP_INSECURE",
+        help="Ask for no key although other computers reach the service.",
+    ),
 ]
 PortOption = Annotated[
     int,
@@ -114,13 +147,15 @@ def checked_settings(**stated: Any) -> Settings:
 
 
 def make_service(settings: Settings) -> FastAPI:
-    """Make the service; a database URL that is none is wrong usage."""
+    """Make the service; a URL that is none, or that nothing installed serves, is wrong usage."""
     try:
         return create_app(settings)
     except InvalidContent as error:
-        raise typer.BadParameter(
-            error.detail.removeprefix("database_url: "), param_hint="--database-url"
-        ) from None
+        for field, option in _BLAMED.items():
+            if error.detail.startswith(f"{field}: "):
+                words = error.detail.removeprefix(f"{field}: ")
+                raise typer.BadParameter(words, param_hint=option) from None
+        raise
 
 
 @contextmanager
@@ -169,12 +204,15 @@ def new_database_note(service: FastAPI) -> str:
 
 def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
     """Make the server of one process."""
-    logging.getLogger("thermap").setLevel(log_level.upper())
+    for name in ("thermap", "uvicorn"):
+        logging.getLogger(name).setLevel(log_level.upper())
     return EndingServer(
         uvicorn.Config(
             service,
             http=PatientProtocol,
             log_level=log_level,
+            log_config=None,
+            access_log=False,
             lifespan="on",
             timeout_graceful_shutdown=GRACE_S,
             server_header=False,

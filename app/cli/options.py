@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from app.api.files.decimal_text import read_number
 from app.errors import ThermapError, list_names
 from thermap import DEFAULT_URL, URL_VARIABLE
 
@@ -79,9 +79,6 @@ LabelOption = Annotated[str, typer.Option(envvar="THERMAP_LABEL", help="The labe
 
 class NotConfirmed(ThermapError):
     """The user did not agree to what destroys."""
-
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def command_group() -> typer.Typer:
@@ -158,18 +155,6 @@ def write_file(output: Path, text: str) -> None:
         raise typer.BadParameter(
             f"cannot write {output}: {error.strerror}", param_hint="--output"
         ) from None
-
-
-def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
-    """Read a finite decimal number as people write it, or None where it is something else.
-
-    >>> read_number(" 24,1 "), read_number("−3.5"), read_number("nan"), read_number("1_0")
-    (24.1, -3.5, None, None)
-    """
-    written = text.strip().replace("\N{MINUS SIGN}", "-")
-    if decimal_comma and "." not in written:
-        written = written.replace(",", ".")
-    return float(written) if _NUMBER.fullmatch(written) else None
 
 
 def expect_finite(options: Mapping[str, Any]) -> None:

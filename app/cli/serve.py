@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -12,8 +12,11 @@ from app.cli.listening import (
     DEFAULT_HOST,
     DEFAULT_PORT,
     AllowedHostOption,
+    CorsOption,
     HostOption,
+    InsecureOption,
     PortOption,
+    RequireKeysOption,
     checked_settings,
     database_of,
     exiting_on_signals,
@@ -23,7 +26,9 @@ from app.cli.listening import (
     server_for,
     url_of,
 )
-from app.settings import Settings, sqlite_url
+from app.cli.logs import LogFormat, write_log_as
+from app.services.access_keys import create_first_key
+from app.settings import Settings, is_this_computer, sqlite_url
 
 _FIELDS = Settings.model_fields
 
@@ -33,6 +38,9 @@ def serve(
     host: HostOption = DEFAULT_HOST,
     port: PortOption = DEFAULT_PORT,
     allowed_hosts: AllowedHostOption = None,
+    cors_origins: CorsOption = None,
+    require_keys: RequireKeysOption = False,
+    insecure: InsecureOption = False,
     database_url: Annotated[
         str,
         typer.Option(
@@ -81,6 +89,24 @@ def serve(
             help="Requests that may wait for the database; more are sent away with 503.",
         ),
     ] = _FIELDS["waiting_requests"].default,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="THERMAP_CONFIG",
+            metavar="FILE.toml",
+            show_default="no connections",
+            help="What the service reads beside HTTP, such as MTConnect agents.",
+        ),
+    ] = None,
+    opcua_endpoint: Annotated[
+        str,
+        typer.Option(
+            envvar="THERMAP_OPCUA_ENDPOINT",
+            metavar="URL",
+            show_default="no OPC UA server",
+            help="Where OPC UA clients read tables, as opc.tcp://127.0.0.1:4840/thermap.",
+        ),
+    ] = _FIELDS["opcua_endpoint"].default,
     log_level: Annotated[
         Literal["debug", "info", "warning", "error", "critical"],
         typer.Option(
@@ -89,6 +115,14 @@ def serve(
             help="debug, info, warning, error or critical.",
         ),
     ] = _FIELDS["log_level"].default,
+    log_format: Annotated[
+        LogFormat,
+        typer.Option(
+            envvar="THERMAP_LOG_FORMAT",
+            metavar="FORM",
+            help="text for people, json for programs that gather logs.",
+        ),
+    ] = "text",
 ) -> None:
     """Run the service until Ctrl-C or SIGTERM.
 
@@ -98,20 +132,33 @@ def serve(
         host=host,
         port=port,
         allowed_hosts=allowed_hosts or (),
+        cors_origins=cors_origins or (),
+        require_keys=require_keys,
+        insecure=insecure,
         database_url=database_url,
         max_body_bytes=max_body_bytes,
         patience_s=patience_s,
         refresh_s=refresh_s,
         statement_limit_s=statement_limit_s,
         waiting_requests=waiting_requests,
+        opcua_endpoint=opcua_endpoint,
+        config=config,
         log_level=log_level,
     )
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    write_log_as(log_format)
     with exiting_on_signals(), listening(settings.host, settings.port, "serve") as opened:
         service = make_service(settings)
+        first = create_first_key(service.state.context.database) if settings.asks_for_keys else None
         typer.echo(f"thermap {package.__version__} listens on {url_of(opened)}")
         typer.echo(f"  dashboard         {url_of(opened)}/")
         typer.echo(f"  to read and try   {url_of(opened)}/docs")
         typer.echo(f"  database          {database_of(service)}{new_database_note(service)}")
+        if settings.opcua_endpoint:
+            typer.echo(f"  OPC UA            {settings.opcua_endpoint}")
+        if first is not None:
+            typer.echo(f"  key (admin)       {first}")
+            typer.echo("                    shown this once; `thermap keys create` makes others")
+        elif settings.insecure and not is_this_computer(settings.host):
+            typer.echo("  no keys           who reaches this address may change everything")
         typer.echo("  Ctrl-C stops it")
         server_for(service, settings.log_level).run([opened])

@@ -17,6 +17,7 @@ from app.identification.plan.plan import Plan
 from app.identification.plan.planning import plan
 from app.services.change_model import choose_version
 from app.services.context import Context, repeated
+from app.services.events import note_analysis
 from app.services.load_machine import adopted_effects
 from app.services.report_head import ReportHead
 from app.services.residuals import SEARCHED_BACK, first_and_last, load_campaign, read_verifications
@@ -137,7 +138,9 @@ def request_analysis(
         for verification_id in verification_ids:
             find_verification(session, machine_id, verification_id)
         task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)
-        return insert_analysis(session, machine_id, task, context.now())
+        queued = insert_analysis(session, machine_id, task, context.now())
+        note_analysis(session, machine_id, queued.id, "queued", context.now())
+        return queued
 
 
 def show_analyses(context: Context, machine_id: str) -> list[StoredAnalysis]:
@@ -223,6 +226,8 @@ def cancel_analysis(context: Context, machine_id: str, analysis_id: int) -> Stor
         cancelled = cancel_stored(session, analysis_id, context.now())
         session.refresh(row)
         found = stored_analysis(row)
+        if cancelled:
+            note_analysis(session, machine_id, analysis_id, "cancelled", context.now())
         if not cancelled and found.status is not AnalysisStatus.CANCELLED:
             raise Conflict(
                 f"analysis {analysis_id} cannot be cancelled any more: it is {found.status}"
@@ -244,3 +249,4 @@ def delete_analysis(context: Context, machine_id: str, analysis_id: int) -> None
     with context.database.writing() as session:
         find_machine(session, machine_id)
         session.delete(find_analysis(session, machine_id, analysis_id))
+        note_analysis(session, machine_id, analysis_id, "deleted", context.now())

@@ -27,8 +27,10 @@ from app.effects.adopted.model_difference import (
 )
 from app.effects.effect import Effect
 from app.errors import Conflict, StorageUnavailable, UnknownThing
+from app.events.event import EventKind
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version, live_model, restore_past
+from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import (
     activate_version,
@@ -252,11 +254,33 @@ def make_version(
         context.now(),
     )
     is_active = accept_losses or not difference.loses
+    was_active = change.row.active_version
     if is_active:
         activate_version(change.row, version.version)
     else:
         set_waiting(change.row, version.version)
+    note_version(context, change, version, was_active, is_active=is_active)
     return MadeVersion(version, is_active, change.row.active_version, difference, before)
+
+
+def note_version(
+    context: Context,
+    change: MachineChange,
+    version: ModelVersion,
+    was_active: int | None,
+    *,
+    is_active: bool,
+) -> None:
+    """Write into the log which version tables follow from now on, or which one waits."""
+    what = "active" if is_active else "stored and waits"
+    write_event(
+        change.session,
+        change.row.id,
+        EventKind.MODEL,
+        f"v{version.version} {what}: {version.reason}",
+        context.now(),
+        {"version": version.version, "from": was_active, "to": change.row.active_version},
+    )
 
 
 def activate_waiting(
@@ -270,7 +294,9 @@ def activate_waiting(
     after = ModelWithEffects(model, adopted_effects(waiting))
     difference = difference_to_active(context, change, after)
     if accept_losses:
+        was_active = change.row.active_version
         activate_version(change.row, waiting.version)
+        note_version(context, change, waiting, was_active, is_active=True)
     return MadeVersion(waiting, accept_losses, change.row.active_version, difference)
 
 

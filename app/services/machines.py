@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 
 from sqlalchemy.exc import IntegrityError
@@ -12,13 +12,15 @@ from sqlalchemy.exc import IntegrityError
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.past import sensors_of
 from app.errors import Conflict, StorageUnavailable, list_names
+from app.events.event import EventKind
 from app.geometry.components import COMPONENTS
 from app.live.database_watch import TroubleKind
 from app.live.registry import Arrived
-from app.services.change_model import changing_machine
+from app.services.change_model import MachineChange, changing_machine
 from app.services.context import Context, repeated
 from app.services.load_machine import adopted_effects, as_live, compile_version
 from app.storage.error_maps import find_error_map, list_error_maps, stored_map
+from app.storage.events import end_all_passing, write_event
 from app.storage.limits import LONG, QUESTION
 from app.storage.machines import (
     RowLock,
@@ -49,6 +51,7 @@ def create_machine(context: Context, machine: Machine) -> StoredMachine:
     try:
         with context.database.writing() as session:
             stored = insert_machine(session, machine, context.now())
+            write_event(session, machine.id, EventKind.MACHINE, "machine made", context.now())
     except IntegrityError:
         raise Conflict(
             f"there is a machine {machine.id!r} already; change it, or choose another id"
@@ -187,8 +190,16 @@ def change_machine(
         _check_sensors_stay(before, after, maps, [change.version, change.waiting])
         _check_axes_stay(after, maps)
         update_machine(change.row, after)
+        _note_change(context, change, before, after)
         watched = watch_status(change.session, change.row)
     return replace(stored_machine(change.row), watch=watched)
+
+
+def _note_change(context: Context, change: MachineChange, before: Machine, after: Machine) -> None:
+    names = [f.name for f in fields(after) if getattr(before, f.name) != getattr(after, f.name)]
+    if names:
+        words = f"settings changed: {', '.join(name.replace('_', ' ') for name in names)}"
+        write_event(change.session, after.id, EventKind.MACHINE, words, context.now())
 
 
 def _check_sensors_stay(
@@ -231,6 +242,8 @@ def delete_machine(context: Context, machine_id: str) -> None:
     """
     with context.database.writing(LONG) as session:
         session.delete(find_machine(session, machine_id, RowLock.DELETED))
+        end_all_passing(session, machine_id, context.now())
+        write_event(session, machine_id, EventKind.MACHINE, "machine deleted", context.now())
     context.live.forget(machine_id)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from app.compensation.table import CompensationTable
 from app.compensation.table_difference import ComponentChange, component_changes
 from app.effects.adopted.model_difference import ModelDifference, ModelWithEffects
 from app.effects.effect import Effect
@@ -21,6 +22,7 @@ from app.services.change_model import (
     difference_to_active,
     draft_version,
     make_version,
+    note_version,
     reading_machine,
     waited_before,
 )
@@ -39,13 +41,16 @@ from app.thermal.sensor_assignment import Proposal, propose_assignment
 class PresentChange:
     """By how much tables would change at the latest reading.
 
-    `why_not` says why that is not known; the others are empty then.
+    `why_not` says why that is not known; the others are empty then. `before` and `after` are the
+    two tables.
     """
 
     why_not: str = ""
     reading_time: datetime | None = None
     temperatures_c: Mapping[str, float] = field(default_factory=dict)
     changes: Sequence[ComponentChange] = ()
+    before: CompensationTable | None = None
+    after: CompensationTable | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,12 +138,41 @@ def _present_change(
             tables.append(current_table(context, state))
         except ThermapError as error:
             return PresentChange(f"{whose}there is no table now: {error.detail}")
-    before, after = tables
+    return _changes_between(*tables)
+
+
+def _changes_between(before: CurrentTable, after: CurrentTable) -> PresentChange:
     return PresentChange(
         reading_time=before.state.reading.time,
         temperatures_c=_used_temperatures(before),
         changes=component_changes(before.table, after.table),
+        before=before.table,
+        after=after.table,
     )
+
+
+def compare_now(context: Context, machine_id: str, one: int, other: int) -> PresentChange:
+    """Say by how much tables with one version differ from those with another at the latest reading.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine or version.
+    """
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        machine = stored_machine(row).machine
+        versions = [find_version(session, machine_id, number) for number in (one, other)]
+    live = context.live.get(machine_id) or load_machine(context, machine_id)
+    tables = []
+    for version in versions:
+        try:
+            model, effects = compile_version(machine, version), adopted_effects(version)
+            state = current_state(context, machine_id, _with_model(context, live, model, effects))
+            tables.append(current_table(context, state))
+        except ThermapError as error:
+            return PresentChange(f"with v{version.version} there is no table now: {error.detail}")
+    return _changes_between(*tables)
 
 
 def _used_temperatures(current: CurrentTable) -> dict[str, float]:
@@ -183,8 +217,10 @@ def activate_model(context: Context, machine_id: str, version: int) -> MadeVersi
         model = compile_version(change.machine, found)
         after = ModelWithEffects(model, adopted_effects(found))
         difference = difference_to_active(context, change, after)
-        if change.row.active_version != version:
+        was_active = change.row.active_version
+        if was_active != version:
             activate_version(change.row, version)
+            note_version(context, change, found, was_active, is_active=True)
         set_waiting(change.row, None)
     return MadeVersion(found, True, version, difference)
 

@@ -8,11 +8,20 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Final
 
-from app.errors import Conflict, FieldError, InvalidContent, StorageUnavailable, UnknownThing
+from app.errors import (
+    Conflict,
+    FieldError,
+    InvalidContent,
+    StorageUnavailable,
+    UnknownThing,
+    counted,
+)
+from app.events.event import EventKind
 from app.live.registry import Arrived
 from app.services.context import CLOCKS_DIFFER, Context, repeated
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine, restore_past
+from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.readings import find_readings, insert_readings, withdraw_stored
 from app.thermal.machine import Machine
@@ -151,6 +160,10 @@ def withdraw_readings(context: Context, machine_id: str, since: datetime, until:
     with context.database.writing() as session:
         machine = find_machine(session, machine_id, RowLock.CHANGED)
         count = withdraw_stored(session, machine, since, until, context.now())
+        if count:
+            words = f"{counted(count, 'reading')} withdrawn"
+            details = {"from": exact_time(since), "to": exact_time(until)}
+            write_event(session, machine_id, EventKind.READINGS, words, context.now(), details)
     live = context.live.get(machine_id)
     if count and live is not None:
         live.withdraw(since, until)

@@ -19,11 +19,13 @@ from uuid import uuid4
 from app.errors import StorageUnavailable
 from app.services.analysis_process import JobUpdate, run_analysis
 from app.services.context import Context
+from app.services.events import note_analysis
 from app.storage.analyses import (
     claim_analysis,
     fail_analysis,
     finish_analysis,
     has_queued,
+    machine_of_analysis,
     record_heartbeat,
     running_analyses,
 )
@@ -163,9 +165,15 @@ class AnalysisRunner:
             try:
                 with self._context.database.writing() as session:
                     if update.kind == "done":
-                        finish_analysis(session, analysis_id, self._owner, update.text, now)
+                        ended = finish_analysis(session, analysis_id, self._owner, update.text, now)
                     else:
-                        fail_analysis(session, analysis_id, self._owner, None, update.text, now)
+                        ended = fail_analysis(
+                            session, analysis_id, self._owner, None, update.text, now
+                        )
+                    if ended:
+                        words = "done" if update.kind == "done" else f"failed: {update.text}"
+                        machine_id = machine_of_analysis(session, analysis_id)
+                        note_analysis(session, machine_id, analysis_id, words, now)
                 log.info("analysis %d %s", analysis_id, update.kind)
                 return
             except StorageUnavailable as error:
@@ -187,7 +195,9 @@ class AnalysisRunner:
             if now_s - since_s >= PATIENCE_S:
                 now = self._context.now()
                 with self._context.database.writing() as session:
-                    fail_analysis(session, i, owner, beats, STOPPED, now)
+                    if fail_analysis(session, i, owner, beats, STOPPED, now):
+                        machine_id = machine_of_analysis(session, i)
+                        note_analysis(session, machine_id, i, f"failed: {STOPPED}", now)
 
 
 class _Job:

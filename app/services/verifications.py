@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.observations import Observation, Verification
 from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
+from app.events.event import EventKind
 from app.geometry.components import COMPONENTS
 from app.identification.residuals.residuals import WrongUnit
 from app.identification.watch.watching import Judgement, WatchState, not_judged, watch
@@ -19,6 +20,7 @@ from app.services.change_model import choose_version, no_model_yet
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
 from app.services.load_machine import adopted_effects, compile_version
 from app.services.residuals import load_campaign, read_verifications
+from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import active_version
 from app.storage.records import StoredVerification
@@ -140,6 +142,11 @@ def store_verification(
                 judged.write(context, session, machine_id)
                 stored = insert_verification(
                     session, machine_id, verification, judged.answer, context.now()
+                )
+                words = f"verification {stored.label!r} stored"
+                details = {"verification": stored.id}
+                write_event(
+                    session, machine_id, EventKind.VERIFICATION, words, context.now(), details
                 )
                 return VerificationStoredOnce(stored, True)
         # Another verification, or another version, came first: it is judged after that one.
@@ -291,7 +298,11 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
     with context.database.writing() as session:
         find_machine(session, machine_id, RowLock.CHANGED)
         row = find_verification(session, machine_id, verification_id)
-        version = _judged_by(stored_verification(row))
+        stored = stored_verification(row)
+        version = _judged_by(stored)
+        words = f"verification {stored.label!r} deleted"
+        details = {"verification": stored.id}
+        write_event(session, machine_id, EventKind.VERIFICATION, words, context.now(), details)
         session.delete(row)
         session.flush()
         if version is not None:

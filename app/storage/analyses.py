@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import CursorResult, select, update
+from sqlalchemy import CursorResult, func, select, update
 from sqlalchemy.orm import Session, undefer
 
 from app.errors import UnknownThing, existing_names
@@ -145,6 +145,11 @@ def cancel_analysis(session: Session, analysis_id: int, now: datetime) -> bool:
     )
 
 
+def machine_of_analysis(session: Session, analysis_id: int) -> str | None:
+    """Say whose analysis it is; None where it was deleted."""
+    return session.scalar(select(AnalysisRow.machine_id).where(AnalysisRow.id == analysis_id))
+
+
 def running_analyses(session: Session) -> dict[int, tuple[str, int]]:
     """Give the jobs that run, anywhere: number to owner and beats."""
     query = select(AnalysisRow.id, AnalysisRow.owner, AnalysisRow.beats).where(
@@ -162,6 +167,13 @@ def unfinished_analyses(session: Session) -> dict[str, RunningAnalysis]:
     )
     # The oldest comes last, and stays.
     return {m: RunningAnalysis(number, share) for m, number, share in session.execute(query)}
+
+
+def count_analyses(session: Session) -> dict[str, int]:
+    """Count all machines' analyses by status."""
+    counted = func.count().label("counted")
+    query = select(AnalysisRow.status, counted).group_by(AnalysisRow.status)
+    return {row.status: row.counted for row in session.execute(query)}
 
 
 def has_queued(session: Session) -> bool:

@@ -25,10 +25,7 @@ def insert_version(
     now: datetime,
 ) -> ModelVersion:
     """Add the next version of a locked machine; tables go on with the active one."""
-    newest = session.scalar(
-        select(func.max(ModelVersionRow.version)).where(ModelVersionRow.machine_id == machine.id)
-    )
-    version = (newest or 0) + 1
+    version = (newest_number(session, machine.id) or 0) + 1
     session.add(
         ModelVersionRow(
             machine_id=machine.id,
@@ -46,6 +43,13 @@ def insert_version(
     )
     session.flush()
     return find_version(session, machine.id, version)
+
+
+def newest_number(session: Session, machine_id: str) -> int | None:
+    """Give the number of the newest version, None before the first."""
+    return session.scalar(
+        select(func.max(ModelVersionRow.version)).where(ModelVersionRow.machine_id == machine_id)
+    )
 
 
 def activate_version(machine: MachineRow, version: int) -> None:

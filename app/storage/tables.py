@@ -27,6 +27,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 from sqlalchemy.types import TypeDecorator
 
 from app.arrays import FloatArray
+from app.events.event import LONGEST_NAME
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -315,3 +316,47 @@ class WatchRow(Base):
     status: Mapped[str] = mapped_column(String(16))
     state: Mapped[dict[str, Any]]
     updated_at: Mapped[datetime]
+
+
+class AccessKeyRow(Base):
+    """A key: what it may do, and the digest by which it is known."""
+
+    __tablename__ = "access_key"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(64), unique=True)
+    role: Mapped[str] = mapped_column(String(16))
+    machines: Mapped[list[Any] | None]
+    digest: Mapped[str] = mapped_column(String(64), unique=True)
+    created_at: Mapped[datetime]
+    last_used_at: Mapped[datetime | None]
+
+
+class BrowserSessionRow(Base):
+    """A browser in which somebody stated a key; it ends with the key, or by itself."""
+
+    __tablename__ = "browser_session"
+
+    digest: Mapped[str] = mapped_column(String(64), primary_key=True)
+    key_id: Mapped[int] = mapped_column(ForeignKey("access_key.id", ondelete="CASCADE"), index=True)
+    expires_at: Mapped[datetime]
+
+
+class EventRow(Base):
+    """An event. It stays when its machine goes, and names it then still."""
+
+    __tablename__ = "event"
+    __table_args__ = (Index("ix_event_machine_id", "machine_id", "id"), Index(None, "time"))
+
+    id: Mapped[int] = mapped_column(
+        BigInteger().with_variant(Integer(), "sqlite"), primary_key=True
+    )
+    time: Mapped[datetime]
+    kind: Mapped[str] = mapped_column(String(16))
+    subject: Mapped[str] = mapped_column(String(64))
+    machine_id: Mapped[str | None] = mapped_column(String(64))
+    who: Mapped[str] = mapped_column(String(LONGEST_NAME))
+    text: Mapped[str] = mapped_column(Text)
+    details: Mapped[dict[str, Any]]
+    until: Mapped[datetime | None]
+    count: Mapped[int]

@@ -21,10 +21,12 @@ from thermap.answers import (
     ChangedModelAnswer,
     CompareAnswer,
     CompensationAnswer,
+    ConnectionsNow,
     ControllersAnswer,
     CorrelationAnswer,
     DrilledPlateAnswer,
     ErrorMapAnswer,
+    Events,
     ExportAnswer,
     GridAnswer,
     HealthAnswer,
@@ -74,6 +76,9 @@ class AsyncThermapClient:
     base_url
         Where the service is; THERMAP_URL in the environment or http://127.0.0.1:8000
         where nothing is stated.
+    key
+        What the service asks for where it asks for keys; THERMAP_KEY in the environment where
+        none is stated.
     timeout_s
         Longest wait for an answer [s]; a plan is waited for ten minutes.
     transport
@@ -94,12 +99,15 @@ class AsyncThermapClient:
         self,
         base_url: str | None = None,
         *,
+        key: str | None = None,
         timeout_s: float = 30.0,
         transport: httpx.AsyncBaseTransport | None = None,
     ) -> None:
         self._url = service_url(base_url)
         self._timeout_s = timeout_s
-        self._http = httpx.AsyncClient(transport=transport, **httpx_options(self._url, timeout_s))
+        self._http = httpx.AsyncClient(
+            transport=transport, **httpx_options(self._url, timeout_s, key)
+        )
 
     @property
     def base_url(self) -> str:
@@ -255,6 +263,43 @@ class AsyncThermapClient:
     ) -> list[ReadingSchema]:
         """List readings in order of time, at most one in `every_s` seconds [s]."""
         return await self.send(calls.readings(machine, since, until, every_s, limit))
+
+    async def connections(self) -> ConnectionsNow:
+        """Say how what the service reads beside HTTP fares."""
+        return await self.send(calls.connections())
+
+    async def events(
+        self,
+        machine: str,
+        *,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        kinds: Sequence[str] = (),
+        before: str | None = None,
+        limit: int | None = None,
+    ) -> Events:
+        """List what happened to a machine, the newest first.
+
+        Parameters
+        ----------
+        kinds
+            `model`, `alarm`, `sensor` …; none for all.
+        before
+            `next` of the answer before, for those that come after it in the list.
+        """
+        return await self.send(calls.events(machine, since, until, kinds, before, limit))
+
+    async def all_events(
+        self,
+        *,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        kinds: Sequence[str] = (),
+        before: str | None = None,
+        limit: int | None = None,
+    ) -> Events:
+        """List what happened to all machines, and to keys; parameters as for `events`."""
+        return await self.send(calls.all_events(since, until, kinds, before, limit))
 
     async def withdrawn_readings(
         self,

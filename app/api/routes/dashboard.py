@@ -4,13 +4,26 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 
+from app.api.access import sees
 from app.api.bodies import BodyRoute
-from app.api.dependencies import ContextDep, MachinePath
+from app.api.dependencies import ContextDep, MachinePath, VersionPath
 from app.api.pages import Page
+from app.events.event import EventKind
+from app.pages.dashboard.events import events_page
+from app.pages.dashboard.export import export_page
+from app.pages.dashboard.loop import loop_page
+from app.pages.dashboard.maps import activation_preview, maps_page
 from app.pages.dashboard.pages import machine_page, machines_page
+from app.pages.dashboard.volume import volume_page
 from app.services.dashboard import show_machine_view, show_machine_views
+from app.services.events import show_events
+from app.services.loop import show_loop
+from app.services.maps_view import show_maps_view
+from app.services.models import preview_model_activation
+from app.services.status import machine_in_memory, show_status
+from app.services.volume import show_volume
 
 router = APIRouter(route_class=BodyRoute, include_in_schema=False)
 
@@ -21,11 +34,13 @@ Chosen = Annotated[str, Query(max_length=16)]
 
 @router.get("/", response_class=Page)
 def get_machines(
+    request: Request,
     context: ContextDep,
     only: Literal["", "not-trusted", "limited", "service", "trusted"] = "",
 ) -> Page:
     """Show all machines: who can be trusted, who cannot and why."""
-    views = show_machine_views(context)
+    may_see = sees(request)
+    views = [view for view in show_machine_views(context) if may_see(view.status.machine)]
     return Page(machines_page(views, context.now(), only), scripts=0, headers=_HEADERS)
 
 
@@ -37,3 +52,78 @@ def get_machine(
     view = show_machine_view(context, machine)
     chosen = {"x": x, "y": y, "z": z}
     return Page(machine_page(view, context.now(), chosen), scripts=0, headers=_HEADERS)
+
+
+VersionNumber = Annotated[int | None, Query(ge=1, le=2**31 - 1)]
+ToolOffset = Annotated[float, Query(ge=-1e5, le=1e5, allow_inf_nan=False)]
+
+
+@router.get("/machines/{machine}/volume", response_class=Page)
+def get_volume(
+    context: ContextDep,
+    machine: MachinePath,
+    times: Annotated[float | None, Query(gt=0, allow_inf_nan=False)] = None,
+    through: Literal["worst", "middle"] = "worst",
+    tool_x: ToolOffset = 0.0,
+    tool_y: ToolOffset = 0.0,
+    tool_z: ToolOffset = 0.0,
+) -> Page:
+    """Show the work volume now; `times` is the exaggeration, `tool_x` … the tool offset [mm]."""
+    view = show_volume(context, machine, (tool_x, tool_y, tool_z), times, through)
+    return Page(volume_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/loop", response_class=Page)
+def get_loop(
+    context: ContextDep,
+    machine: MachinePath,
+    analysis: Annotated[int | None, Query(description="The analysis' number")] = None,
+) -> Page:
+    """Show a machine's checks, and what an analysis of them found; the newest if none is stated."""
+    view = show_loop(context, machine, analysis)
+    return Page(loop_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/export", response_class=Page)
+def get_export(
+    context: ContextDep,
+    machine: MachinePath,
+    controller: Annotated[str | None, Query(max_length=100)] = None,
+) -> Page:
+    """Show what a controller's files would be; `controller` names its format."""
+    name = machine_in_memory(context, machine).current.model.machine.name
+    page = export_page(machine, name, controller, context.now())
+    return Page(page, scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/maps", response_class=Page)
+def get_maps(
+    context: ContextDep, machine: MachinePath, a: VersionNumber = None, b: VersionNumber = None
+) -> Page:
+    """Show a machine's versions; `a` and `b` are the two that stand side by side."""
+    view = show_maps_view(context, machine, a, b)
+    return Page(maps_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/maps/preview/{version}", response_class=Page)
+def get_activation_preview(context: ContextDep, machine: MachinePath, version: VersionPath) -> Page:
+    """Show what activating a version would do, as a part of the page of maps."""
+    preview = preview_model_activation(context, machine, version)
+    return Page(activation_preview(preview, version), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/events", response_class=Page)
+def get_events(
+    context: ContextDep,
+    machine: MachinePath,
+    kind: Literal[
+        "", "alarm", "sensor", "model", "verification", "analysis", "readings", "machine"
+    ] = "",
+    before: Annotated[int | None, Query(ge=1)] = None,
+) -> Page:
+    """Show what happened to a machine; `kind` holds the list to one, `before` goes on in it."""
+    status = show_status(context, machine)
+    kinds = [EventKind(kind)] if kind else []
+    found = show_events(context, machine, kinds=kinds, before=before, limit=100)
+    page = events_page(status, found, context.now(), kind, before)
+    return Page(page, scripts=0, headers=_HEADERS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fastapi import APIRouter, Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
@@ -14,6 +16,7 @@ from app.api.dependencies import (
 )
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
 from app.api.schemas.model_change import PreviewAnswer, change_fields
+from app.services.context import Context
 from app.services.error_maps import (
     preview_error_map,
     preview_withdrawal,
@@ -22,6 +25,7 @@ from app.services.error_maps import (
     withdraw_map,
 )
 from app.services.machines import show_error_map, show_error_maps
+from app.thermal.error_map import ErrorMap
 
 router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/error-maps", tags=["error maps"]
@@ -49,17 +53,14 @@ def post_error_map(
     answer says what is lost, and how to activate it all the same. The same content under the
     same label again answers 200 with the stored map. A preview answers 200 too.
     """
-    if preview:
-        response.status_code = 200
-        return PreviewAnswer.of(preview_error_map(context, machine, body.to_error_map()))
-    found = store_error_map(context, machine, body.to_error_map(), accept_losses=accept_losses)
-    response.status_code = 201 if found.is_new else 200
-    response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{found.stored.id}"
-    warnings = remarks(found.machine, found.stored.error_map)
-    # A map that costs nothing is answered as it is shown, now and later.
-    costs = found.made is not None and found.made.difference.loses
-    made = change_fields(machine, found.made) if costs else {}
-    return ErrorMapAnswer.of(found.stored, found.in_active_model, warnings, made)
+    return answer_to_map(
+        context,
+        machine,
+        body.to_error_map(),
+        response,
+        preview=preview,
+        accept_losses=accept_losses,
+    )
 
 
 @router.get("", summary="List error maps", response_model_exclude_none=True)
@@ -93,3 +94,27 @@ def delete_error_map(
         return PreviewAnswer.of(preview_withdrawal(context, machine, map_id))
     withdraw_map(context, machine, map_id)
     return Response(status_code=204)
+
+
+def answer_to_map(
+    context: Context,
+    machine: str,
+    error_map: ErrorMap,
+    response: Response,
+    *,
+    preview: bool,
+    accept_losses: bool,
+    notes: Sequence[str] = (),
+) -> ErrorMapAnswer | PreviewAnswer:
+    """Store a map or preview it, whichever way it came; `notes` are of its file."""
+    if preview:
+        response.status_code = 200
+        return PreviewAnswer.of(preview_error_map(context, machine, error_map))
+    found = store_error_map(context, machine, error_map, accept_losses=accept_losses)
+    response.status_code = 201 if found.is_new else 200
+    response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{found.stored.id}"
+    warnings = [*notes, *remarks(found.machine, found.stored.error_map)]
+    # A map that costs nothing is answered as it is shown, now and later.
+    costs = found.made is not None and found.made.difference.loses
+    made = change_fields(machine, found.made) if costs else {}
+    return ErrorMapAnswer.of(found.stored, found.in_active_model, warnings, made)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 
+from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.schemas.machines import MachineAnswer, MachinePatch, MachineSettings
@@ -27,9 +28,11 @@ def post_machine(context: ContextDep, body: MachineSettings, response: Response)
 
 
 @router.get("", summary="List machines")
-def get_machines(context: ContextDep) -> list[MachineAnswer]:
+def get_machines(request: Request, context: ContextDep) -> list[MachineAnswer]:
     """List all machines by id."""
-    return [MachineAnswer.of(stored) for stored in show_machines(context)]
+    may_see = sees(request)
+    stored = [one for one in show_machines(context) if may_see(one.machine.id)]
+    return [MachineAnswer.of(one) for one in stored]
 
 
 @router.get("/{machine}", summary="Show a machine")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 
+from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.services.status import show_status, show_statuses
@@ -13,9 +14,10 @@ router = APIRouter(route_class=BodyRoute, prefix="/v1", tags=["live"])
 
 
 @router.get("/status", summary="Whether the machines can be trusted now")
-def get_statuses(context: ContextDep) -> list[MachineStatus]:
+def get_statuses(request: Request, context: ContextDep) -> list[MachineStatus]:
     """Give every machine's verdict, by id: what it rests on, why not, and how large it may be."""
-    return show_statuses(context)
+    may_see = sees(request)
+    return [status for status in show_statuses(context) if may_see(status.machine)]
 
 
 @router.get("/machines/{machine}/status", summary="Whether a machine can be trusted now")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Header, Query, Request
 from starlette.responses import Response, StreamingResponse
 
+from app.api.access import sees, stays_welcome
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
 from app.api.short_way import WITHOUT_BODY
@@ -119,9 +121,20 @@ def _stream(request: Request, machine_id: str | None, wanted: Wanted) -> Respons
     if WITHOUT_BODY in request.scope:
         return Response(media_type=EVENTS, headers=_HEADERS)
     streams: TableStreams = request.app.state.streams
+    events = streams.follow(machine_id, wanted, sees(request))
     return StreamingResponse(
-        streams.follow(machine_id, wanted), media_type=EVENTS, headers=_HEADERS
+        while_welcome(events, stays_welcome(request)), media_type=EVENTS, headers=_HEADERS
     )
+
+
+async def while_welcome(
+    events: AsyncIterator[bytes], is_welcome: Callable[[], bool]
+) -> AsyncIterator[bytes]:
+    """End with the key: within a heartbeat of its being revoked."""
+    async for event in events:
+        if not is_welcome():
+            return
+        yield event
 
 
 def _number(last_event_id: str) -> int | None:
