@@ -29,6 +29,15 @@ curl http://127.0.0.1:8000/v1/status
 # 200: the same of one
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/status
 
+# 200: how what the service reads beside HTTP fares
+curl http://127.0.0.1:8000/v1/connections
+
+# 200: what happened to it
+curl http://127.0.0.1:8000/v1/machines/mcfv5050/events
+
+# 200: what happened to all machines
+curl http://127.0.0.1:8000/v1/events
+
 # 200: the table now
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/compensation
 
@@ -345,6 +354,17 @@ curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/analyses/1
 
 # 204
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/verifications/1
+
+# 200: what a map in a CSV file would change
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?preview=true&name=hot.csv" \
+     -H "Content-Type: text/csv" \
+     -d '     # label: hot
+     # measured_at: 2026-03-01T12:00:00Z
+     # temperature x-middle: 28.0
+     # temperature y-front: 27.5
+     component,position_mm,error_um
+     EXX,0,0
+     EXX,500,4.0'
 
 # 200: what tables would lose without the map "warm"
 curl -X DELETE "http://127.0.0.1:8000/v1/machines/practice/error-maps/5?preview=true"

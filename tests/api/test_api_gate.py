@@ -5,6 +5,7 @@ import socket
 import pytest
 
 from app.api.gate import Gate
+from app.settings import Settings
 from tests.service_examples import ROOM, client_of, contents, furnish_database, problem
 
 pytestmark = pytest.mark.anyio
@@ -196,7 +197,8 @@ async def test_all_methods_of_a_path_are_named(client):
 async def test_head_says_what_get_says_but_for_the_body(client):
     paths = ["/v1/machines", ROOM, f"{ROOM}/models", "/healthz", "/docs", "/openapi.json", "/"]
     for path in paths:
-        get, head = await client.get(path), await client.head(path)
+        same = {"X-Request-ID": "one"}  # else each has a number of its own
+        get, head = await client.get(path, headers=same), await client.head(path, headers=same)
         assert head.status_code == get.status_code
         assert head.headers == get.headers
         assert head.content == b""
@@ -207,3 +209,35 @@ async def test_head_where_there_is_nothing_to_get(client):
     assert answer.status_code == 405
     assert answer.content == b""
     assert (await client.head("/v1/nowhere")).status_code == 404
+
+
+MES = "https://mes.example.org"
+
+
+async def test_a_site_that_is_named_may_read_and_write_and_no_other(new_app, furnished_url):
+    async with client_of(new_app(furnished_url, cors_origins=MES)) as client:
+        asked = {"Access-Control-Request-Method": "POST", "Origin": MES}
+        asked |= {"Access-Control-Request-Headers": "authorization, content-type"}
+        preflight = await client.options(f"{ROOM}/compensation", headers=asked)
+        assert preflight.status_code == 200
+        assert preflight.headers["Access-Control-Allow-Origin"] == MES
+        sent = {"Origin": MES, "Sec-Fetch-Site": "cross-site"}
+        body = {"temperatures_c": {"x-middle": 21.0, "z-column": 23.0}}
+        answer = await client.post(f"{ROOM}/compensation", json=body, headers=sent)
+        assert answer.status_code == 200
+        assert answer.headers["Access-Control-Allow-Origin"] == MES
+        assert "Access-Control-Allow-Credentials" not in answer.headers
+        assert (await client.patch(ROOM, json={"name": "n"}, headers=sent)).status_code == 200
+        other = sent | {"Origin": "https://evil.example"}
+        read = await client.get(ROOM, headers=other)
+        assert "Access-Control-Allow-Origin" not in read.headers
+        problem(await client.patch(ROOM, json={"name": "n"}, headers=other), 403)
+    async with client_of(new_app(furnished_url)) as client:
+        read = await client.get(ROOM, headers={"Origin": MES})
+        assert "Access-Control-Allow-Origin" not in read.headers
+
+
+@pytest.mark.parametrize("origin", ["*", "mes.example.org", "https://a/b", "https://", "null"])
+def test_origins_are_stated_exactly(origin):
+    with pytest.raises(ValueError, match="expected https://NAME"):
+        Settings(cors_origins=origin)

@@ -170,6 +170,8 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
         problem(await client.get(f"{ROOM}{path}"), 404)
     problem(await client.delete(ROOM), 404)
     left = contents(app)
+    log = left.pop("event")  # what happened is told of a machine that is gone, too
+    assert "machine deleted" in log[-1]
     assert all("mcfv5050" not in row for rows in left.values() for row in rows)
     assert {table: len(rows) for table, rows in left.items()} == {
         "machine": 1,
@@ -182,6 +184,8 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
         "verification": 1,
         "analysis": 0,
         "watch": 0,
+        "access_key": 0,
+        "browser_session": 0,
     }
 
 

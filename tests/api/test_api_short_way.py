@@ -219,7 +219,9 @@ def test_whatever_is_asked_both_ways_answer_alike(
                 for _ in range(2):
                     content = pieces() if in_parts else body
                     answer = await client.post(path, content=content, headers=headers)
-                    answers.append((answer.status_code, dict(answer.headers), answer.content))
+                    # Each request has a number of its own.
+                    headed = {k: v for k, v in answer.headers.items() if k != "x-request-id"}
+                    answers.append((answer.status_code, headed, answer.content))
         return answers
 
     async def pieces():

@@ -23,7 +23,10 @@ FORMER = "869265db76ba"
 ADDED = {"covariance", "backward_covariance"}
 NEW_SETTINGS = {"withdrawals": 0, "extrapolation_error_ratio": 3.0, "waiting_version": None}
 """Columns of a machine that came after it, and what they hold then."""
-LATER = ("verification", "analysis", "watch", "withdrawn_reading")
+LATER = (
+    *("verification", "analysis", "watch", "withdrawn_reading"),
+    *("access_key", "browser_session", "event"),
+)
 """Tables that came after it too."""
 
 RNG = np.random.default_rng(4)
