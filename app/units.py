@@ -41,6 +41,24 @@ class Unit(StrEnum):
         return _SYMBOLS[self.value]
 
 
+class TemperatureUnit(StrEnum):
+    """A unit that a sender states temperatures in, spelled as MTConnect does."""
+
+    CELSIUS = "CELSIUS"
+    FAHRENHEIT = "FAHRENHEIT"
+    KELVIN = "KELVIN"
+
+    def to_c(self, value: float) -> float:
+        """Convert a temperature in this unit to °C.
+
+        >>> TemperatureUnit.FAHRENHEIT.to_c(212.0), TemperatureUnit.KELVIN.to_c(273.15)
+        (100.0, 0.0)
+        """
+        if self is TemperatureUnit.FAHRENHEIT:
+            return (value - 32.0) / 1.8
+        return value - KELVIN_AT_0_C if self is TemperatureUnit.KELVIN else value
+
+
 _SYMBOLS: Final = {
     "um_per_m": "µm/m",
     "urad_per_m": "µrad/m",

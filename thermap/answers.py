@@ -424,8 +424,8 @@ class Connection(Shape):
     kind: str
     """`mtconnect`"""
 
-    machine: str
-    """Id of the machine whose sensors it reads"""
+    machines: list[str]
+    """Ids of the machines whose sensors it reads"""
 
     endpoint: str
     """Where it reads"""
@@ -443,14 +443,14 @@ class Connection(Shape):
     """What is the matter, empty where nothing"""
 
     lost: int
-    """Observations that the agent had thrown away before they were read"""
+    """Observations that were gone before they could be read, as far as the sender tells"""
 
 
 class ConnectionsNow(Shape):
     """All connections, and what became of what they read."""
 
     connections: list[Connection]
-    """The connections, in the order of the file"""
+    """The connections, kind by kind in the order of the file"""
 
     stored: int
     """Readings that were stored since the service began"""

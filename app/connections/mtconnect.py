@@ -19,7 +19,7 @@ from app.connections.mtconnect_documents import (
     Observation,
 )
 from app.connections.mtconnect_sequence import Place
-from app.errors import InvalidContent, list_names
+from app.units import TemperatureUnit
 
 log = logging.getLogger("thermap")
 
@@ -27,13 +27,6 @@ FIRST_PAUSE_S: Final = 1.0
 """Before an agent that failed is asked again [s]; twice as long each time that it fails."""
 
 LONGEST_PAUSE_S: Final = 30.0
-
-UNITS: Final[Mapping[str, Callable[[float], float]]] = {
-    "CELSIUS": lambda value: value,
-    "FAHRENHEIT": lambda value: (value - 32.0) / 1.8,
-    "KELVIN": lambda value: value - 273.15,
-}
-"""MTConnect's names of units of temperature, to °C."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +38,12 @@ class Followed:
     item
         Its id, or its name where only one item has it.
     unit
-        Of a temperature, as MTConnect names it; None: what the agent says, or CELSIUS. States
-        are taken as they are.
+        Of a temperature; None: what the agent says, or °C. States are taken as they are.
     """
 
     item: str
     is_temperature: bool = True
-    unit: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.unit is not None and (self.unit not in UNITS or not self.is_temperature):
-            raise InvalidContent.of_field(
-                "unit", f"expected one of {list_names(UNITS)}, of a temperature, got {self.unit!r}"
-            )
+    unit: TemperatureUnit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +79,7 @@ class AgentFollower:
     unreadable: int = 0
     is_connected: bool = False
     place: Place = field(init=False)
-    _units: dict[str, str] = field(default_factory=dict)
+    _units: dict[str, TemperatureUnit] = field(default_factory=dict)
     _items: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -171,8 +157,8 @@ class AgentFollower:
                     f"{name}: expected the id or name of one, got {wanted.item!r}: {why}"
                 )
                 continue
-            stated = found[0].units or "CELSIUS"
-            if wanted.is_temperature and (wanted.unit or stated) not in UNITS:
+            stated = found[0].units or TemperatureUnit.CELSIUS
+            if wanted.is_temperature and (wanted.unit or stated) not in list(TemperatureUnit):
                 matters.append(f"{name}: expected a unit of temperature, got {stated!r}")
                 continue
             if wanted.is_temperature and wanted.unit and found[0].units not in ("", wanted.unit):
@@ -181,7 +167,8 @@ class AgentFollower:
                     "taken as configured"
                 )
             self._items[name] = found[0].item
-            self._units[name] = wanted.unit or stated
+            if wanted.is_temperature:
+                self._units[name] = wanted.unit or TemperatureUnit(stated)
         self.trouble = ""
         if matters:
             self._say("; ".join(matters))
@@ -202,7 +189,7 @@ class AgentFollower:
             self._say(f"{name}: expected a number, got {observation.text!r}")
         if observation.value is None or not self.followed[name].is_temperature:
             return observation.value
-        return UNITS[self._units[name]](observation.value)
+        return self._units[name].to_c(observation.value)
 
     def _say(self, words: str) -> None:
         if words != self.trouble:

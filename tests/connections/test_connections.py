@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
 
-from app.connections.config import MtconnectTable, read_connections
-from app.connections.running import AgentConnection
+from app.connections.config import read_connections
+from app.connections.mtconnect_connection import AgentConnection, MtconnectTable
 from app.errors import InvalidContent
 from app.main import create_app
 from app.settings import Settings
@@ -45,13 +45,16 @@ SENSORS = '[mtconnect.sensors]\nx = "X"\n'
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[mqtt]\n", "mqtt: extra inputs are not permitted"),
+        ("[modbus]\n", "modbus: extra inputs are not permitted"),
         ("name = \n", "expected TOML in UTF-8"),
         (AGENT, "mtconnect.0.sensors: field required"),
         (AGENT + 'every_s = "1"\n' + SENSORS, "mtconnect.0.every_s: input should be a valid num"),
         (AGENT + "every_s = 0\n" + SENSORS, "mtconnect.0.every_s: input should be greater"),
         (AGENT.replace("http:", "ftp:") + SENSORS, "mtconnect.0.url"),
-        (AGENT + '[mtconnect.sensors]\nx = {item = "X", unit = "C"}\n', "expected CELSIUS"),
+        (
+            AGENT + '[mtconnect.sensors]\nx = {item = "X", unit = "C"}\n',
+            "expected one of CELSIUS, FAHRENHEIT, KELVIN",
+        ),
         ((AGENT + SENSORS) * 2, "expected each name once, got 'a' 2 times"),
     ],
 )
@@ -117,7 +120,7 @@ async def test_what_an_agent_has_no_more_is_not_told_again_as_fresh():
     told = []
 
     class Agent:
-        readable = {"x-middle"}
+        readable = frozenset({"x-middle"})
 
     class Taker:
         def offer(self, machine, temperatures_c, state):
@@ -128,7 +131,8 @@ async def test_what_an_agent_has_no_more_is_not_told_again_as_fresh():
     )
     connection = AgentConnection(table, Taker(), None)
     connection._follower = Agent()
-    connection._known = {"x-middle": 25.0, "spindle": 31.0}
+    connection._known.take({"x-middle": 25.0, "spindle": 31.0})
+    told.clear()
     connection._repeat_known()
     assert told == [{"x-middle": 25.0}]
 
@@ -153,7 +157,7 @@ async def follow_agent(agent, opened):
 
 
 def test_the_service_does_not_start_with_a_wrong_file(tmp_path):
-    path = file_of(tmp_path, "[mqtt]\n")
-    with pytest.raises(InvalidContent, match="mqtt: extra inputs"):
+    path = file_of(tmp_path, "[modbus]\n")
+    with pytest.raises(InvalidContent, match="modbus: extra inputs"):
         create_app(Settings(database_url=f"sqlite:///{tmp_path}/new.db", config=path))
     assert not (tmp_path / "new.db").exists()

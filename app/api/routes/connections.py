@@ -22,7 +22,7 @@ async def get_connections(request: Request) -> ConnectionsNow:
     connections: Connections = request.app.state.connections
     may_see = sees(request)
     now = connections.now()
-    seen = tuple(one for one in now.connections if may_see(one.machine))
+    seen = tuple(one for one in now.connections if all(map(may_see, one.machines)))
     return (
         now
         if len(seen) == len(now.connections)

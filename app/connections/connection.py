@@ -1,0 +1,88 @@
+"""What every kind of connection is: a table of the file, and what runs by it.
+
+A kind is a module with a table (`ConnectionTable`), which names the extra that it needs and makes
+what runs (`RunningConnection`); it has its field in `ConnectionsFile`.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, ClassVar, Protocol, TypeAlias
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from app.answer import Answer
+from app.connections.intake import Intake
+from app.errors import list_names
+from app.services.context import Context
+from app.units import TemperatureUnit
+
+ShortName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+def _read_unit(stated: object) -> TemperatureUnit:
+    if not isinstance(stated, str) or stated not in list(TemperatureUnit):
+        raise ValueError(f"expected one of {list_names(TemperatureUnit)}, got {stated!r:.80}")
+    return TemperatureUnit(stated)
+
+
+StatedUnit: TypeAlias = Annotated[TemperatureUnit, BeforeValidator(_read_unit)]
+"""A unit of temperature by its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection(Answer):
+    """A connection and how it fares."""
+
+    name: str
+    """Its name in the file"""
+    kind: str
+    """`mtconnect`"""
+    machines: tuple[str, ...]
+    """Ids of the machines whose sensors it reads"""
+    endpoint: str
+    """Where it reads"""
+    connected: bool
+    """Whether there is contact now"""
+    last_value_at: datetime | None
+    """When the last value came, null before the first"""
+    known: int
+    """How many of its sensors and states have a value now"""
+    trouble: str
+    """What is the matter, empty where nothing"""
+    lost: int
+    """Observations that were gone before they could be read, as far as the sender tells"""
+
+
+class RunningConnection(Protocol):
+    """A connection at work."""
+
+    async def run(self) -> None:
+        """Read until cancelled; who is gone is tried again, and nothing is raised."""
+
+    def now(self) -> Connection:
+        """Say how it fares."""
+
+
+class Table(BaseModel):
+    """A table of the file: no key but those that there are, no type but the one expected."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class ConnectionTable(Table):
+    """`[[KIND]]`: one connection."""
+
+    extra: ClassVar[str]
+    """Brings the library that is needed"""
+    library: ClassVar[str]
+    """Its module"""
+
+    name: ShortName
+
+    @abstractmethod
+    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+        """Make what runs; only this needs the library."""

@@ -1,0 +1,123 @@
+"""`[[mtconnect]]`: an agent, and which of its data items are which sensors of a machine."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import httpx
+from pydantic import Field, field_validator
+
+from app.connections.connection import (
+    Connection,
+    ConnectionTable,
+    RunningConnection,
+    ShortName,
+    StatedUnit,
+    Table,
+)
+from app.connections.intake import Intake
+from app.connections.known_values import REPEATED_S, KnownValues
+from app.services.context import Context
+
+if TYPE_CHECKING:
+    from app.connections.mtconnect import AgentFollower, Found
+
+_URL: Final = r"https?://[^\s]+"
+
+
+class ItemTable(Table):
+    """A data item of an agent: its id or name, and its unit where the agent states none."""
+
+    item: Annotated[str, Field(min_length=1, max_length=200)]
+    unit: StatedUnit | None = None
+
+
+class MtconnectTable(ConnectionTable):
+    """One agent."""
+
+    extra = "mtconnect"
+    library = "defusedxml"
+
+    machine: ShortName
+    url: Annotated[str, Field(pattern=_URL, max_length=500)]
+    sensors: Annotated[dict[str, ItemTable], Field(min_length=1, max_length=200)]
+    state: dict[str, ItemTable] = Field(default_factory=dict)
+    every_s: float = Field(1.0, ge=0.1, le=3600.0)
+    stream: bool = False
+
+    @field_validator("sensors", "state", mode="before")
+    @classmethod
+    def _items_by_name(cls, stated: Any) -> Any:
+        """Let `x-middle = "Xtemp"` stand for `x-middle = { item = "Xtemp" }`."""
+        if not isinstance(stated, dict):
+            return stated
+        return {k: {"item": v} if isinstance(v, str) else v for k, v in stated.items()}
+
+    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+        """Make what runs; only this needs the library."""
+        return AgentConnection(self, intake, context)
+
+
+class AgentConnection:
+    """One MTConnect agent, whose values become readings of one machine."""
+
+    def __init__(
+        self, table: MtconnectTable, intake: Intake, context: Callable[[], Context]
+    ) -> None:
+        self._table = table
+        self._context = context
+        self._known = KnownValues(intake, table.machine, table.sensors, table.state)
+        self._last_value_at: datetime | None = None
+        self._follower: AgentFollower | None = None
+
+    async def run(self) -> None:
+        """Follow the agent until cancelled."""
+        # Imported only here: its library is an extra.
+        from app.connections.mtconnect import AgentFollower, Followed
+        from app.connections.mtconnect_agent import Agent
+
+        table = self._table
+        followed = {name: Followed(i.item, True, i.unit) for name, i in table.sensors.items()}
+        followed |= {name: Followed(i.item, False) for name, i in table.state.items()}
+        async with httpx.AsyncClient() as http, asyncio.TaskGroup() as tasks:
+            agent = Agent(http, table.url)
+            self._follower = AgentFollower(agent, followed, self._take, table.every_s, table.stream)
+            tasks.create_task(self._follower.run())
+            tasks.create_task(self._repeat())
+
+    def now(self) -> Connection:
+        """Say how it fares."""
+        follower = self._follower
+        return Connection(
+            name=self._table.name,
+            kind="mtconnect",
+            machines=(self._table.machine,),
+            endpoint=str(httpx.URL(self._table.url).copy_with(userinfo=b"")),
+            connected=follower is not None and follower.is_connected,
+            last_value_at=self._last_value_at,
+            known=len(self._known),
+            trouble="" if follower is None else follower.trouble,
+            lost=0 if follower is None else follower.place.lost,
+        )
+
+    async def _take(self, found: Sequence[Found]) -> None:
+        """Remember what holds from now on; without contact nothing is known any more."""
+        if not found:
+            self._known.forget()
+            return
+        if any(one.value is not None for one in found):
+            self._last_value_at = self._context().now()
+        self._known.take({one.name: one.value for one in found})
+
+    async def _repeat(self) -> None:
+        while True:
+            await asyncio.sleep(REPEATED_S)
+            self._repeat_known()
+
+    def _repeat_known(self) -> None:
+        """Tell again what still holds; what the agent has no more, as after a restart, does not."""
+        self._known.keep(set() if self._follower is None else self._follower.readable)
+        self._known.repeat()
