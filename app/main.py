@@ -121,7 +121,11 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     except BaseException:
         context.database.close()
         raise
-    follower = DatabaseFollower(context, settings.refresh_s)
+    # The context as it is then: whoever makes the service may give it another clock.
+    ring = KeyRing(lambda: service.state.context, settings.refresh_s)
+    follower = DatabaseFollower(
+        context, settings.refresh_s, ring.refresh if settings.asks_for_keys else lambda: None
+    )
     runner = AnalysisRunner(context)
     alarms = AlarmLog(context)
 
@@ -158,7 +162,6 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.database_is_new = upgraded.was_empty
     service.state.streams = TableStreams(lambda: service.state.context)
     service.state.turns = Turns(settings.waiting_requests, settings.waiting_limit_s)
-    # The context as it is then: whoever makes the service may give it another clock.
     service.state.readiness = SharedQuestion(
         lambda: check_readiness(service.state.context), READY_S
     )
@@ -168,7 +171,6 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.metrics = Metrics(context.live)
     service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)
     service.state.connections = Connections(stated, lambda: service.state.context)
-    ring = KeyRing(lambda: service.state.context, settings.refresh_s)
     service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s

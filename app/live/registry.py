@@ -176,6 +176,11 @@ class LiveRegistry:
             for machine_id, m in list(self._machines.items())
         }
 
+    def stamp(self, machine_id: str) -> tuple[datetime, int, int] | None:
+        """Say the same of one machine; None where it is not in memory."""
+        live = self._machines.get(machine_id)
+        return None if live is None else (*live.current.stamp, live.withdrawals)
+
     def publish(self, live: LiveModel) -> LiveMachine:
         """Put a machine's model in place, unless a newer one is there already.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from datetime import datetime, timedelta
+from threading import Lock
 from time import monotonic
 from typing import Final
 
@@ -104,7 +105,7 @@ def show_keys(database: Database) -> list[AccessKey]:
 
 @repeated
 def revoke_key(database: Database, name: str, now: Callable[[], datetime] = utc_now) -> None:
-    """Let a key be none any more; services know within `refresh_s`.
+    """Let a key be none any more; services know at once on PostgreSQL, else within `refresh_s`.
 
     Raises
     ------
@@ -139,6 +140,7 @@ class KeyRing:
         """Whether the database has ever answered."""
         self._used: dict[int, datetime] = {}
         self._stored_uses: dict[int, datetime] = {}
+        self._asking = Lock()
 
     @property
     def is_due(self) -> bool:
@@ -147,15 +149,16 @@ class KeyRing:
 
     def refresh(self) -> None:
         """Ask the database which keys there are, and tell it which were used."""
-        self._asked_s = monotonic()
-        database = self._context().database
-        try:
-            with database.reading(QUESTION) as session:
-                self._known = known_digests(session)
-            self.is_known = True
-            self._store_uses(database)
-        except StorageUnavailable:
-            return
+        with self._asking:  # or an older answer could take the place of a newer one
+            self._asked_s = monotonic()
+            database = self._context().database
+            try:
+                with database.reading(QUESTION) as session:
+                    self._known = known_digests(session)
+                self.is_known = True
+                self._store_uses(database)
+            except StorageUnavailable:
+                return
 
     def find(self, secret: str) -> AccessKey | None:
         """Find the key that a secret states, from memory."""
@@ -172,9 +175,10 @@ class KeyRing:
         context = self._context()
         now = context.now()
         end = now + BROWSER_LASTS
-        with context.database.writing() as session:
-            add_browser(session, digest_of(secret), key.id, now, end)
-        self._known = self._known | {digest_of(secret): Known(key, end)}
+        with self._asking:
+            with context.database.writing() as session:
+                add_browser(session, digest_of(secret), key.id, now, end)
+            self._known = self._known | {digest_of(secret): Known(key, end)}
         return secret
 
     def close_browser(self, secret: str) -> None:

@@ -40,6 +40,7 @@ from app.storage.model_versions import (
     set_waiting,
     waiting_version,
 )
+from app.storage.news import NewsKind, tell
 from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import MachineRow
 from app.thermal.compile_model import compile_model
@@ -136,6 +137,7 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
         row = find_machine(session, machine_id, RowLock.CHANGED)
         yield MachineChange(session, row)
         session.flush()
+        tell(session, NewsKind.MACHINE, machine_id)
         live = live_model(context, session, row)
     machine = context.live.publish(live)
     with suppress(StorageUnavailable, UnknownThing):  # the follower tries again

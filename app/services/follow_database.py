@@ -1,24 +1,37 @@
-"""Keep memory in step with the database: other processes write to it too."""
+"""Keep memory in step with the database: other processes write to it too.
+
+On PostgreSQL whoever commits tells the others, and each looks at once at what it was told of.
+News can be lost with a connection, and nobody tells what was written by hand: so everything is
+looked at after each new connection, and every now and then. On SQLite nobody tells anything, and
+everything is looked at each time.
+"""
 
 from __future__ import annotations
 
 import logging
+import math
 from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
 from datetime import datetime
 from threading import Event, Thread
 from time import monotonic
+from typing import TYPE_CHECKING, Final
 
 from app.errors import StorageUnavailable, UnknownThing
 from app.live.database_watch import TroubleKind
-from app.live.registry import Arrived
+from app.live.registry import Arrived, LiveMachine
 from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
 from app.services.load_machine import load_machine, restore_past
 from app.storage.limits import QUESTION
 from app.storage.machines import revisions, sum_of_machines
+from app.storage.news import News, NewsKind
 from app.storage.readings import NumberedReading, newest_id, numbered_readings
 from app.thermal.reading import Reading
+
+if TYPE_CHECKING:
+    from app.storage.postgresql import Listener
 
 log = logging.getLogger("thermap")
 
@@ -28,20 +41,39 @@ LOOK_BACK = 10_000
 LOCKED_S = 5.0
 """A database that has taken nothing for so long is said to be locked [s]."""
 
+EVERYTHING_S: Final = 5.0
+"""How often everything is looked at where news are heard [s]: in case some were lost."""
+
+STOPS_WITHIN_S: Final = 0.25
+"""How long one may wait for news before it sees whether it is to end [s]."""
+
+PAUSE_S: Final = 0.02
+"""Least pause between two looks [s]: what is told meanwhile is looked at together."""
+
 Stamp = tuple[datetime, int, int]
 """Birth, revision and withdrawals of a machine."""
 
 
 class DatabaseFollower:
-    """Looks every now and then whether the database is there and what is new in it.
+    """Looks whether the database is there and what is new in it: when it is told, or regularly.
 
     Loads all machines at the start, so that their tables go on when the database
     goes away. It runs in a thread of its own; a failure is logged and tried again.
+
+    Parameters
+    ----------
+    every_s
+        How often the database is asked whether it is there, and on SQLite what is new [s].
+    refresh_keys
+        Called when keys may have changed.
     """
 
-    def __init__(self, context: Context, every_s: float) -> None:
+    def __init__(
+        self, context: Context, every_s: float, refresh_keys: Callable[[], None] = lambda: None
+    ) -> None:
         self._context = context
         self._every_s = every_s
+        self._refresh_keys = refresh_keys
         self._stop = Event()
         self._thread = Thread(target=self._run, name="database-follower", daemon=True)
         self._sum: object = None
@@ -59,13 +91,30 @@ class DatabaseFollower:
         self._stop.set()
         self._thread.join(patience_s)
 
-    def look(self) -> None:
-        """Look once: note whether the database is there, and load what has changed."""
+    def look(self, news: Collection[News] | None = None) -> bool:
+        """Look once: note whether the database is there, and load what has changed.
+
+        Parameters
+        ----------
+        news
+            What others told; None to look at everything.
+
+        Returns
+        -------
+        bool
+            Whether the database answered.
+        """
+        if news is None:
+            return self._asking(self._follow)
+        return self._asking(lambda: self._follow_news(news))
+
+    def _asking(self, ask: Callable[[], None]) -> bool:
+        """Ask the database, and note whether it is there."""
         watch = self._context.live.database
         began = self._context.now()
         watch.note_question(began)
         try:
-            self._follow()
+            ask()
             if self._takes_writes():
                 watch.note_recovery()
             elif watch.note_trouble(TroubleKind.LOCKED, self._writable_at or began):
@@ -73,6 +122,8 @@ class DatabaseFollower:
         except StorageUnavailable as error:
             if watch.note_trouble(TroubleKind.AWAY, began):
                 log.warning("%s; live tables go on from memory", error.detail)
+            return False
+        return True
 
     def _takes_writes(self) -> bool:
         """Whether something could be written within the last seconds."""
@@ -95,11 +146,34 @@ class DatabaseFollower:
         if wanted is not None:
             self._load(have, wanted)
         self._sum = total
-        for machine in self._context.live.behind():
-            with suppress(UnknownThing):
-                restore_past(self._context, machine)
+        self._restore(live.behind())
         unseen.mark_seen((reading.number for reading in fresh), self._context.now())
         self._unseen = unseen
+
+    def _follow_news(self, news: Collection[News]) -> None:
+        """Look at what others told of alone."""
+        live = self._context.live
+        machines = {one.machine_id for one in news if one.kind is NewsKind.MACHINE}
+        touched = machines | {one.machine_id for one in news if one.kind is NewsKind.READINGS}
+        if self._unseen is None or not touched:
+            live.database.note_answer()
+        else:
+            have = {one: stamp for one in machines if (stamp := live.stamp(one)) is not None}
+            with self._context.database.reading(QUESTION) as session:
+                wanted = revisions(session, machines) if machines else {}
+                fresh = numbered_readings(session, self._unseen.highest, self._unseen.gaps)
+            live.database.note_answer()
+            self._add(fresh)
+            self._load(have, wanted)
+            self._restore(one for id_ in touched if (one := live.get(id_)) is not None)
+            self._unseen.mark_seen((one.number for one in fresh), self._context.now())
+        if any(one.kind is NewsKind.KEYS for one in news):
+            self._refresh_keys()
+
+    def _restore(self, machines: Iterable[LiveMachine]) -> None:
+        for machine in machines:
+            with suppress(UnknownThing):
+                restore_past(self._context, machine)
 
     def _load(self, have: dict[str, Stamp], wanted: dict[str, Stamp]) -> None:
         for machine_id, (born, *_) in have.items():
@@ -138,9 +212,51 @@ class DatabaseFollower:
                 live.add(Arrived(readings, withdrawals), until)
 
     def _run(self) -> None:
+        listener = self._context.database.listener()
         while not self._stop.is_set():
             try:
+                if listener is not None and _connects(listener):
+                    self._follow_told(listener)
+                    continue
                 self.look()
             except Exception:
                 log.exception("could not follow the database")
             self._stop.wait(self._every_s)
+        if listener is not None:
+            listener.close()
+
+    def _follow_told(self, listener: Listener) -> None:
+        """Look at everything, then at what is told, until the connection is lost or the end."""
+        whole_s = asked_s = -math.inf
+        while not self._stop.is_set():
+            now_s = monotonic()
+            if now_s - whole_s >= EVERYTHING_S:
+                whole_s = asked_s = now_s
+                answered = self.look()
+                self._refresh_keys()
+            elif now_s - asked_s >= self._every_s:
+                asked_s = now_s
+                answered = self._asking(listener.ping)
+            else:
+                try:
+                    news = listener.hear(min(STOPS_WITHIN_S, self._every_s))
+                except StorageUnavailable as error:
+                    log.info("%s; listens again", error.detail)
+                    return
+                if not news:
+                    continue
+                answered = self.look(news)
+                self._stop.wait(PAUSE_S)
+            if not listener.is_connected:
+                return
+            if not answered:
+                whole_s = -math.inf  # what was told may not have been looked at
+                self._stop.wait(self._every_s)
+
+
+def _connects(listener: Listener) -> bool:
+    try:
+        listener.connect()
+    except StorageUnavailable:
+        return False  # the look that comes now says so
+    return True

@@ -32,6 +32,7 @@ from app.storage.machines import (
     update_machine,
 )
 from app.storage.model_versions import active_version, find_version, list_versions
+from app.storage.news import NewsKind, tell
 from app.storage.readings import WithdrawnReading, list_readings, list_withdrawn
 from app.storage.records import ModelVersion, StoredMachine, StoredMap
 from app.storage.watches import watch_status, watch_statuses
@@ -242,6 +243,7 @@ def delete_machine(context: Context, machine_id: str) -> None:
     """
     with context.database.writing(LONG) as session:
         session.delete(find_machine(session, machine_id, RowLock.DELETED))
+        tell(session, NewsKind.MACHINE, machine_id)
         end_all_passing(session, machine_id, context.now())
         write_event(session, machine_id, EventKind.MACHINE, "machine deleted", context.now())
     context.live.forget(machine_id)

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.access.keys import AccessKey, Role
 from app.errors import Conflict, UnknownThing, list_names
+from app.storage.news import NewsKind, tell
 from app.storage.tables import AccessKeyRow, BrowserSessionRow
 
 
@@ -64,6 +65,7 @@ def add_key(
     )
     session.add(row)
     session.flush()
+    tell(session, NewsKind.KEYS)
     return _key(row)
 
 
@@ -81,6 +83,7 @@ def delete_key(session: Session, name: str) -> None:
         raise UnknownThing(f"there is no key {name!r}; there are: {list_names(names)}")
     session.execute(delete(BrowserSessionRow).where(BrowserSessionRow.key_id == number))
     session.execute(delete(AccessKeyRow).where(AccessKeyRow.id == number))
+    tell(session, NewsKind.KEYS)
 
 
 def note_uses(session: Session, used_at: Mapping[int, datetime]) -> None:
@@ -95,11 +98,13 @@ def add_browser(session: Session, digest: str, key_id: int, now: datetime, end: 
     """Remember a browser, and forget those whose time is over."""
     session.execute(delete(BrowserSessionRow).where(BrowserSessionRow.expires_at <= now))
     session.add(BrowserSessionRow(digest=digest, key_id=key_id, expires_at=end))
+    tell(session, NewsKind.KEYS)
 
 
 def delete_browsers(session: Session, digests: Iterable[str]) -> None:
     """Forget browsers."""
     session.execute(delete(BrowserSessionRow).where(BrowserSessionRow.digest.in_(list(digests))))
+    tell(session, NewsKind.KEYS)
 
 
 def _key(row: AccessKeyRow) -> AccessKey:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from secrets import token_hex
 from threading import Lock
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
@@ -28,10 +29,11 @@ from app.errors import (
     StorageUnavailable,
 )
 from app.storage.limits import UNLIMITED, Limits
+from app.storage.news import send_pending
 from app.storage.sqlite import SqliteConnections
 
 if TYPE_CHECKING:
-    from app.storage.postgresql import PostgresqlConnections
+    from app.storage.postgresql import Listener, PostgresqlConnections
 
 MOMENT: Final = Limits(lock_s=0.2)
 """To see whether something can be written at all."""
@@ -76,6 +78,8 @@ class Database:
         self.engine = made.engine
         self._file = made.file if isinstance(made, SqliteConnections) else None
         self._writer = None if self._file is None else Lock()
+        self.sender = token_hex(4)
+        """By which its own news are known."""
 
     @contextmanager
     def reading(self, limits: Limits | None = None) -> Iterator[Session]:
@@ -97,6 +101,7 @@ class Database:
         with self._turn(limits), _as_storage_errors((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
+                send_pending(session, self.sender)
             if self._file is not None:
                 self._file.check()  # else it is committed to a file that nobody will find
 
@@ -230,6 +235,12 @@ class Database:
     def name(self) -> str:
         """The URL without its password."""
         return self.engine.url.render_as_string(hide_password=True)
+
+    def listener(self) -> Listener | None:
+        """Make what hears the news of other processes; None on SQLite, where nobody tells any."""
+        if isinstance(self._connections, SqliteConnections):
+            return None
+        return self._connections.listener(self.sender)
 
     def close(self) -> None:
         """Give up all connections; whoever waits for an answer of PostgreSQL is let go."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import asdict
 from datetime import datetime
 from enum import Enum
@@ -12,6 +13,7 @@ from sqlalchemy.orm import Session
 
 from app.errors import UnknownThing, list_names
 from app.geometry.chain import Chain
+from app.storage.news import NewsKind, tell
 from app.storage.records import StoredMachine
 from app.storage.tables import MachineRow
 from app.thermal.machine import Machine, OutOfRange, SameTemperature, Sensor, Travel
@@ -44,6 +46,7 @@ def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredM
     _write(row, machine)
     session.add(row)
     session.flush()
+    tell(session, NewsKind.MACHINE, row.id)
     return stored_machine(row)
 
 
@@ -90,11 +93,20 @@ def sum_of_machines(session: Session) -> tuple[int, int, datetime | None]:
     return int(count), int(total), latest
 
 
-def revisions(session: Session) -> dict[str, tuple[datetime, int, int]]:
-    """Give every machine's birth, revision and withdrawals: they identify its present shape."""
-    rows = session.execute(
-        select(MachineRow.id, MachineRow.created_at, MachineRow.revision, MachineRow.withdrawals)
+def revisions(
+    session: Session, of: Collection[str] | None = None
+) -> dict[str, tuple[datetime, int, int]]:
+    """Give machines' birth, revision and withdrawals: they identify their present shape.
+
+    Parameters
+    ----------
+    of
+        Ids, of machines that may be gone; None for all machines.
+    """
+    query = select(
+        MachineRow.id, MachineRow.created_at, MachineRow.revision, MachineRow.withdrawals
     )
+    rows = session.execute(query if of is None else query.where(MachineRow.id.in_(of)))
     return {machine_id: (born, revised, withdrawn) for machine_id, born, revised, withdrawn in rows}
 
 

@@ -6,7 +6,8 @@ network that keeps a connection open and delivers nothing, needs a limit at this
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import Any, Final
 from weakref import WeakSet
@@ -14,7 +15,9 @@ from weakref import WeakSet
 import psycopg
 from sqlalchemy import URL, Connection, Engine, create_engine, event
 
+from app.errors import StorageUnavailable
 from app.storage.limits import QUESTION, Limits
+from app.storage.news import CHANNEL, News, read_payload
 
 CONNECT_TIMEOUT_S: Final = 5
 
@@ -77,6 +80,77 @@ class ImpatientConnection(psycopg.Connection[Any]):
         raise psycopg.OperationalError(reason)
 
 
+class Listener:
+    """Hears what other processes tell at their commits, on a connection of its own.
+
+    News that were told while there was no connection are lost: whoever listens looks at
+    everything after `connect`, and so misses nothing.
+
+    Parameters
+    ----------
+    connect
+        Makes a connection.
+    sender
+        Whose own news are passed over.
+    """
+
+    def __init__(self, connect: Callable[[], ImpatientConnection], sender: str) -> None:
+        self._connect = connect
+        self._sender = sender
+        self._connection: ImpatientConnection | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether news are being heard."""
+        return self._connection is not None
+
+    def connect(self) -> None:
+        """Begin to listen; StorageUnavailable where the server is away."""
+        with self._giving_up():
+            self._connection = self._connect()
+            self._connection.answer_s = QUESTION.statement_s
+            self._connection.execute(f"LISTEN {CHANNEL}")
+
+    def hear(self, within_s: float) -> list[News]:
+        """Wait for news; give those that have come, none after a time without any [s].
+
+        Raises
+        ------
+        StorageUnavailable
+            If the connection is lost.
+        """
+        if self._connection is None:
+            return []
+        with self._giving_up():
+            self._connection.answer_s = None  # it is nobody's turn to answer
+            came = list(self._connection.notifies(timeout=within_s, stop_after=1))
+            told = [read_payload(one.payload) for one in came]
+        return [known[0] for known in told if known is not None and known[1] != self._sender]
+
+    def ping(self) -> None:
+        """Ask something, to see that the connection lives; StorageUnavailable where it does not."""
+        if self._connection is not None:
+            with self._giving_up():
+                self._connection.answer_s = QUESTION.statement_s
+                self._connection.execute("SELECT 1")
+
+    def close(self) -> None:
+        """Listen no more."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with suppress(psycopg.Error):
+                connection.close()
+
+    @contextmanager
+    def _giving_up(self) -> Iterator[None]:
+        try:
+            yield
+        except psycopg.Error as error:
+            self.close()
+            reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            raise StorageUnavailable(f"the database is away: {reason}") from error
+
+
 class PostgresqlConnections:
     """Makes the engine, and can break off all its connections, those at work too."""
 
@@ -86,21 +160,32 @@ class PostgresqlConnections:
         self._is_closed = False
         stated = url.query.get("options", "")
         options = f"{_options(limits)} {stated if isinstance(stated, str) else ' '.join(stated)}"
+        self._connect_args: dict[str, Any] = {
+            **_GIVE_UP,
+            "application_name": APPLICATION_NAME,
+            "options": options.strip(),
+        }
         self.engine: Engine = create_engine(
             url,
             pool_pre_ping=True,
             pool_size=POOL_SIZE,
             max_overflow=MOST_CONNECTIONS - POOL_SIZE,
             pool_timeout=CONNECT_TIMEOUT_S,
-            connect_args={
-                **_GIVE_UP,
-                "application_name": APPLICATION_NAME,
-                "options": options.strip(),
-            },
+            connect_args=self._connect_args,
         )
         event.listen(self.engine, "do_connect", self._connect)
         event.listen(self.engine, "begin", self._begin)
         event.listen(self.engine, "checkin", _checkin)
+
+    def listener(self, sender: str) -> Listener:
+        """Make what hears the news of other processes."""
+
+        def connect() -> ImpatientConnection:
+            arguments, named = self.engine.dialect.create_connect_args(self.engine.url)
+            named.update(self._connect_args, autocommit=True)
+            return self._connect(None, None, arguments, named)
+
+        return Listener(connect, sender)
 
     def close(self) -> None:
         """Give up all connections, and let whoever waits for one of them go."""

@@ -10,6 +10,7 @@ from sqlalchemy import delete, func, insert, literal, or_, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
+from app.storage.news import NewsKind, tell
 from app.storage.tables import MachineRow, ReadingRow, WithdrawnReadingRow
 from app.thermal.reading import Reading
 
@@ -56,7 +57,10 @@ def insert_readings(
         for reading in readings
     ]
     # On the connection rather than the session: one statement for many rows, written once.
-    return set(session.connection().scalars(statement, rows)) if rows else set()
+    added = set(session.connection().scalars(statement, rows)) if rows else set()
+    if added:
+        tell(session, NewsKind.READINGS, machine_id)
+    return added
 
 
 def find_readings(
@@ -199,6 +203,7 @@ def withdraw_stored(
     count = gone.rowcount
     if count:
         machine.withdrawals += 1
+        tell(session, NewsKind.MACHINE, machine.id)
     return count
 
 
