@@ -81,7 +81,10 @@ class Settings(BaseSettings):
         10.0, gt=0, description="How long a request may stop half-way before it is ended [s]"
     )
     refresh_s: float = Field(
-        1.0, gt=0, description="How often the database is looked at for others' changes [s]"
+        1.0,
+        gt=0,
+        description="How often the database is asked whether it is there and, on SQLite, for "
+        "others' changes, of which PostgreSQL tells at once [s]",
     )
     statement_limit_s: float = Field(
         15.0, ge=0.1, description="Longest that one statement of a request may take [s]"

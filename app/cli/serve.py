@@ -70,7 +70,8 @@ def serve(
         typer.Option(
             envvar="THERMAP_REFRESH_S",
             metavar="SECONDS",
-            help="How often the database is looked at for others' changes, in s.",
+            help="How often the database is asked whether it is there and, on SQLite, what is new, "
+            "in s.",
         ),
     ] = _FIELDS["refresh_s"].default,
     statement_limit_s: Annotated[
