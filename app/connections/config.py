@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 from app.connections.connection import ConnectionTable, Table
 from app.connections.intake import Limits
 from app.connections.mtconnect_connection import MtconnectTable
+from app.connections.opcua_connection import OpcuaTable
 from app.errors import FieldError, InvalidContent
 
 
@@ -31,11 +32,12 @@ class ConnectionsFile(Table):
 
     intake: IntakeTable = Field(default_factory=IntakeTable)
     mtconnect: tuple[MtconnectTable, ...] = Field((), strict=False)
+    opcua: tuple[OpcuaTable, ...] = Field((), strict=False)
 
     @property
     def connections(self) -> tuple[ConnectionTable, ...]:
         """All connections, kind by kind."""
-        return self.mtconnect
+        return (*self.mtconnect, *self.opcua)
 
     @model_validator(mode="after")
     def _each_name_once(self) -> ConnectionsFile:
@@ -62,7 +64,7 @@ def read_connections(path: Path) -> ConnectionsFile:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidContent(f"config: {path}: expected TOML in UTF-8: {error}") from error
     try:
-        found = ConnectionsFile.model_validate(stated)
+        found = ConnectionsFile.model_validate(stated, context={"folder": path.parent})
     except ValidationError as error:
         errors = [
             FieldError(".".join(map(str, one["loc"])), _words(one["msg"], one["input"]))

@@ -40,7 +40,7 @@ class Connection(Answer):
     name: str
     """Its name in the file"""
     kind: str
-    """`mtconnect`"""
+    """`mtconnect` or `opcua`"""
     machines: tuple[str, ...]
     """Ids of the machines whose sensors it reads"""
     endpoint: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection, Iterable, Mapping
+from datetime import datetime
 from typing import Final
 
 from app.connections.intake import Fate, Intake
@@ -34,13 +35,17 @@ class KnownValues:
     def __len__(self) -> int:
         return len(self._known)
 
-    def take(self, found: Mapping[str, float | None]) -> asyncio.Future[Fate] | None:
+    def take(
+        self, found: Mapping[str, float | None], time: datetime | None = None
+    ) -> asyncio.Future[Fate] | None:
         """Remember what holds from now on, and hand it over.
 
         Parameters
         ----------
         found
             Name to [°C] or the state's unit; None takes a value away.
+        time
+            When it was measured, with its zone; without one, now.
 
         Returns
         -------
@@ -52,7 +57,7 @@ class KnownValues:
                 self._known.pop(name, None)
             else:
                 self._known[name] = value
-        return self._offer(found)
+        return self._offer(found, time)
 
     def forget(self) -> None:
         """Know nothing any more, as without contact."""
@@ -66,7 +71,9 @@ class KnownValues:
         """Tell again all that holds."""
         self._offer(self._known)
 
-    def _offer(self, names: Iterable[str]) -> asyncio.Future[Fate] | None:
+    def _offer(
+        self, names: Iterable[str], time: datetime | None = None
+    ) -> asyncio.Future[Fate] | None:
         """Hand over what is known of these, with the state that holds with it."""
         told = set(names)
         state = {k: v for k, v in self._known.items() if k in self._states}
@@ -74,4 +81,4 @@ class KnownValues:
         if not changed and not (state and told & state.keys()):
             return None
         # The rest is told again after `REPEATED_S`, so that a reading has what changed.
-        return self._intake.offer(self._machine, changed, state=state)
+        return self._intake.offer(self._machine, changed, time, state)

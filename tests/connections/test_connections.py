@@ -16,6 +16,7 @@ from app.errors import InvalidContent
 from app.main import create_app
 from app.settings import Settings
 from tests.connections.mtconnect_agent_example import ExampleAgent, listening
+from tests.connections.opcua_server_example import example_server, free_port
 from tests.service_examples import ROOM, client_of, furnish_database
 
 pytestmark = pytest.mark.anyio
@@ -29,17 +30,30 @@ def file_of(tmp_path, text):
     return path
 
 
-def test_the_documented_file_is_one(tmp_path):
-    (example,) = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
-    found = read_connections(file_of(tmp_path, example))
+def test_the_documented_file_is_one(tmp_path, monkeypatch):
+    examples = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    for name in ("thermap.der", "thermap.pem", "press.der"):
+        (tmp_path / name).write_bytes(b"")
+    monkeypatch.setenv("THERMAP_PRESS_PASSWORD", "secret")
+    found = read_connections(file_of(tmp_path, "".join(examples)))
     (agent,) = found.mtconnect
     assert agent.sensors["x-middle"].item == "Xtemp"
     assert agent.sensors["z-column"].unit == "FAHRENHEIT"
     assert agent.state["spindle_rpm"].item == "Srpm"
+    (server,) = found.opcua
+    assert server.sensors["ram"].node == "ns=2;s=Temperatures.Ram"
+    assert server.sensors["bed"].unit == "KELVIN"
+    assert server.access.password == "secret"
+    assert server.access.security.server_certificate == tmp_path / "press.der"
 
 
 AGENT = '[[mtconnect]]\nname = "a"\nmachine = "vmc"\nurl = "http://h:5000"\n'
 SENSORS = '[mtconnect.sensors]\nx = "X"\n'
+SERVER = '[[opcua]]\nname = "s"\nmachine = "vmc"\nendpoint = "opc.tcp://h:4840"\n'
+NODES = '[opcua.sensors]\nx = "ns=2;s=X"\n'
+FILES = '[opcua.security]\nmode = "Sign"\n' + "".join(
+    f'{name} = "none.der"\n' for name in ("certificate", "private_key", "server_certificate")
+)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +70,19 @@ SENSORS = '[mtconnect.sensors]\nx = "X"\n'
             "expected one of CELSIUS, FAHRENHEIT, KELVIN",
         ),
         ((AGENT + SENSORS) * 2, "expected each name once, got 'a' 2 times"),
+        (SERVER, "opcua.0.sensors: field required"),
+        (SERVER + NODES.replace("ns=2;s=X", "X"), "opcua.0.sensors.x.node"),
+        (SERVER + NODES.replace("ns=2;s=X", "nsu=urn:x"), "opcua.0.sensors.x.node"),
+        (SERVER.replace("opc.tcp", "http") + NODES, "opcua.0.endpoint"),
+        (SERVER.replace("h:", "u:p@h:") + NODES, "opcua.0.endpoint"),
+        (SERVER + "publishing_s = 0.01\n" + NODES, "opcua.0.publishing_s"),
+        (SERVER + '[opcua.state]\nx = {node = "i=1", unit = "KELVIN"}\n' + NODES, "state.x.unit"),
+        (SERVER + NODES + FILES, "expected a file, got"),
+        (
+            SERVER + NODES + '[opcua.user]\nname = "u"\npassword_env = "THERMAP_NONE"\n',
+            "expected a variable of the environment, got 'THERMAP_NONE': it is unset",
+        ),
+        (AGENT + SENSORS + SERVER.replace('"s"', '"a"') + NODES, "expected each name once"),
     ],
 )
 def test_a_wrong_file_is_refused_by_its_key(tmp_path, text, words):
@@ -123,7 +150,7 @@ async def test_what_an_agent_has_no_more_is_not_told_again_as_fresh():
         readable = frozenset({"x-middle"})
 
     class Taker:
-        def offer(self, machine, temperatures_c, state):
+        def offer(self, machine, temperatures_c, time, state):
             told.append(temperatures_c)
 
     table = MtconnectTable(
@@ -161,3 +188,45 @@ def test_the_service_does_not_start_with_a_wrong_file(tmp_path):
     with pytest.raises(InvalidContent, match="modbus: extra inputs"):
         create_app(Settings(database_url=f"sqlite:///{tmp_path}/new.db", config=path))
     assert not (tmp_path / "new.db").exists()
+
+
+@pytest.mark.slow
+async def test_what_an_opcua_server_says_becomes_readings(new_app, databases, tmp_path, clock):
+    pytest.importorskip("asyncua", reason="the extra opcua is not installed")
+    url = await asyncio.to_thread(databases.prepared, "sqlite", furnish_database)
+    with example_server(free_port()) as server:
+        server.say("add", "X", 25.0)
+        server.say("add", "Speed", 8000, kind="Int32")
+        path = file_of(
+            tmp_path,
+            f"""
+[intake]
+collect_s = 0.05
+
+[[opcua]]
+name = "press"
+machine = "mcfv5050"
+endpoint = "{server.url}"
+publishing_s = 0.1
+sensors = {{ x-middle = "ns=2;s=X", z-column = "ns=2;s=None" }}
+state = {{ spindle_rpm = "ns=2;s=Speed" }}
+""",
+        )
+        service = new_app(url, config=path)
+        async with service.state.connections.running(), client_of(service) as client:
+
+            async def connections():
+                return (await client.get("/v1/connections")).json()
+
+            await until(connections, lambda found: found["stored"] >= 1)
+            (one,) = (await connections())["connections"]
+            assert (one["kind"], one["connected"], one["known"]) == ("opcua", True, 2)
+            assert "z-column: expected a node" in one["trouble"]
+            (reading,) = (await client.get(f"{ROOM}/readings")).json()
+            assert reading["temperatures_c"] == {"x-middle": 25.0}
+            assert reading["state"] == {"spindle_rpm": 8000.0}
+            server.say("set", "X", None, status="BadSensorFailure")
+            await until(connections, lambda found: found["connections"][0]["known"] == 1)
+            server.kill()
+            await until(connections, lambda found: not found["connections"][0]["connected"])
+    databases.give_back(url)

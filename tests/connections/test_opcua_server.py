@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager, suppress
 
 import pytest
 
+from tests.connections.opcua_server_example import free_port
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -29,12 +30,6 @@ from app.settings import Settings
 pytestmark = pytest.mark.anyio
 
 EXX = "mcfv5050/Components/EXX"
-
-
-def free_port():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
 
 
 @asynccontextmanager

@@ -1,0 +1,493 @@
+"""Follow an OPC UA server for as long as it is told to, through restarts, silence and nonsense.
+
+Subscriptions die unnoticed: the server forgets one, or stops looking at a node; the library stops
+asking for what is published; and what does not change says nothing in any case. So nothing is
+believed only because it was not contradicted: every few seconds the nodes are read and compared
+with what the subscription told, and only what a reading has just confirmed is told again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+from asyncua import Client, ua
+
+from app.connections.opcua_observations import (
+    Observed,
+    node_of,
+    observe,
+    source_time,
+    stated_unit,
+    words_of,
+)
+from app.connections.opcua_session import (
+    ANSWER_S,
+    MOST_NODES,
+    Access,
+    find_units,
+    read_nodes,
+    session_with,
+)
+from app.errors import counted
+from app.units import TemperatureUnit
+
+log = logging.getLogger("thermap")
+
+FIRST_PAUSE_S: Final = 1.0
+"""Before a server that failed is tried again [s]; twice as long each time that it fails."""
+
+LONGEST_PAUSE_S: Final = 30.0
+
+LOOK_EVERY_S: Final = 5.0
+"""How often the nodes are read and compared with what the subscription told [s]."""
+
+KEEP_ALIVE_S: Final = 5.0
+"""After so long without a change a server is to say that the subscription lives [s]."""
+
+LIFETIME_S: Final = 60.0
+"""After so long without a sign of the client a server may forget the subscription [s]."""
+
+CLOCK_TOLERANCE_S: Final = 5.0
+"""A server's clock that differs by more says nothing about when a value was measured [s]."""
+
+STILL_S: Final = 12.0
+"""A server whose own time stands still for so long does nothing any more [s]."""
+
+SHOWN: Final = 5
+"""Sensors whose trouble is put in words; of the others only how many they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """A node that a sensor or a state is read from.
+
+    Parameters
+    ----------
+    node
+        `ns=2;s=NAME`, or `nsu=URI;s=NAME`.
+    unit
+        Of a temperature; None: what the server states of the node, or °C. States are taken as
+        they are.
+    """
+
+    node: str
+    is_temperature: bool = True
+    unit: TemperatureUnit | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a server says of one that is followed.
+
+    Parameters
+    ----------
+    value
+        [°C] or the state's unit; None if there is none any more.
+    time
+        When its source measured it; None: it holds now.
+    """
+
+    name: str
+    value: float | None
+    time: datetime | None = None
+
+
+class SubscriptionDied(Exception):
+    """The subscription is not to be relied on any more; the sentence says why."""
+
+
+class ServerFollower:
+    """Follows the nodes of one server, and hands on what it finds.
+
+    Parameters
+    ----------
+    followed
+        Name of the sensor or state to its node.
+    take
+        Takes what was found. An empty list says that contact was lost: what was known is not
+        known any more.
+    now
+        The service's clock.
+    publishing_s
+        How often the server is to say what has changed [s].
+    repeated_s
+        What has not changed is handed on again after so long, if it holds [s].
+    """
+
+    def __init__(
+        self,
+        access: Access,
+        followed: Mapping[str, Followed],
+        take: Callable[[Sequence[Found]], None],
+        now: Callable[[], datetime],
+        *,
+        publishing_s: float,
+        repeated_s: float,
+    ) -> None:
+        self._access = access
+        self._followed = followed
+        self._take = take
+        self._now = now
+        self._publishing_s = publishing_s
+        self._repeated_s = repeated_s
+        self.is_connected = False
+        self.died = 0
+        """Subscriptions that were given up because they told too little."""
+        self._pause_s = FIRST_PAUSE_S
+        self._trouble = ""
+        self._matters: dict[str, str] = {}
+        self._contradicted: dict[str, str] = {}
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin anew: of another subscription nothing holds."""
+        self._nodes: dict[str, ua.NodeId] = {}
+        self._names: dict[int, str] = {}
+        self._units: dict[str, TemperatureUnit] = {}
+        self._refused: dict[str, int] = {}
+        self._told: dict[str, Observed] = {}
+        self._times_told: dict[str, int] = {}
+        self._doubted: dict[str, tuple[int, float]] = {}
+        self._handed_on_at: dict[str, float] = {}
+        self._server_time: datetime | None = None
+        self._moved_at = 0.0
+        self._is_clock_right = True
+        self._patience_s = self._publishing_s
+        self._silence_s = LIFETIME_S
+        self._heard_at = 0.0
+        self._ended = asyncio.Event()
+        self._end_words = ""
+
+    @property
+    def trouble(self) -> str:
+        """What is the matter, of the server first; empty where nothing."""
+        matters = [*self._matters.items(), *self._contradicted.items()]
+        words = [f"{name}: {words}" for name, words in matters]
+        more = len(words) - SHOWN
+        shown = words[:SHOWN] + ([f"and {counted(more, 'other')}"] if more > 0 else [])
+        return "; ".join(([self._trouble] if self._trouble else []) + shown)
+
+    async def run(self) -> None:
+        """Follow, until cancelled; what goes wrong is said, and tried again."""
+        while True:
+            try:
+                await self._follow()
+            except SubscriptionDied as why:
+                self.died += 1
+                self._say(f"the subscription died, a new one is made: {why}")
+            except (ua.UaError, OSError, TimeoutError) as why:
+                self._say(_words_of_failure(why))
+            except Exception as why:  # a server that talks nonsense raises anything at all
+                self._say(f"{type(why).__name__}: {why}")
+            if self.is_connected:
+                self.is_connected = False
+                self._take([])
+            await asyncio.sleep(self._pause_s)
+            self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+
+    async def _follow(self) -> None:
+        self._forget()
+        async with session_with(self._access, self._lost) as client:
+            self._matters, self._contradicted = {}, {}
+            await self._find(client)
+            await self._subscribe(client)
+            self.is_connected = True
+            await self._watch(client)
+
+    async def _find(self, client: Client) -> None:
+        """Find the nodes and their units; what there is not is said, the others are followed."""
+        namespaces = await client.get_namespace_array()
+        for name, wanted in self._followed.items():
+            node = node_of(wanted.node, namespaces)
+            if isinstance(node, str):
+                self._say_of(name, node)
+            else:
+                self._nodes[name] = node
+        names = [name for name in self._nodes if self._followed[name].is_temperature]
+        stated = await find_units(client, [self._nodes[name] for name in names])
+        for name, units in zip(names, stated, strict=True):
+            self._choose_unit(name, stated_unit(units))
+
+    def _choose_unit(self, name: str, stated: TemperatureUnit | str | None) -> None:
+        """Take the unit as the file has it, or as the server states it."""
+        wanted = self._followed[name].unit
+        if wanted is not None:
+            self._units[name] = wanted
+            if stated not in (None, wanted):
+                self._contradicted[name] = (
+                    f"expected {wanted} as configured, got {stated} from the server; taken as "
+                    "configured"
+                )
+        elif stated is None or isinstance(stated, TemperatureUnit):
+            self._units[name] = stated or TemperatureUnit.CELSIUS
+        else:
+            del self._nodes[name]
+            self._say_of(
+                name,
+                f"expected a unit of temperature, got {stated!r} from the server: state `unit`",
+            )
+
+    async def _subscribe(self, client: Client) -> None:
+        session = client.uaclient.session
+        asked = ua.CreateSubscriptionParameters()
+        asked.RequestedPublishingInterval = 1000.0 * self._publishing_s
+        asked.RequestedMaxKeepAliveCount = max(1, round(KEEP_ALIVE_S / self._publishing_s))
+        asked.RequestedLifetimeCount = max(
+            3 * asked.RequestedMaxKeepAliveCount, round(LIFETIME_S / self._publishing_s)
+        )
+        self._heard_at = _clock()
+        made = await session.create_subscription(asked, self._published)
+        interval_s = made.RevisedPublishingInterval / 1000.0
+        self._silence_s = 2.0 * interval_s * made.RevisedMaxKeepAliveCount + ANSWER_S
+        self._patience_s = max(self._publishing_s, interval_s) + 1.0
+        names = list(self._nodes)
+        self._names = dict(enumerate(names, 1))
+        for begin in range(0, len(names), MOST_NODES):
+            some = names[begin : begin + MOST_NODES]
+            items = [self._item(begin + i, name) for i, name in enumerate(some, 1)]
+            results = await session.create_monitored_items(
+                ua.CreateMonitoredItemsParameters(
+                    SubscriptionId=made.SubscriptionId,
+                    TimestampsToReturn=ua.TimestampsToReturn.Both,
+                    ItemsToCreate=items,
+                )
+            )
+            for name, result in zip(some, results, strict=True):
+                self._note_item(name, result)
+
+    def _item(self, handle: int, name: str) -> ua.MonitoredItemCreateRequest:
+        """Ask for the newest value at each time of publishing; older ones are of no use."""
+        return ua.MonitoredItemCreateRequest(
+            ItemToMonitor=ua.ReadValueId(
+                NodeId=self._nodes[name], AttributeId=ua.AttributeIds.Value
+            ),
+            MonitoringMode=ua.MonitoringMode.Reporting,
+            RequestedParameters=ua.MonitoringParameters(
+                ClientHandle=ua.UInt32(handle),
+                SamplingInterval=1000.0 * self._publishing_s,
+                QueueSize=ua.UInt32(1),
+                DiscardOldest=True,
+            ),
+        )
+
+    def _note_item(self, name: str, result: ua.MonitoredItemCreateResult) -> None:
+        if not result.StatusCode.is_good():
+            self._refused[name] = result.StatusCode.value
+            self._say_of(
+                name,
+                f"expected a node that can be followed, got {words_of(result.StatusCode)} for "
+                f"{self._followed[name].node}",
+            )
+            return
+        slowest_s = max(0.0, result.RevisedSamplingInterval / 1000.0) + self._publishing_s + 1.0
+        self._patience_s = max(self._patience_s, slowest_s)
+
+    def _published(self, result: ua.PublishResult) -> None:
+        """Take what the server publishes; without anything in it, it says that it lives."""
+        try:
+            self._heard_at = _clock()
+            for said in result.NotificationMessage.NotificationData or ():
+                if isinstance(said, ua.DataChangeNotification):
+                    self._take_changes(said.MonitoredItems)
+                elif isinstance(said, ua.StatusChangeNotification):
+                    self._end(f"the server ended it: {words_of(said.Status)}")
+        except Exception:  # the library would only log it, where nobody looks
+            log.exception("OPC UA: could not take what %s published", self._access.endpoint)
+
+    def _take_changes(self, items: Sequence[ua.MonitoredItemNotification]) -> None:
+        found: list[Found] = []
+        for item in items:
+            name = self._names.get(item.ClientHandle)
+            if name is None:
+                continue
+            # What comes first is what held already: its source may have measured it long ago.
+            is_change = name in self._told
+            observed = observe(item.Value)
+            self._told[name] = observed
+            self._times_told[name] = self._times_told.get(name, 0) + 1
+            time = source_time(item.Value) if is_change else None
+            found.append(self._found(name, observed, time))
+        self._hand_on(found)
+
+    def _found(self, name: str, observed: Observed, time: datetime | None) -> Found:
+        if observed.value is None:
+            self._say_of(name, observed.words)
+            return Found(name, None)
+        self._matters.pop(name, None)
+        value = observed.value
+        if self._followed[name].is_temperature:
+            value = self._units[name].to_c(value)
+        if time is not None and not self._is_usable(name, time):
+            time = None
+        return Found(name, value, time)
+
+    def _is_usable(self, name: str, time: datetime) -> bool:
+        """Whether a source's time may be the reading's; an old one may: it claims less."""
+        if not self._is_clock_right:
+            return False
+        ahead_s = (time - self._now()).total_seconds()
+        if ahead_s > CLOCK_TOLERANCE_S:
+            self._say_of(name, f"its source's clock is {ahead_s:.1f} s ahead; not used")
+            return False
+        return True
+
+    def _hand_on(self, found: Sequence[Found]) -> None:
+        """Hand on what belongs together as of one time, the latest: nothing came before it was."""
+        if not found:
+            return
+        at = _clock()
+        for one in found:
+            self._handed_on_at[one.name] = at
+        times = [one.time for one in found if one.time is not None]
+        if times:
+            latest = max(times)
+            together = latest - timedelta(seconds=self._publishing_s)
+            found = [
+                Found(one.name, one.value, latest)
+                if one.time is not None and one.time >= together
+                else one
+                for one in found
+            ]
+        self._take(found)
+
+    async def _watch(self, client: Client) -> None:
+        """Compare what is with what was told, until they differ for too long."""
+        while True:
+            await self._look(client)
+            self._pause_s = FIRST_PAUSE_S
+            try:
+                async with asyncio.timeout(LOOK_EVERY_S):
+                    await self._ended.wait()
+            except TimeoutError:
+                continue
+            raise SubscriptionDied(self._end_words)
+
+    async def _look(self, client: Client) -> None:
+        names = list(self._nodes)
+        nodes = [_STATE, _TIME, *(self._nodes[name] for name in names)]
+        state, time, *said = await read_nodes(client, nodes)
+        self._judge_server(state, time)
+        silent_s = _clock() - self._heard_at
+        if silent_s > self._silence_s:
+            raise SubscriptionDied(f"nothing was published for {silent_s:.0f} s")
+        confirmed = []
+        for name, one in zip(names, said, strict=True):
+            if name in self._refused:
+                self._look_at_refused(name, one)
+            elif self._holds(name, observe(one)):
+                confirmed.append(name)
+        self._repeat(confirmed)
+
+    def _judge_server(self, state: ua.DataValue, time: ua.DataValue) -> None:
+        """Say what the server says of itself; a server whose time stands still does nothing."""
+        words = ""
+        code = state.Value.Value if state.Value is not None else None
+        if isinstance(code, int) and code != ua.ServerState.Running:
+            words = f"expected a running server, got the state {_state_name(code)}"
+        told = time.Value.Value if time.Value is not None else None
+        if isinstance(told, datetime):
+            ahead_s = (_aware(told) - self._now()).total_seconds()
+            self._is_clock_right = abs(ahead_s) <= CLOCK_TOLERANCE_S + ANSWER_S / 2.0
+            if not self._is_clock_right:
+                where = "ahead of" if ahead_s > 0 else "behind"
+                words = words or (
+                    f"the server's clock is {abs(ahead_s):.0f} s {where} the service's: its times "
+                    "are not used"
+                )
+            if told != self._server_time:
+                self._server_time, self._moved_at = told, _clock()
+            elif _clock() - self._moved_at > STILL_S:
+                raise SubscriptionDied("the server's time stands still")
+        self._say(words)
+
+    def _look_at_refused(self, name: str, said: ua.DataValue) -> None:
+        """Follow a node anew that is there by now; what else was refused stays so."""
+        status = said.StatusCode
+        was_unknown = self._refused[name] in _NO_NODE
+        if was_unknown and (status is None or status.value not in _NO_NODE):
+            raise SubscriptionDied(f"the server has the node of {name} now")
+
+    def _holds(self, name: str, observed: Observed) -> bool:
+        """Whether what was told is so; where it is not for too long, nobody is told anything."""
+        if self._told.get(name) == observed:
+            self._doubted.pop(name, None)
+            return observed.value is not None
+        times, at = self._times_told.get(name, 0), _clock()
+        doubted = self._doubted.get(name)
+        if doubted is None or doubted[0] != times:
+            self._doubted[name] = (times, at)
+        elif at - doubted[1] > self._patience_s:
+            raise SubscriptionDied(
+                f"{name} is {_shown(observed)} when it is read, and {_shown(self._told.get(name))} "
+                f"was told {at - doubted[1]:.0f} s before"
+            )
+        return False
+
+    def _repeat(self, confirmed: Sequence[str]) -> None:
+        """Hand on again what holds and was not handed on for long."""
+        due = _clock() - self._repeated_s + LOOK_EVERY_S / 2.0
+        self._hand_on(
+            [
+                self._found(name, self._told[name], None)
+                for name in confirmed
+                if self._handed_on_at.get(name, due) <= due
+            ]
+        )
+
+    async def _lost(self, why: Exception) -> None:
+        self._end(f"contact was lost: {_words_of_failure(why)}")
+
+    def _end(self, words: str) -> None:
+        self._end_words = words
+        self._ended.set()
+
+    def _say_of(self, name: str, words: str) -> None:
+        if self._matters.get(name) != words:
+            log.warning("OPC UA %s: %s: %s", self._access.endpoint, name, words)
+        self._matters[name] = words
+
+    def _say(self, words: str) -> None:
+        if words and words != self._trouble:
+            log.warning("OPC UA %s: %s", self._access.endpoint, words)
+        self._trouble = words
+
+
+_STATE: Final = ua.NodeId(ua.Int32(ua.ObjectIds.Server_ServerStatus_State))
+_TIME: Final = ua.NodeId(ua.Int32(ua.ObjectIds.Server_ServerStatus_CurrentTime))
+
+_NO_NODE: Final = frozenset(
+    {
+        ua.StatusCodes.BadNodeIdUnknown,
+        ua.StatusCodes.BadNodeIdInvalid,
+        ua.StatusCodes.BadAttributeIdInvalid,
+    }
+)
+
+
+def _clock() -> float:
+    return asyncio.get_running_loop().time()
+
+
+def _aware(time: datetime) -> datetime:
+    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
+
+
+def _state_name(code: int) -> str:
+    return ua.ServerState(code).name if code in list(ua.ServerState) else str(code)
+
+
+def _shown(observed: Observed | None) -> str:
+    if observed is None:
+        return "nothing"
+    return "without a value" if observed.value is None else f"{observed.value:g}"
+
+
+def _words_of_failure(why: BaseException) -> str:
+    if isinstance(why, TimeoutError) and not str(why):
+        return "no answer in time"
+    return str(why) or type(why).__name__

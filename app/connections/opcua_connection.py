@@ -1,0 +1,182 @@
+"""`[[opcua]]`: a server, and which of its nodes are which sensors of a machine."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from app.connections.connection import (
+    Connection,
+    ConnectionTable,
+    RunningConnection,
+    ShortName,
+    StatedUnit,
+    Table,
+)
+from app.connections.intake import Intake
+from app.connections.known_values import REPEATED_S, KnownValues
+from app.services.context import Context
+
+if TYPE_CHECKING:
+    from app.connections.opcua_client import Found, ServerFollower
+    from app.connections.opcua_session import Access, Security
+
+log = logging.getLogger("thermap")
+
+_ENDPOINT: Final = r"^opc\.tcp://[^\s@]+$"
+
+_NODE: Final = r"^((ns=\d+;)?(i=\d+|[sgb]=.+)|nsu=[^;]+;(i=\d+|[sgb]=.+))$"
+
+
+class NodeTable(Table):
+    """A node of a server, and its unit where the server states none."""
+
+    node: Annotated[str, Field(pattern=_NODE, max_length=500)]
+    unit: StatedUnit | None = None
+
+
+class StateNodeTable(Table):
+    """A node that a state is read from, in the server's unit."""
+
+    node: Annotated[str, Field(pattern=_NODE, max_length=500)]
+
+
+class SecurityTable(Table):
+    """`[opcua.security]`: files in DER or PEM, as from the folder of the file of connections."""
+
+    mode: Literal["Sign", "SignAndEncrypt"]
+    policy: Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"] = (
+        "Basic256Sha256"
+    )
+    certificate: Path = Field(strict=False)
+    private_key: Path = Field(strict=False)
+    server_certificate: Path = Field(strict=False)
+
+    @field_validator("certificate", "private_key", "server_certificate")
+    @classmethod
+    def _is_there(cls, stated: Path, info: ValidationInfo) -> Path:
+        path: Path = (info.context or {}).get("folder", Path()) / stated
+        try:
+            path.open("rb").close()
+        except OSError as why:
+            raise ValueError(f"expected a file, got {str(path)!r}: {why.strerror}") from why
+        return path
+
+
+class UserTable(Table):
+    """`[opcua.user]`: who asks; the password stands in a variable of the environment."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    password_env: Annotated[str, Field(min_length=1, max_length=200)]
+
+    @field_validator("password_env")
+    @classmethod
+    def _is_set(cls, stated: str) -> str:
+        if stated not in os.environ:
+            raise ValueError(f"expected a variable of the environment, got {stated!r}: it is unset")
+        return stated
+
+
+class OpcuaTable(ConnectionTable):
+    """One server."""
+
+    extra = "opcua"
+    library = "asyncua"
+
+    machine: ShortName
+    endpoint: Annotated[str, Field(pattern=_ENDPOINT, max_length=500)]
+    sensors: Annotated[dict[str, NodeTable], Field(min_length=1, max_length=200)]
+    state: Annotated[dict[str, StateNodeTable], Field(max_length=200)] = Field(default_factory=dict)
+    publishing_s: float = Field(1.0, ge=0.1, le=60.0)
+    security: SecurityTable | None = None
+    user: UserTable | None = None
+
+    @field_validator("sensors", "state", mode="before")
+    @classmethod
+    def _nodes_by_name(cls, stated: Any) -> Any:
+        """Let `x-middle = "ns=2;s=X"` stand for `x-middle = { node = "ns=2;s=X" }`."""
+        if not isinstance(stated, dict):
+            return stated
+        return {k: {"node": v} if isinstance(v, str) else v for k, v in stated.items()}
+
+    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+        """Make what runs; only this needs the library."""
+        return ServerConnection(self, intake, context)
+
+    @property
+    def access(self) -> Access:
+        """Where the server is and who asks it, with the password as it is now."""
+        from app.connections.opcua_session import Access, Security
+
+        security: Security | None = None
+        if self.security is not None:
+            security = Security(**self.security.model_dump())
+        if self.user is None:
+            return Access(self.endpoint, security)
+        password = os.environ.get(self.user.password_env, "")
+        return Access(self.endpoint, security, self.user.name, password)
+
+
+class ServerConnection:
+    """One OPC UA server, whose values become readings of one machine."""
+
+    def __init__(self, table: OpcuaTable, intake: Intake, context: Callable[[], Context]) -> None:
+        self._table = table
+        self._context = context
+        self._known = KnownValues(intake, table.machine, table.sensors, table.state)
+        self._last_value_at: datetime | None = None
+        self._follower: ServerFollower | None = None
+
+    async def run(self) -> None:
+        """Follow the server until cancelled."""
+        # Imported only here: its library is an extra, and takes long.
+        from app.connections.opcua_client import Followed, ServerFollower
+
+        table = self._table
+        followed = {name: Followed(i.node, True, i.unit) for name, i in table.sensors.items()}
+        followed |= {name: Followed(i.node, False) for name, i in table.state.items()}
+        if table.user is not None and table.security is None:
+            log.warning(
+                "OPC UA %s: without security the password may cross the network for all to read",
+                table.endpoint,
+            )
+        self._follower = ServerFollower(
+            table.access,
+            followed,
+            self._take,
+            lambda: self._context().now(),
+            publishing_s=table.publishing_s,
+            repeated_s=REPEATED_S,
+        )
+        await self._follower.run()
+
+    def now(self) -> Connection:
+        """Say how it fares."""
+        follower = self._follower
+        return Connection(
+            name=self._table.name,
+            kind="opcua",
+            machines=(self._table.machine,),
+            endpoint=self._table.endpoint,
+            connected=follower is not None and follower.is_connected,
+            last_value_at=self._last_value_at,
+            known=len(self._known),
+            trouble="" if follower is None else follower.trouble,
+            lost=0,
+        )
+
+    def _take(self, found: Sequence[Found]) -> None:
+        """Remember what holds from now on; without contact nothing is known any more."""
+        if not found:
+            self._known.forget()
+            return
+        if any(one.value is not None for one in found):
+            self._last_value_at = self._context().now()
+        for time in sorted({one.time for one in found}, key=lambda time: (time is None, time)):
+            self._known.take({one.name: one.value for one in found if one.time == time}, time)

@@ -1,0 +1,106 @@
+"""What an OPC UA server says of a node: a number that is good, or why there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from asyncua import ua
+
+from app.errors import existing_names
+from app.units import TemperatureUnit
+
+_NO_TIME_BEFORE: Final = datetime(1970, 1, 1, tzinfo=UTC)
+"""A source that states no time says the year 1601."""
+
+_UNITS: Final = {
+    4408652: TemperatureUnit.CELSIUS,
+    4604232: TemperatureUnit.FAHRENHEIT,
+    4932940: TemperatureUnit.KELVIN,
+}
+"""UNECE's CEL, FAH and KEL as OPC UA counts them (Part 8, 5.6.4.3)."""
+
+_SIGNS: Final = {
+    "°C": TemperatureUnit.CELSIUS,
+    "℃": TemperatureUnit.CELSIUS,
+    "°F": TemperatureUnit.FAHRENHEIT,
+    "℉": TemperatureUnit.FAHRENHEIT,
+    "K": TemperatureUnit.KELVIN,
+}
+"""What servers without UNECE's number show to people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """A number, or None and why not."""
+
+    value: float | None
+    words: str = ""
+
+
+def observe(said: ua.DataValue) -> Observed:
+    """Read what a server says of a node; no value unless its status is Good."""
+    status = said.StatusCode
+    if status is not None and not status.is_good():
+        return Observed(None, f"expected a good value, got {words_of(status)} from the server")
+    variant = said.Value
+    if variant is None or variant.Value is None:
+        return Observed(None, "expected a number, got nothing")
+    value = variant.Value
+    if variant.is_array or isinstance(value, list | tuple):
+        return Observed(None, f"expected one number, got an array of {len(value)}")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return Observed(
+            None, f"expected a number, got the {variant.VariantType.name} {value!r:.80}"
+        )
+    if not math.isfinite(value):
+        return Observed(None, f"expected a finite number, got {value!r}")
+    return Observed(float(value))
+
+
+def words_of(status: ua.StatusCode) -> str:
+    """Name a status; its number where it has no name."""
+    known = status.name not in ("Good", "Uncertain", "Bad") or status.value == 0
+    return status.name if known else f"{status.name} (0x{status.value:08X})"
+
+
+def source_time(said: ua.DataValue) -> datetime | None:
+    """Read when the source measured it, None where the server does not say."""
+    stated: datetime | None = said.SourceTimestamp
+    if stated is None:
+        return None
+    time = stated if stated.tzinfo is not None else stated.replace(tzinfo=UTC)
+    return time if time > _NO_TIME_BEFORE else None
+
+
+def node_of(stated: str, namespaces: Sequence[str]) -> ua.NodeId | str:
+    """Find a node's id, or say why there is none.
+
+    Parameters
+    ----------
+    stated
+        `ns=2;s=…`, or `nsu=URI;s=…`, which holds whatever number the URI has in this server.
+    namespaces
+        The server's URIs, in the order of their numbers.
+    """
+    if stated.startswith("nsu="):
+        uri, _, identifier = stated.removeprefix("nsu=").partition(";")
+        if uri not in namespaces:
+            return f"expected a namespace of the server, got {uri!r}; {existing_names(namespaces)}"
+        stated = f"ns={namespaces.index(uri)};{identifier}"
+    try:
+        return ua.NodeId.from_string(stated)
+    except (ua.UaError, ValueError) as why:
+        return f"expected a node id as ns=2;s=NAME, got {stated!r}: {why}"
+
+
+def stated_unit(units: object) -> TemperatureUnit | str | None:
+    """Read a node's EngineeringUnits: a unit of temperature, or what else it is; None: unsaid."""
+    if not isinstance(units, ua.EUInformation):
+        return None
+    shown = (units.DisplayName.Text or "").strip()
+    known = _UNITS.get(units.UnitId) or _SIGNS.get(shown)
+    return known or shown or None
