@@ -422,7 +422,7 @@ class Connection(Shape):
     """Its name in the file"""
 
     kind: str
-    """`mtconnect`"""
+    """`mtconnect` or `opcua`"""
 
     machines: list[str]
     """Ids of the machines whose sensors it reads"""
