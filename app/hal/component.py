@@ -281,6 +281,7 @@ def follow(hal: Any, stated: argparse.Namespace) -> None:
     beats = 0
     try:
         while True:
+            began = time.monotonic()
             exchange.tell(pins.temperatures_c(), pins.state())
             for table, at in exchange.answers():
                 following.answered(table, at)
@@ -288,8 +289,8 @@ def follow(hal: Any, stated: argparse.Namespace) -> None:
             pins.write(following.step(active))
             beats = (beats + 1) % 2**32
             _show(pins, following, active, connected=exchange.connected, beats=beats)
-            # From the end of this step: the rate holds between any two, however late one comes.
-            time.sleep(stated.period_s)
+            # A late step is not made up for: the rate holds between any two.
+            time.sleep(max(0.0, began + stated.period_s - time.monotonic()))
     finally:
         pins.show(connected=False, stale=True)
 

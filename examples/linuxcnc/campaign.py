@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from examples.linuxcnc.controller import run_program
+from examples.linuxcnc.controller import NotRunning, run_program
 from examples.linuxcnc.maps import HASTE, MACHINE
 from examples.linuxcnc.plant import HOUR_S, LASER_UM, Course, actual_mm
 from examples.linuxcnc.shop import Shop, filled, iso, zeroed
@@ -91,8 +91,12 @@ def analyse(shop: Shop, course: Course, now_s: float) -> Found:
     planned.write_text(_plan(visits))
     words = (MACHINE["id"], planned, "--line", "x=50", "--line", "y=50", *HASTE)
     program, form = shop.program("visit", *words, into="visits")
-    # Each visit has the laser's zero before its readings.
-    rests = run_program(program, rests=VISITS * (len(VISIT_MM) + 1)).rests
+    rests = run_program(program).rests
+    if len(rests) != VISITS * (len(VISIT_MM) + 1):
+        raise NotRunning(
+            f"expected {VISITS} visits of {len(VISIT_MM)} readings, "
+            f"each with the laser's zero before them, got {len(rests)} rests"
+        )
     read: list[float] = []
     for number, at_s in enumerate(visits):
         own = rests[number * (len(VISIT_MM) + 1) :][: len(VISIT_MM) + 1]

@@ -27,9 +27,6 @@ INSTALL: Final = "apt-get install --no-install-recommends linuxcnc-uspace"
 PATIENCE_S: Final = 180.0
 """How long a start, or an answer, is waited for: a busy computer is slow."""
 
-TRIES: Final = 5
-"""How often a program runs at most until each of its rests was seen."""
-
 END_S: Final = 60.0
 """How long it may take to end."""
 
@@ -104,14 +101,8 @@ MOTORS: Final = "".join(
     for joint, axis in enumerate("xyz")
 )
 
-TICKS: Final = "net thermap-ticks thermap.heartbeat"
-"""Joins the component's ticks to what samples them, again after it has been started anew."""
-
-COMPENSATED_MOTORS: Final = (
-    "".join(f"net {axis}-loop thermap-{axis}.out => thermap-{axis}.fb-in\n" for axis in "xyz")
-    + "loadrt sampler depth=20000 cfg=fffu\n"
-    + "".join(f"net thermap-{axis}-offset => sampler.0.pin.{n}\n" for n, axis in enumerate("xyz"))
-    + f"{TICKS} => sampler.0.pin.3\naddf sampler.0 servo-thread\n"
+COMPENSATED_MOTORS: Final = "".join(
+    f"net {axis}-loop thermap-{axis}.out => thermap-{axis}.fb-in\n" for axis in "xyz"
 )
 
 
@@ -161,8 +152,8 @@ class Controller:
         """Let the drive do something (`drive.answer`).
 
         With the live compensation the answer has for each axis how far its offset has `moved`,
-        back and forth [µm], and the largest step `beyond` what the component's ticks allow [µm];
-        and by how many its ticks were `hasty`, more than its period allows.
+        back and forth [µm], the largest step `beyond` what the rate allows [µm], and the highest
+        of its `speeds` over 0.4 s [µm/s].
 
         Raises
         ------
@@ -193,26 +184,11 @@ class Controller:
         """Make one move; give each joint's commanded position and its motor's [machine units]."""
         return [(commanded, motor) for commanded, motor in self.ask(mdi=words)["settled"]]
 
-    def run(self, program: str, rests: int | None = None) -> Ran:
-        """Run an NC program; an operator presses start at its stops.
-
-        Parameters
-        ----------
-        rests
-            How many it has. On a busy computer a short one may pass unseen: with their number
-            stated, the program then runs again.
-
-        Raises
-        ------
-        NotRunning
-            If they are never as many as stated.
-        """
-        for _ in range(TRIES):
-            ran = self.ask(program=program)["ran"]
-            found = [Rest(motors, ways) for motors, ways in ran.pop("rests")]
-            if rests in (None, len(found)):
-                return Ran(rests=found, **ran)
-        raise NotRunning(f"expected {rests} rests of the program, got {len(found)}")
+    def run(self, program: str) -> Ran:
+        """Run an NC program; an operator presses start at its stops."""
+        ran = self.ask(program=program)["ran"]
+        rests = [Rest(motors, ways) for motors, ways in ran.pop("rests")]
+        return Ran(rests=rests, **ran)
 
     def wait_for(self, within_s: float, **pins: Any) -> None:
         """Wait until pins of the component have these values; `_` stands for `-`.
@@ -250,7 +226,6 @@ def running(
     files: Mapping[str, str] | None = None,
     wiring: str = "",
     rate_um_per_s: float = 0.0,
-    period_s: float = 0.02,
     units: str = "mm",
 ) -> Iterator[Controller]:
     """Start LinuxCNC, and end it again.
@@ -261,8 +236,8 @@ def running(
         Name to content of exported compensation files; the lines of `thermap.ini` go into the
         sections of the joints.
     wiring
-        The HAL file of the live compensation, and `rate_um_per_s` and `period_s` what it was
-        written with; without it the motors follow the commands.
+        The HAL file of the live compensation, and `rate_um_per_s` its rate; without it the
+        motors follow the commands.
     units
         LINEAR_UNITS of the machine: mm or inch.
 
@@ -275,9 +250,7 @@ def running(
     exported = files or {}
     tables = {name: text for name, text in exported.items() if name.endswith(".comp")}
     hal = MOTION + (wiring + COMPENSATED_MOTORS if wiring else MOTORS)
-    ini = _ini(_sections(exported.get("thermap.ini", "")), units)
-    if wiring:
-        ini += f"[THERMAP]\nRATE_UM_PER_S = {rate_um_per_s:g}\nPERIOD_S = {period_s:g}\n"
+    ini = _ini(_sections(exported.get("thermap.ini", "")), units, rate_um_per_s if wiring else None)
     with tempfile.TemporaryDirectory(prefix="linuxcnc-") as name:
         folder = Path(name)
         folder.chmod(0o777)
@@ -293,10 +266,10 @@ def running(
                 peer.shutdown(socket.SHUT_RDWR)
 
 
-def run_program(text: str, files: Mapping[str, str] | None = None, rests: int | None = None) -> Ran:
+def run_program(text: str, files: Mapping[str, str] | None = None) -> Ran:
     """Start LinuxCNC, with compensation files or without, run an NC program, and end it."""
     with running(files) as controller:
-        return controller.run(text, rests)
+        return controller.run(text)
 
 
 def run_moves(
@@ -322,7 +295,7 @@ def run_moves(
     return found
 
 
-def _ini(settings: Mapping[str, str], units: str) -> str:
+def _ini(settings: Mapping[str, str], units: str, rate_um_per_s: float | None) -> str:
     per_unit = UNITS[units]
     limits = LIMITS.format(
         limit=1000 / per_unit, velocity=400 / per_unit, acceleration=1000 / per_unit
@@ -332,6 +305,8 @@ def _ini(settings: Mapping[str, str], units: str) -> str:
         velocity=400 / per_unit,
         half_velocity=200 / per_unit,
     )
+    if rate_um_per_s is not None:
+        content += f"[THERMAP]\nRATE_UM_PER_S = {rate_um_per_s:g}\n"
     for number, axis in enumerate("XYZ"):
         content += f"[AXIS_{axis}]\n{limits}"
         content += f"[JOINT_{number}]\n{JOINT}{limits}{settings.get(f'JOINT_{number}', '')}"

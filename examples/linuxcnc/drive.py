@@ -24,11 +24,6 @@ INI = linuxcnc.ini("machine.ini")
 RATE = INI.find("THERMAP", "RATE_UM_PER_S")
 """Stated where the live compensation stands between motion and motors."""
 
-PERIOD = INI.find("THERMAP", "PERIOD_S")
-
-SAMPLES = 400
-"""Of the servo thread, over which the pace of the offsets is judged."""
-
 UM_PER_UNIT = 1000.0 if INI.find("TRAJ", "LINEAR_UNITS") == "mm" else 25400.0
 
 MOTORS = [
@@ -45,7 +40,7 @@ def main():
     kept = hal.component("drive")  # it lives as long as it is named
     kept.ready()
     home()
-    watched = None if RATE is None else Watched(kept, float(RATE), float(PERIOD))
+    watched = None if RATE is None else Watched(float(RATE))
     server = socket.socket(socket.AF_UNIX)
     server.bind("asked")
     server.listen(1)
@@ -206,83 +201,51 @@ def run(text):
 
 
 class Watched:
-    """What the offsets of the live compensation did, in every cycle of the servo thread.
+    """What the offsets of the live compensation did, looked at all the time."""
 
-    On an ordinary computer the thread is late now and then, and what the component wrote meanwhile
-    comes at once. So the offsets are held against the component's ticks, which were taken down in
-    the same cycle, and the ticks against the clock.
-    """
-
-    def __init__(self, component, rate_um_per_s, period_s):
-        self._stream = hal.stream(component, hal.sampler_base, "fffu")
-        self._step_um, self._period_s = rate_um_per_s * period_s, period_s
-        self._lock, self._done = threading.Lock(), False
-        self._seen = -1
-        self._begin()
+    def __init__(self, rate_um_per_s):
+        self._lock, self._done, self._rate = threading.Lock(), False, rate_um_per_s
+        self.forget()
         self._thread = threading.Thread(target=self._watch)
         self._thread.start()
 
     def forget(self):
         """Count from now on."""
-        self._catch_up()
         with self._lock:
-            self._begin()
+            self._moved = dict.fromkeys(AXES, 0.0)
+            self._beyond = dict.fromkeys(AXES, 0.0)
+            self._speeds = dict.fromkeys(AXES, 0.0)
 
     def figures(self):
-        """Say how far and by which steps [µm], and how many ticks there were beyond the clock's."""
-        self._catch_up()
-        now, ticks = time.monotonic(), hal.get_value("thermap.heartbeat")
+        """Say how far, by which steps and how fast [µm, µm/s]."""
         with self._lock:
-            begun, first = self._begun
-            hasty = ticks - first - (now - begun) / self._period_s
-            return {"moved": dict(self._moved), "beyond": dict(self._beyond), "hasty": hasty}
+            found = {"moved": self._moved, "beyond": self._beyond, "speeds": self._speeds}
+            return {name: dict(figures) for name, figures in found.items()}
 
     def end(self):
         """Look no longer."""
         self._done = True
         self._thread.join()
 
-    def _begin(self):
-        self._moved = dict.fromkeys(AXES, 0.0)
-        self._beyond = dict.fromkeys(AXES, 0.0)
-        self._since = []
-        # The clock first: a tick between the two counts for the time, and none is missed.
-        self._begun = time.monotonic(), hal.get_value("thermap.heartbeat")
-
-    def _catch_up(self):
-        """Wait until what was sampled before now has been looked at."""
-        until = hal.get_value("sampler.0.sample-num")
-        for _ in range(6000):
-            if self._seen >= until or self._done:
-                return
-            time.sleep(0.01)
-        sys.exit("the samples stopped coming")
-
     def _watch(self):
+        trace = {axis: [] for axis in AXES}
         while not self._done:
-            sample = self._stream.read()
-            if sample is None:
-                time.sleep(0.01)
-                continue
-            with self._lock:
-                self._look(*sample)
-            self._seen = self._stream.sampleno
-
-    def _look(self, x, y, z, ticks):
-        """Hold a sample against the one before it, and against one that is many ticks older."""
-        now = [UM_PER_UNIT * value for value in (x, y, z)]
-        for axis, at, was in zip(AXES, now, (self._since or [(now,)])[-1][0]):
-            self._moved[axis] += abs(at - was)
-        if self._since and ticks < self._since[-1][1]:
-            self._since = []  # another component counts anew
-        for before in self._since[-1:] + self._since[:1]:
-            # What one tick wrote may be seen in two parts, hence one more.
-            allowed = self._step_um * (ticks - before[1] + 1)
-            for axis, at, was in zip(AXES, now, before[0]):
-                self._beyond[axis] = max(self._beyond[axis], abs(at - was) - allowed)
-        self._since.append((now, ticks))
-        if len(self._since) > SAMPLES:
-            del self._since[0]
+            for axis in AXES:
+                begun = time.monotonic()
+                now = UM_PER_UNIT * hal.get_value(f"thermap-{axis}.offset")
+                at = time.monotonic()
+                trace[axis] = [one for one in trace[axis] if at - one[0] < 0.5] + [(begun, now)]
+                first, last = trace[axis][0], trace[axis][-2:][0]
+                with self._lock:
+                    step = abs(now - last[1])
+                    self._moved[axis] += step
+                    # However late the look was: what the rate does not allow for in that time.
+                    beyond = step - self._rate * (at - last[0])
+                    self._beyond[axis] = max(self._beyond[axis], beyond)
+                    if at - first[0] > 0.4:
+                        speed = abs(now - first[1]) / (at - first[0])
+                        self._speeds[axis] = max(self._speeds[axis], speed)
+            time.sleep(0.002)
 
 
 main()

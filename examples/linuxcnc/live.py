@@ -16,7 +16,7 @@ from app.hal.curves import AXES, CURVES, Nodes, table_of
 from app.hal.wiring import curve_name
 from examples.linuxcnc.campaign import SEED, STAGES_MIN
 from examples.linuxcnc.controller import Controller, NotRunning, running
-from examples.linuxcnc.maps import HASTE, LINES, MACHINE, laser_um, rests_of, targets_of
+from examples.linuxcnc.maps import HASTE, LINES, MACHINE, laser_um, targets_of
 from examples.linuxcnc.plant import SENSORS, Course
 from examples.linuxcnc.shop import Shop, iso
 
@@ -158,8 +158,7 @@ def warm_up(
             logger.send(at_s)
         machine.wait_for_table(shop)
         warmth = logger.course.at(at_s)
-        ran = machine.controller.run(program, rests_of(form))
-        read = laser_um(ran, "z", targets_of(form), warmth)
+        read = laser_um(machine.controller.run(program), "z", targets_of(form), warmth)
         stages.append(
             Stage(
                 (at_s - begun_s) / 60.0,

@@ -54,7 +54,7 @@ def map_axis(shop: Shop, axis: str) -> tuple[str, str, Ran]:
     lines = (word for line in LINES[axis] for word in ("--line", line))
     words = (MACHINE["id"], "--axis", axis, "--runs", 1, "--at", at, *lines, *HASTE)
     program, form = shop.program("positioning", *words, into=f"map-{axis}")
-    ran = run_program(program, rests=rests_of(form))
+    ran = run_program(program)
     for label, t_c in MAPS_C.items():
         read = laser_um(ran, axis, targets_of(form), Warmth.steady(t_c))
         head = {"label": f"{label} {axis}", "measured_at": "2026-01-05T06:00:00Z"}
@@ -68,11 +68,6 @@ def map_axis(shop: Shop, axis: str) -> tuple[str, str, Ran]:
 def targets_of(form: str) -> list[float]:
     """Read the targets of a positioning file, in the order of its lines [mm]."""
     return [float(row["target_mm"]) for row in rows_of(form)]
-
-
-def rests_of(form: str) -> int:
-    """Count the rests of a positioning program: the laser's zero, and each of its file's lines."""
-    return 1 + len(rows_of(form))
 
 
 def laser_um(ran: Ran, axis: str, nominal_mm: Sequence[float], warmth: Warmth) -> list[float]:
@@ -90,7 +85,7 @@ def export(shop: Shop, mapped: Mapping[str, tuple[str, str, Ran]]) -> list[Axis]
     found = []
     for axis, (program, form, without) in mapped.items():
         targets = targets_of(form)
-        compensated = run_program(program, files, rests_of(form))
+        compensated = run_program(program, files)
         sizes = [
             float(np.abs(laser_um(ran, axis, targets, warmth)).max())
             for ran in (without, compensated)
