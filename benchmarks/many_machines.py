@@ -52,7 +52,8 @@ def multiply(url: str, n: int) -> None:
             "WHERE machine_id = :source",
             f"{numbers} INSERT INTO error_map_component "
             "SELECT c.error_map_id + 3 * i, c.component, c.place, c.positions_mm, c.errors, "
-            "c.backward_errors FROM n, error_map_component c WHERE c.error_map_id <= 3",
+            "c.backward_errors, c.covariance, c.backward_covariance "
+            "FROM n, error_map_component c WHERE c.error_map_id <= 3",
             f"{numbers} INSERT INTO model_version (machine_id, version, created_at, reason, "
             "assignment, effects) SELECT printf('m%05d', i), version, created_at, reason, "
             "assignment, effects FROM n, model_version WHERE machine_id = :source AND version = 3",

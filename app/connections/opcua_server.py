@@ -7,16 +7,26 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
+from time import monotonic
 from typing import Any, Final
 
 from asyncua import Node, Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 from starlette.concurrency import run_in_threadpool
 
-from app.connections.opcua_values import NO_VALUE, Said, Snapshot, snapshot_of, values_of
+from app.connections.opcua_values import (
+    NO_VALUE,
+    Said,
+    Snapshot,
+    computed_at,
+    reading_age,
+    seen_of,
+    snapshot_of,
+    values_of,
+)
 from app.geometry.components import Component
 from app.live.registry import LiveMachine
 from app.services.context import Context
@@ -29,6 +39,10 @@ NAMESPACE: Final = "urn:thermap:machines"
 
 LOOK_EVERY_S: Final = 0.5
 """How often machines are looked at [s]: a reading is in a PLC's hand that soon."""
+
+JUDGE_EVERY_S: Final = 10.0
+"""How often a machine is judged of which nothing has changed [s]: time alone can make a verdict
+another one, but not a sensor's health, which is looked at each time."""
 
 ASK_EVERY_S: Final = 2.0
 """How often the database is asked for watches and analyses [s]."""
@@ -55,6 +69,8 @@ class _Machine:
     layout: tuple[Any, ...]
     nodes: dict[str, ua.NodeId] = field(default_factory=dict)
     said: dict[str, Said] = field(default_factory=dict)
+    seen: Hashable = None
+    judged_at_s: float = 0.0
 
     def nothing(self, path: str, code: int = NO_VALUE) -> Said:
         """Say that a node has no value."""
@@ -135,9 +151,16 @@ class TableServer:
     async def _tell(
         self, server: Server, machines: Node, machine_id: str, live: LiveMachine
     ) -> None:
-        snapshot = snapshot_of(self._context(), live, self._stored)
-        layout = _layout(live, snapshot)
+        context = self._context()
         machine = self._machines.get(machine_id)
+        # Before the verdict: what changes meanwhile is seen as changed the next time.
+        seen, age_s = seen_of(context, live, self._stored)
+        is_new = machine is None or machine.seen != seen
+        if machine is not None and not is_new and monotonic() - machine.judged_at_s < JUDGE_EVERY_S:
+            await self._tell_time(server, machine, age_s, context.now())
+            return
+        snapshot = snapshot_of(context, live, self._stored)
+        layout = _layout(live, snapshot)
         if machine is None or machine.layout != layout:
             if machine is not None:
                 del self._machines[machine_id]
@@ -149,11 +172,20 @@ class TableServer:
             if not path.endswith(_FIXED):
                 # A component that the table does not have keeps its nodes, without a value.
                 await _write(server, machine, path, said.get(path) or machine.nothing(path), now)
+        machine.seen, machine.judged_at_s = seen, monotonic()
+
+    async def _tell_time(
+        self, server: Server, machine: _Machine, age_s: float | None, now: datetime
+    ) -> None:
+        """Say that all is as it was, and how old that is."""
+        await _write(server, machine, "ComputedAt", computed_at(now), now)
+        await _write(server, machine, "ReadingAge", reading_age(age_s), now)
 
     async def _break(self, server: Server, machine_id: str, now: datetime) -> None:
         machine = self._machines.get(machine_id)
         if machine is None:
             return
+        machine.seen = None
         for path in machine.nodes:
             if not path.endswith(_FIXED):
                 await _write(server, machine, path, machine.nothing(path, _BROKEN), now)
@@ -187,6 +219,7 @@ class TableServer:
                 _example(said),
                 said.kind,
             )
+            await asyncio.sleep(0)  # a node takes a millisecond: others go on between them
             made.nodes[path] = node.nodeid
             await _write(server, made, path, said, self._context().now())
 

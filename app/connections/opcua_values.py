@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Final, TypeAlias, cast
@@ -10,12 +10,14 @@ from typing import Final, TypeAlias, cast
 from asyncua import ua
 
 from app.compensation.table import CompensationTable, ComponentCompensation
-from app.errors import ThermapError
+from app.effects.adopted.held import HELD
+from app.errors import NoReading, ThermapError
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, table_of_state
 from app.services.status import Stored, status_of
 from app.status.machine_status import MachineStatus, SensorNow, State, Verdict
+from app.thermal.bracket import Status
 from app.thermal.sensor_health import Health
 
 GOOD: Final = ua.StatusCodes.Good
@@ -64,6 +66,20 @@ def snapshot_of(context: Context, live: LiveMachine, stored: Stored) -> Snapshot
     return Snapshot(status_of(context, live, stored), table)
 
 
+def seen_of(context: Context, live: LiveMachine, stored: Stored) -> tuple[Hashable, float | None]:
+    """Say briefly what a verdict would rest on now, and how old the latest reading is [s].
+
+    A verdict takes milliseconds; while this stays the same, only time can change it.
+    """
+    machine_id = live.current.model.machine.id
+    beside = (stored.watches.get(machine_id), stored.analyses.get(machine_id))
+    try:
+        state = current_state(context, machine_id, live)
+    except NoReading as why:
+        return (live.current.stamp, live.current.version, why.detail, beside), None
+    return (state.tag, beside), state.age_s
+
+
 def quality_of(snapshot: Snapshot) -> int:
     """Say how far a machine's compensation may be believed.
 
@@ -79,6 +95,32 @@ def quality_of(snapshot: Snapshot) -> int:
     return ua.StatusCodes.UncertainSubNormal
 
 
+def quality_of_component(snapshot: Snapshot, entry: ComponentCompensation, code: int) -> int:
+    """Say the same of one component, never better than its machine.
+
+    Parameters
+    ----------
+    code
+        Of the machine, as `quality_of` says.
+    """
+    table = snapshot.table
+    if table is None or ua.StatusCode(ua.UInt32(code)).is_bad():
+        return NO_VALUE
+    rests_on = {entry.basis.sensor, *(one.sensor for one in entry.basis.follows)}
+    for effect in table.effects:
+        if entry.component.code in effect.components:
+            rests_on |= set(effect.sensors)
+    old = {one.sensor for one in snapshot.status.sensors if one.health is Health.STALE}
+    if rests_on & old:
+        return ua.StatusCodes.UncertainLastUsableValue
+    if entry.basis.status in _BEYOND:
+        return ua.StatusCodes.UncertainEngineeringUnitsExceeded
+    return GOOD if code == GOOD else ua.StatusCodes.UncertainSubNormal
+
+
+_BEYOND: Final = frozenset({Status.CLAMPED, Status.EXTRAPOLATED, HELD})
+"""Statuses of what lies beyond its maps, or beyond where an effect was learnt."""
+
 _QUALITY: Final = {
     Health.OK: GOOD,
     Health.MISSING: NO_VALUE,
@@ -90,8 +132,7 @@ _QUALITY: Final = {
 def values_of(snapshot: Snapshot) -> Iterator[tuple[str, Said]]:
     """Give all values of a machine by their paths below it."""
     status, code = snapshot.status, quality_of(snapshot)
-    table = snapshot.table
-    text, number = ua.VariantType.String, ua.VariantType.Double
+    table, text = snapshot.table, ua.VariantType.String
     yield "Name", Said(text, status.name)
     yield "Configuration", Said(text, status.configuration)
     yield "Verdict", Said(text, status.verdict.value)
@@ -102,12 +143,22 @@ def values_of(snapshot: Snapshot) -> Iterator[tuple[str, Said]]:
     yield "Complete", Said(ua.VariantType.Boolean, complete)
     yield "ModelVersion", _known(ua.VariantType.UInt32, status.model_version)
     yield "ReadingTime", _known(ua.VariantType.DateTime, status.reading_time)
-    yield "ReadingAge", _known(number, status.reading_age_s)
-    yield "ComputedAt", Said(ua.VariantType.DateTime, status.computed_at)
+    yield "ReadingAge", reading_age(status.reading_age_s)
+    yield "ComputedAt", computed_at(status.computed_at)
     for sensor in status.sensors:
         yield f"Temperatures/{sensor.sensor}", _temperature(sensor)
     for entry in table.components if table is not None else ():
-        yield from _component_values(entry, code)
+        yield from _component_values(entry, quality_of_component(snapshot, entry, code))
+
+
+def reading_age(age_s: float | None) -> Said:
+    """Say how old the latest reading is [s]."""
+    return _known(ua.VariantType.Double, age_s)
+
+
+def computed_at(time: datetime) -> Said:
+    """Say when a machine was judged, or nothing was found changed since it was."""
+    return Said(ua.VariantType.DateTime, time)
 
 
 def _component_values(entry: ComponentCompensation, code: int) -> Iterator[tuple[str, Said]]:

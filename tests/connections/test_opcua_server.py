@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from contextlib import asynccontextmanager, suppress
+from datetime import timedelta
 
 import pytest
 
@@ -23,9 +24,12 @@ pytest.importorskip("asyncua", reason="the extra opcua is not installed")
 from asyncua import Client, ua
 
 from app.connections.opcua_server import NAMESPACE, TableServer
+from app.connections.opcua_values import seen_of, snapshot_of, values_of
 from app.connections.serving_tables import expect_library
 from app.errors import InvalidContent
+from app.services.status import Stored
 from app.settings import Settings
+from app.storage.watches import Watched
 
 pytestmark = pytest.mark.anyio
 
@@ -246,3 +250,59 @@ def test_an_endpoint_without_the_library_is_refused(monkeypatch):
     expect_library("")
     with pytest.raises(InvalidContent, match="expected the extra opcua installed"):
         expect_library("opc.tcp://127.0.0.1:4840/thermap")
+
+
+def codes_of(service):
+    """Say the status code of each component's compensation."""
+    context = service.state.context
+    snapshot = snapshot_of(context, context.live.get("mcfv5050"), Stored())
+    return {
+        path.split("/")[1]: ua.StatusCode(ua.UInt32(said.code)).name
+        for path, said in values_of(snapshot)
+        if path.endswith("/Compensation")
+    }
+
+
+async def test_each_component_is_as_good_as_what_it_rests_on(machine, clock):
+    service, client = machine
+    posted = await client.post(f"{ROOM}/readings", json=reading(START, 29.0))
+    assert posted.status_code == 201
+    assert codes_of(service) == dict.fromkeys(("EXX", "EBX", "EZZ", "SXY"), "Good")
+
+    # EZZ follows z-column, whose hottest map is at 32 °C: it is clamped there.
+    clock.advance(60)
+    hot = temperatures(29.0) | {"z-column": 33.0}
+    body = {"time": iso(clock()), "temperatures_c": hot, "state": {}}
+    assert (await client.post(f"{ROOM}/readings", json=body)).status_code == 201
+    codes = codes_of(service)
+    assert codes["EZZ"] == "UncertainEngineeringUnitsExceeded"
+    assert codes["EXX"] == "UncertainSubNormal"
+
+    # Nobody tells z-column any more: it is old after 120 s, the others are not.
+    for _ in range(2):
+        clock.advance(80)
+        some = {k: v for k, v in temperatures(29.0).items() if k != "z-column"}
+        body = {"time": iso(clock()), "temperatures_c": some, "state": {}}
+        assert (await client.post(f"{ROOM}/readings", json=body)).status_code == 201
+    codes = codes_of(service)
+    assert codes["EZZ"] == "UncertainLastUsableValue"
+    assert codes["EXX"] == "UncertainSubNormal"
+
+
+async def test_what_did_not_change_is_not_judged_again(machine, clock):
+    service, client = machine
+    await client.post(f"{ROOM}/readings", json=reading(START, 25.0))
+    context = service.state.context
+    live, stored = context.live.get("mcfv5050"), Stored()
+    seen, age_s = seen_of(context, live, stored)
+    assert age_s == 0.0
+    clock.advance(100)
+    assert seen_of(context, live, stored) == (seen, 100.0)
+    clock.advance(21)  # the sensors are old by now
+    old, _ = seen_of(context, live, stored)
+    assert old != seen
+    await client.post(f"{ROOM}/readings", json=reading(START + timedelta(seconds=121), 25.0))
+    new, _ = seen_of(context, live, stored)
+    assert new not in (seen, old)
+    watched = Stored(watches={"mcfv5050": Watched("beyond", START)})
+    assert seen_of(context, live, watched)[0] != new
