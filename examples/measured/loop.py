@@ -1,7 +1,7 @@
 """The loop: analyse, adopt what lowers held-out residuals, analyse again, until nothing is left.
 
 All effects of a component are adopted whose held-out RMS they lower, confirmed or not.
-`thermap analyse --adopt` is stricter: it adopts confirmed effects only.
+`thermap analyse --adopt` is stricter: each effect must help by itself (`adopt_what_helps`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from app.effects.observations import ObservationRows, Verification
 from app.effects.registry import KINDS
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.analysis import Analysis, FoundEffect
+from app.identification.analysis.refits import effects_after
 from app.identification.campaign import Campaign, residuals_of
 from app.search.rows import Datum
 
@@ -74,6 +75,31 @@ def close_the_loop(
         if not adopted:
             break
     return rounds
+
+
+def adopt_what_helps(campaign: Campaign, most_rounds: int = MOST_ROUNDS) -> list[Effect]:
+    """Adopt as the service does unasked, until an analysis has nothing to add.
+
+    Parameters
+    ----------
+    campaign
+        What the model is to learn from.
+    most_rounds
+        Most analyses.
+
+    Returns
+    -------
+    list of Effect
+        What the model has then, what was adopted earlier as it was fitted anew.
+    """
+    effects = list(campaign.effects)
+    for _ in range(most_rounds):
+        analysis = analyse(replace(campaign, effects=effects))
+        new = [found.effect for found in analysis.effects if found.helps]
+        if not new:
+            break
+        effects = effects_after(effects, analysis.refitted, new)
+    return effects
 
 
 def effects_of(campaign: Campaign, rounds: Iterable[Round]) -> list[Effect]:

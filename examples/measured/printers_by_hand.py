@@ -13,9 +13,11 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
+from app.effects import collinear
 from app.effects.low_pass import low_pass
 from app.search.figures import rms
-from app.search.response import Course
+from app.search.response import Course, Response
+from app.search.response_average import learn_average
 from app.units import SECONDS_PER_MIN
 from examples.measured.black_boxes import learn_ridge
 from examples.measured.printers import PARTS, REST_S, Homings, Printer
@@ -55,6 +57,7 @@ def print_by_hand(name: str, printer: Printer, homings: Homings) -> None:
     for words, left in (
         ("a ridge on frame and bed with lags", _by_ridge(samples)),
         (f"the bed beyond the maps, now and {minutes} min late", late),
+        ("a response, learnt of stretches as if they were set-ups", _by_response(printer, samples)),
     ):
         first = samples.stretch == 0
         print(
@@ -117,6 +120,30 @@ def _by_bed(printer: Printer, samples: Samples) -> tuple[FloatArray, str]:
         _, minutes, left[asked] = min(tried, key=lambda one: one[0])
         chosen.append(f"{minutes:g}")
     return left, ", ".join(dict.fromkeys(chosen))
+
+
+def _by_response(printer: Printer, samples: Samples) -> FloatArray:
+    """Give what a response beside the maps leaves, its groups of lags shrunk jointly."""
+    minutes, sensors = collinear.LATE_MIN, sorted(samples.temperatures_c)
+    late = [
+        samples.late(sensor, m) - samples.late(sensor, m).mean()
+        for m in minutes
+        for sensor in sensors
+    ]
+    columns = np.column_stack([*late, np.full(samples.times_s.shape, CONSTANT_K)])
+    groups = np.append(np.repeat(np.arange(len(minutes)), len(sensors)), len(minutes))
+    values = samples.z_um - _over_frame(printer, samples)(samples.z_um)
+    left = np.empty(values.shape)
+    for asked in _parts(samples):
+        courses = []
+        for stretch in np.unique(samples.stretch[~asked]):
+            own = samples.stretch == stretch
+            times_s = samples.times_s[own]
+            since_min = (times_s - times_s[0]) / SECONDS_PER_MIN
+            courses.append(Course(since_min, columns[own], values[own], False, float(times_s[0])))
+        learnt = learn_average(Response(courses, groups), np.empty(0, dtype=np.intp))
+        left[asked] = values[asked] - columns[asked] @ learnt.stretches[-1].mean
+    return left
 
 
 def _parts(samples: Samples) -> list[np.ndarray]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from app.arrays import FloatArray
 from examples.measured.loop import (
+    adopt_what_helps,
     by_component,
     close_the_loop,
     effects_of,
@@ -16,7 +17,14 @@ from examples.measured.printers import PARTS, PRINTERS, campaign, read_homings
 from examples.measured.printers_by_hand import print_by_hand
 from examples.measured.printing import pooled, print_figures, print_rounds
 
-STEPS = ("measured, about its mean", "maps over the frame", "after the loop", "nothing held")
+STEPS = (
+    "measured, about its mean",
+    "maps over the frame",
+    "after the loop",
+    "nothing held",
+    "as the service adopts unasked",
+    "nothing held of that",
+)
 
 
 def print_report(data: Path, _: int) -> None:
@@ -31,12 +39,11 @@ def print_report(data: Path, _: int) -> None:
             rounds = close_the_loop(known)
             print_rounds(rounds)
             rows, measured, before = measured_and_left(known, asked)
-            effects = effects_of(known, rounds)
-            _, _, after = measured_and_left(known, asked, effects)
-            _, _, free = measured_and_left(known, asked, without_ranges(effects))
-            for step, values in zip(
-                STEPS, (measured - homings.z_um.mean(), before, after, free), strict=True
-            ):
+            found = [measured - homings.z_um.mean(), before]
+            for effects in (effects_of(known, rounds), adopt_what_helps(known)):
+                stored = (effects, without_ranges(effects))
+                found.extend(measured_and_left(known, asked, one)[2] for one in stored)
+            for step, values in zip(STEPS, found, strict=True):
                 steps[step].append(by_component(rows, values))
         print_figures(
             f"{name}, stretches left out [µm]",

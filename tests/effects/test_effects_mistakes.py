@@ -20,6 +20,7 @@ from tests.effects.example_campaign_view import (
     example_view,
     machine,
     maps,
+    observations,
     temperatures,
 )
 
@@ -186,6 +187,20 @@ def test_clocks_apart_leave_what_all_sensors_read_then(view, by_min):
     late = column(view, proposed(view, "late-sensor", sensors=("x-middle",)), by_min * 60.0)
     np.testing.assert_array_equal(late[rows], left[rows])
     assert not late[view.rows.of_channel("EZZ")].any()
+
+
+@pytest.mark.parametrize(("kind", "on"), [("late-sensor", "x-middle"), ("clock-offset", "clocks")])
+def test_one_component_alone_does_not_tell_times_that_are_wrong(view, kind, on):
+    lines = [
+        replace(v, observations=[o for o in v.observations if o.component == "EXX"])
+        for v in observations(with_points=False)
+    ]
+    found = kind_of(kind).candidates(example_view(verifications=lines))
+    assert not found.hypotheses
+    (said,) = found.not_testable
+    assert said.on == on
+    assert "EXX" in said.reason
+    assert proposed(view, kind, sensors=None if on == "clocks" else (on,))
 
 
 @pytest.mark.parametrize(

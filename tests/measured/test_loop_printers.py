@@ -2,6 +2,7 @@
 
 import pytest
 
+from app.identification.analysis.analyse import analyse
 from examples.measured.data_folder import data_folder
 from examples.measured.loop import (
     Figures,
@@ -36,3 +37,18 @@ def test_the_bed_is_found_and_what_was_left_out_is_predicted(name):
     free = Figures.of(measured_and_left(known, asked, without_ranges(effects))[2]).rms
     assert free < before / FACTOR[name]
     assert after < before
+
+
+@pytest.mark.slow
+def test_what_is_quicker_than_the_frame_is_the_bed_and_no_wrong_clock():
+    """Z is ahead of the frame, as if the frame reported some minutes late."""
+    printer = PRINTERS["annex"]
+    known, _ = campaign(printer, read_homings(data_folder(), printer), part=0)
+    answer = analyse(known)
+    strongest = answer.effects[0]
+    assert "bed" in strongest.effect.sensors
+    assert strongest.helps
+    untested = {one.kind: one.reason for one in answer.not_testable}
+    assert "EZZ" in untested["late-sensor"]
+    assert "EZZ" in untested["clock-offset"]
+    assert not {"late-sensor", "clock-offset"} & {one.effect.kind for one in answer.effects}

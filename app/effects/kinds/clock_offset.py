@@ -29,6 +29,10 @@ visit nothing is known later: one visit of eight is not to hide what all others 
 sensor half an hour late is taken for a component that overshoots, and that is confirmed.
 """
 
+FEWEST_COMPONENTS: Final = 2
+"""One component that is ahead of its sensor may as well follow something quicker beside it, as that
+of a printer's frame follows the bed. That several are ahead by as much is what a clock does."""
+
 WHOLE: Final = Expected((1.0,), 0.05)
 """All of it, but for what the maps' own slopes may be wrong by."""
 
@@ -62,6 +66,9 @@ class ClockOffset(EffectKind):
         """One for everything, over the offsets at which the readings are known."""
         followed = [s for s in view.components_by_sensor if s in view.varying_sensors]
         codes = tuple(c for s in followed for c in view.components_by_sensor[s])
+        if 0 < len(codes) < FEWEST_COMPONENTS:
+            reason = f"{codes[0]} alone was observed, and may be early or late by itself"
+            return Proposals(not_testable=[self.refuse("clocks", reason)])
         grid = [
             by_s
             for sign in (-1.0, 1.0)

@@ -9,7 +9,12 @@ from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
-from app.effects.kinds.clock_offset import WHOLE, is_known_apart, later_readings
+from app.effects.kinds.clock_offset import (
+    FEWEST_COMPONENTS,
+    WHOLE,
+    is_known_apart,
+    later_readings,
+)
 from app.effects.words import components, parameter
 from app.units import SECONDS_PER_MIN
 
@@ -39,9 +44,13 @@ class LateSensor(EffectKind):
     )
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every sensor that components follow."""
+        """Every sensor that several components follow."""
         found = Proposals()
         for sensor, codes in view.components_by_sensor.items():
+            if len(codes) < FEWEST_COMPONENTS:
+                reason = f"only {codes[0]} follows it, and may be ahead by a cause of its own"
+                found.not_testable.append(self.refuse(sensor, reason))
+                continue
             possible = (minutes * SECONDS_PER_MIN for minutes in LATE_MIN)
             grid = tuple(by_s for by_s in possible if is_known_apart(view, sensor, by_s))
             if sensor not in view.varying_sensors or not grid:
