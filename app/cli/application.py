@@ -42,6 +42,11 @@ COMMANDS: Final = {
         "Show the compensation table: for these temperatures, or at the latest reading.",
     ),
     "status": Home("status", "status", "Say whether machines can be trusted now, and why not."),
+    "doctor": Home(
+        "doctor",
+        "doctor",
+        "Say whether all is well with a database and the service on it; exit code 1 where not.",
+    ),
     "controllers": Home(
         "controllers", "controllers", "List the controllers' file formats and their options."
     ),

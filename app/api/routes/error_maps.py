@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Final
 
 from fastapi import APIRouter, Response
 
@@ -31,12 +32,21 @@ router = APIRouter(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/error-maps", tags=["error maps"]
 )
 
+NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "model": ErrorMapAnswer | PreviewAnswer,
+        "description": "The preview; or the map, which is stored already",
+    }
+}
+"""What a map that is sent is answered with where nothing new is stored."""
+
 
 @router.post(
     "",
     status_code=201,
     summary="Store an error map",
     response_model_exclude_none=True,
+    responses=NOTHING_NEW,
     openapi_extra=body_of_at_most(32),
 )
 def post_error_map(

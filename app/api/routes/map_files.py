@@ -14,7 +14,7 @@ from app.api.files.csv_comments import Stated
 from app.api.files.uploaded_map import read_uploaded_map
 from app.api.media_types import CSV
 from app.api.pages import Page
-from app.api.routes.error_maps import answer_to_map
+from app.api.routes.error_maps import NOTHING_NEW, answer_to_map
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.model_change import PreviewAnswer
 from app.pages.dashboard.maps import upload_preview
@@ -62,6 +62,7 @@ FileName = Annotated[
     status_code=201,
     summary="Store an error map from a file",
     response_model_exclude_none=True,
+    responses=NOTHING_NEW,
     openapi_extra=_BODY,
 )
 def post_map_file(

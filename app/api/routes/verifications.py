@@ -38,6 +38,12 @@ PATH = "/verifications"
     PATH,
     status_code=201,
     summary="Store a verification",
+    responses={
+        200: {
+            "model": StoredVerificationAnswer,
+            "description": "The verification, which is stored already",
+        }
+    },
     openapi_extra=body_of_at_most(32),
 )
 def post_verification(

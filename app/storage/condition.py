@@ -1,0 +1,104 @@
+"""How a database fares, asked as it is: nothing is upgraded, repaired or written."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from sqlalchemy import func, select, text
+from sqlalchemy.orm import Session
+
+from app.storage.database import Database
+from app.storage.limits import UNLIMITED
+from app.storage.migrate import check_not_newer
+from app.storage.records import AnalysisStatus
+from app.storage.tables import AnalysisRow
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """What a database takes, and what is free beside it [bytes]; None where that is not known."""
+
+    taken_bytes: int
+    free_bytes: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Queue:
+    """Analyses that wait, since when the oldest does, and how far those that run are.
+
+    `beats` is of each analysis that runs, by its number: it grows for as long as it lives.
+    """
+
+    waiting: int
+    oldest_at: datetime | None
+    beats: dict[int, int]
+
+
+def revision_of(database: Database) -> str | None:
+    """Read a database's revision, None where it holds nothing of thermap.
+
+    Raises
+    ------
+    StorageTooNew
+        If this version does not know it.
+    StorageUnavailable
+        If it cannot be read.
+    """
+    with database.reading() as session:
+        return check_not_newer(session.connection(), f"the database {database.name}")
+
+
+def damage(database: Database) -> list[str]:
+    """List what SQLite finds wrong when it reads all of a file; a server looks after itself."""
+    if not database.is_sqlite:
+        return []
+    found: list[str] = []
+    with database.reading(UNLIMITED) as session:
+        for pragma in ("integrity_check", "foreign_key_check"):
+            rows = session.connection().exec_driver_sql(f"PRAGMA {pragma}").all()
+            found += [
+                " ".join(map(str, row)) if pragma == "integrity_check" else f"{row[0]}: {row[2]}"
+                for row in rows
+                if tuple(row) != ("ok",)
+            ]
+    return found
+
+
+def space(database: Database) -> Space:
+    """Say how large a database is, and how much is free on the disk of a file."""
+    if not database.is_sqlite:
+        with database.reading() as session:
+            taken = session.scalar(text("SELECT pg_database_size(current_database())"))
+        return Space(int(taken or 0), None)
+    file = Path(str(database.engine.url.database))
+    parts = [file, *(Path(f"{file}{end}") for end in ("-wal", "-shm"))]
+    taken_bytes = sum(part.stat().st_size for part in parts if part.exists())
+    return Space(taken_bytes, shutil.disk_usage(file.absolute().parent).free)
+
+
+def clock_ahead(database: Database, now: Callable[[], datetime]) -> timedelta | None:
+    """Say by how much a server's clock is ahead of `now`; None where both are this computer's."""
+    if database.is_sqlite:
+        return None
+    with database.reading() as session:
+        session.connection()  # what takes long is not asked for between the clocks
+        before = now()
+        server: datetime = session.execute(text("SELECT clock_timestamp()")).scalar_one()
+        return server - (before + (now() - before) / 2)
+
+
+def queue(session: Session) -> Queue:
+    """Say which analyses wait and run."""
+    waiting, oldest_at = session.execute(
+        select(func.count(), func.min(AnalysisRow.created_at)).where(
+            AnalysisRow.status == AnalysisStatus.QUEUED
+        )
+    ).one()
+    running = select(AnalysisRow.id, AnalysisRow.beats).where(
+        AnalysisRow.status == AnalysisStatus.RUNNING
+    )
+    return Queue(waiting, oldest_at, {row.id: row.beats for row in session.execute(running)})
