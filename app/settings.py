@@ -14,6 +14,8 @@ from platformdirs import user_data_path
 from pydantic import Field, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
+from app.errors import StorageUnavailable
+
 LARGEST_BODY: Final = 64 * 1024 * 1024
 """Of any route, unless the operator sets it otherwise [bytes]: a million points fit."""
 
@@ -22,8 +24,20 @@ _ORIGIN: Final = re.compile(r"https?://[A-Za-z0-9.\-\[\]:]+")
 
 
 def own_folder() -> Path:
-    """Name the user's own folder for thermap's data."""
-    folder: Path = user_data_path("thermap")
+    """Name the user's own folder for thermap's data.
+
+    Raises
+    ------
+    StorageUnavailable
+        If the user has none, as in a container.
+    """
+    try:
+        folder: Path = user_data_path("thermap")
+    except RuntimeError as error:
+        raise StorageUnavailable(
+            "this user has no folder for a database: state where it is with --database-url or "
+            "THERMAP_DATABASE_URL"
+        ) from error
     return folder
 
 
@@ -34,7 +48,10 @@ def sqlite_url(file_name: str) -> str:
 
 def make_own_folder(database_url: str) -> None:
     """Make the user's own folder for data, if this is the URL of a database there."""
-    folder = own_folder()
+    try:
+        folder = own_folder()
+    except StorageUnavailable:  # then it is elsewhere
+        return
     if database_url.startswith(f"sqlite:///{folder}{os.sep}"):
         with suppress(OSError):  # whoever opens the file says why there is none
             folder.mkdir(parents=True, exist_ok=True)

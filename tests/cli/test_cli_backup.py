@@ -53,3 +53,20 @@ def test_a_file_that_is_no_backup(run, tmp_path):
     assert found.exit_code == 1
     assert "is no backup, or not whole" in found.stderr
     assert not (tmp_path / "new.db").exists()
+
+
+def test_a_user_without_a_folder_states_where_the_database_is(run, url, tmp_path, monkeypatch):
+    """As in a container, whose user has no home."""
+
+    def no_home(_name):
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.setattr("app.settings.user_data_path", no_home)
+    file = tmp_path / "friday.thermap"
+    found = run("backup", file)
+    assert found.exit_code == 1
+    assert "THERMAP_DATABASE_URL" in found.stderr
+    assert "Traceback" not in found.stderr
+    assert run("backup", file, "--database-url", url).exit_code == 0
+    new = f"sqlite:///{tmp_path}/new.db"
+    assert run("restore", file, "--database-url", new).exit_code == 0
