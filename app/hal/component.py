@@ -33,13 +33,16 @@ from app.hal.curves import (
     Table,
     table_of,
 )
-from app.hal.wiring import COMPONENT, curve_name, sensor_pin
+from app.hal.wiring import CLOCK, COMPONENT, curve_name, sensor_pin
 
 UM_PER_MM = 1000.0
 MM_PER_INCH = 25.4
 
 HTTP_NOT_MODIFIED = 304
 TIMEOUT_S = 5.0
+
+LATE_S = 0.5
+"""How long a tick waits for the controller's thread; the heartbeat goes on when it stands still."""
 
 FAILURES = (OSError, ValueError, KeyError, TypeError, NotFollowed)
 """No connection, no answer, an answer that is none of ours, or one that must not be followed."""
@@ -216,6 +219,14 @@ class Pins:
             found[axis] = tuple(value / self._units_per_mm for value in points)
         return found
 
+    def clock_s(self) -> float:
+        """Read how long the controller's thread has run [s]."""
+        name = f"{CLOCK}.out"
+        try:
+            return float(self._hal.get_value(name))
+        except RuntimeError:
+            raise _not_wired(name) from None
+
     def held(self) -> Curves:
         """Read what the curves hold [µm]: 0 at the start, else what another run left."""
         return {
@@ -260,11 +271,15 @@ class Pins:
         wanted = [f"{stem}{number:02d}" for number in range(len(names))]
         found = [float(self._hal.get_value(name)) for name in wanted if name in names]
         if not found:
-            raise SystemExit(
-                f"thermap: expected the curves of the HAL file that `thermap hal wiring` writes, "
-                f"got no {stem}00"
-            )
+            raise _not_wired(f"{stem}00")
         return found
+
+
+def _not_wired(name: str) -> SystemExit:
+    return SystemExit(
+        f"thermap: expected the HAL file that this version's `thermap hal wiring` writes, got no "
+        f"{name}: write it anew"
+    )
 
 
 def follow(hal: Any, stated: argparse.Namespace) -> None:
@@ -276,23 +291,37 @@ def follow(hal: Any, stated: argparse.Namespace) -> None:
     following = Following(nodes, pins.held(), most_um, 3.0 * stated.every_s)
     service = Service(stated.url, stated.machine, TIMEOUT_S)
     exchange = Exchange(service, nodes, stated.every_s, stated.limit_um)
+    due_s = pins.clock_s()
     pins.ready()
     exchange.start()
     beats = 0
     try:
         while True:
-            began = time.monotonic()
             exchange.tell(pins.temperatures_c(), pins.state())
             for table, at in exchange.answers():
                 following.answered(table, at)
             active = pins.is_active(stated.joint)
-            pins.write(following.step(active))
+            if pins.clock_s() >= due_s:
+                pins.write(following.step(active))
+                due_s = pins.clock_s() + stated.period_s
+            written = time.monotonic()
             beats = (beats + 1) % 2**32
             _show(pins, following, active, connected=exchange.connected, beats=beats)
-            # A late step is not made up for: the rate holds between any two.
-            time.sleep(max(0.0, began + stated.period_s - time.monotonic()))
+            time.sleep(max(0.0, written + stated.period_s - time.monotonic()))
+            _wait_for_thread(pins, due_s, stated.period_s)
     finally:
         pins.show(connected=False, stale=True)
+
+
+def _wait_for_thread(pins: Pins, due_s: float, period_s: float) -> None:
+    """Wait until the controller's thread has taken the last step, and gone on by a period.
+
+    A step is a period after the last one by both clocks, and no late one is made up for: where the
+    thread runs late, steps that it has not taken yet would otherwise come to the motors as one.
+    """
+    until = time.monotonic() + LATE_S
+    while pins.clock_s() < due_s and time.monotonic() < until:
+        time.sleep(period_s / 20.0)
 
 
 def _show(pins: Pins, following: Following, active: bool, *, connected: bool, beats: int) -> None:

@@ -22,6 +22,10 @@ class NotWired(ValueError):
     """A machine that HAL has no names for; the sentence says why."""
 
 
+CLOCK = f"{COMPONENT}-clock"
+"""How long the controller's thread has run [s]: by it the component knows that a step was taken."""
+
+
 def curve_name(code: str) -> str:
     """Name the `lincurve` of a component."""
     return f"{COMPONENT}-{code.lower()}"
@@ -52,7 +56,7 @@ def wiring(
     command: Iterable[str],
     thread: str = "servo-thread",
 ) -> str:
-    """Write the HAL file: curves, sums, offsets, their order in the thread, and the component.
+    """Write the HAL file: curves, sums, offsets, clock, their order in the thread, and the component.
 
     Parameters
     ----------
@@ -98,9 +102,12 @@ def wiring(
         f"loadrt lincurve names={','.join(names)} personality={points}",
         f"loadrt sum2 names={','.join(sums)}",
         f"loadrt offset names={','.join(offsets)}",
+        f"loadrt integ names={CLOCK}",
         *(f"addf {name}.update-feedback {thread} 1" for name in offsets),
         *(f"addf {name} {thread}" for name in chain(names, sums)),
         *(f"addf {name}.update-output {thread}" for name in offsets),
+        f"addf {CLOCK} {thread}",
+        f"setp {CLOCK}.in 1",
     ]
     for code, (_, along) in CURVES.items():
         lines += (

@@ -97,13 +97,17 @@ net change iocontrol.0.tool-change => iocontrol.0.tool-changed
 """
 
 MOTORS: Final = "".join(
-    f"net {axis} joint.{joint}.motor-pos-cmd => joint.{joint}.motor-pos-fb\n"
+    f"net {axis}-nominal joint.{joint}.pos-cmd\n"
+    f"net {axis}-motor joint.{joint}.motor-pos-cmd => joint.{joint}.motor-pos-fb\n"
     for joint, axis in enumerate("xyz")
 )
 
 COMPENSATED_MOTORS: Final = "".join(
-    f"net {axis}-loop thermap-{axis}.out => thermap-{axis}.fb-in\n" for axis in "xyz"
+    f"net {axis}-motor thermap-{axis}.out => thermap-{axis}.fb-in\n" for axis in "xyz"
 )
+
+KEPT: Final = 60_000
+"""Cycles that the sampler keeps for a reader that is late."""
 
 
 class NotRunning(RuntimeError):
@@ -152,8 +156,8 @@ class Controller:
         """Let the drive do something (`drive.answer`).
 
         With the live compensation the answer has for each axis how far its offset has `moved`,
-        back and forth [µm], the largest step `beyond` what the rate allows [µm], and the highest
-        of its `speeds` over 0.4 s [µm/s].
+        back and forth [µm], the largest of its `steps` from one cycle of the controller to the
+        next [µm], and the highest of its `speeds` over 400 such cycles of 1 ms [µm/s].
 
         Raises
         ------
@@ -225,7 +229,6 @@ def expect_installed() -> None:
 def running(
     files: Mapping[str, str] | None = None,
     wiring: str = "",
-    rate_um_per_s: float = 0.0,
     units: str = "mm",
 ) -> Iterator[Controller]:
     """Start LinuxCNC, and end it again.
@@ -236,8 +239,7 @@ def running(
         Name to content of exported compensation files; the lines of `thermap.ini` go into the
         sections of the joints.
     wiring
-        The HAL file of the live compensation, and `rate_um_per_s` its rate; without it the
-        motors follow the commands.
+        The HAL file of the live compensation; without it the motors follow the commands.
     units
         LINEAR_UNITS of the machine: mm or inch.
 
@@ -249,8 +251,8 @@ def running(
     expect_installed()
     exported = files or {}
     tables = {name: text for name, text in exported.items() if name.endswith(".comp")}
-    hal = MOTION + (wiring + COMPENSATED_MOTORS if wiring else MOTORS)
-    ini = _ini(_sections(exported.get("thermap.ini", "")), units, rate_um_per_s if wiring else None)
+    hal = MOTION + (wiring + COMPENSATED_MOTORS if wiring else MOTORS) + _sampler(bool(wiring))
+    ini = _ini(_sections(exported.get("thermap.ini", "")), units, bool(wiring))
     with tempfile.TemporaryDirectory(prefix="linuxcnc-") as name:
         folder = Path(name)
         folder.chmod(0o777)
@@ -295,7 +297,22 @@ def run_moves(
     return found
 
 
-def _ini(settings: Mapping[str, str], units: str, rate_um_per_s: float | None) -> str:
+def _sampler(compensated: bool) -> str:
+    """Write down each cycle in the controller's own thread, as `drive.Cycle` reads it."""
+    stem = "thermap-" if compensated else ""
+    signals = [f"{stem}{axis}-nominal" for axis in "xyz"] + [f"{axis}-motor" for axis in "xyz"]
+    signals += ["line", *(f"thermap-{axis}-offset" for axis in "xyz" if compensated)]
+    kinds = "".join("s" if signal == "line" else "f" for signal in signals)
+    joined = (f"net {name} => sampler.0.pin.{pin}\n" for pin, name in enumerate(signals))
+    return (
+        f"loadrt sampler depth={KEPT} cfg={kinds}\n"
+        "net line motion.program-line\n"
+        f"{''.join(joined)}"
+        "addf sampler.0 servo-thread\n"
+    )
+
+
+def _ini(settings: Mapping[str, str], units: str, compensated: bool) -> str:
     per_unit = UNITS[units]
     limits = LIMITS.format(
         limit=1000 / per_unit, velocity=400 / per_unit, acceleration=1000 / per_unit
@@ -305,8 +322,8 @@ def _ini(settings: Mapping[str, str], units: str, rate_um_per_s: float | None) -
         velocity=400 / per_unit,
         half_velocity=200 / per_unit,
     )
-    if rate_um_per_s is not None:
-        content += f"[THERMAP]\nRATE_UM_PER_S = {rate_um_per_s:g}\n"
+    if compensated:
+        content += "[THERMAP]\nLIVE = 1\n"
     for number, axis in enumerate("XYZ"):
         content += f"[AXIS_{axis}]\n{limits}"
         content += f"[JOINT_{number}]\n{JOINT}{limits}{settings.get(f'JOINT_{number}', '')}"

@@ -7,11 +7,14 @@ a JSON object a line, and one in answer. `examples.linuxcnc.controller` starts i
 
 import faulthandler
 import json
+import os
+import re
 import socket
 import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from pathlib import Path
 
 import hal
@@ -21,15 +24,19 @@ AXES = "xyz"
 
 INI = linuxcnc.ini("machine.ini")
 
-RATE = INI.find("THERMAP", "RATE_UM_PER_S")
+COMPENSATED = INI.find("THERMAP", "LIVE") is not None
 """Stated where the live compensation stands between motion and motors."""
 
 UM_PER_UNIT = 1000.0 if INI.find("TRAJ", "LINEAR_UNITS") == "mm" else 25400.0
 
-MOTORS = [
-    f"joint.{joint}.motor-pos-cmd" if RATE is None else f"thermap-{axis}.out"
-    for joint, axis in enumerate(AXES)
-]
+SAMPLED = "ffffffs" + "fff" * COMPENSATED
+"""Commanded positions and motors [machine units], the program's line, the offsets if there are."""
+
+STILL = 100
+"""Cycles [ms] after which what has not moved stands."""
+
+STEADY = 400
+"""Cycles [ms] over which a speed is taken."""
 
 stat, command, errors = linuxcnc.stat(), linuxcnc.command(), linuxcnc.error_channel()
 
@@ -39,18 +46,18 @@ def main():
     faulthandler.enable()
     kept = hal.component("drive")  # it lives as long as it is named
     kept.ready()
+    recorder = Recorder(kept)
     home()
-    watched = None if RATE is None else Watched(float(RATE))
+    recorder.forget()
     server = socket.socket(socket.AF_UNIX)
     server.bind("asked")
     server.listen(1)
     Path("ready").touch()
     with server.accept()[0] as peer, peer.makefile("rw") as lines:
         for line in lines:
-            lines.write(json.dumps(answer(json.loads(line), watched)) + "\n")
+            lines.write(json.dumps(answer(json.loads(line), recorder)) + "\n")
             lines.flush()
-    if watched is not None:
-        watched.end()
+    recorder.end()
 
 
 def home():
@@ -65,28 +72,28 @@ def home():
     wait("home", lambda: all(stat.homed[:3]))
 
 
-def answer(asked, watched):
+def answer(asked, recorder):
     """Do what is asked, in this order, and say what came of it."""
     found = {}
     for name, value in asked.get("set", {}).items():
         hal.set_p(name, str(value))
     if "mdi" in asked:
-        found["settled"] = move(asked["mdi"])
+        found["settled"] = move(asked["mdi"], recorder)
     if "program" in asked:
-        found["ran"] = run(asked["program"])
+        found["ran"] = run(asked["program"], recorder)
     if "shell" in asked:
         subprocess.run(asked["shell"], shell=True, check=True, timeout=30)
-    if watched is not None:
+    if COMPENSATED:
         if "forget" in asked:
-            watched.forget()
-        found |= watched.figures()
+            recorder.forget()
+        found |= recorder.figures()
     found["values"] = [hal.get_value(name) for name in asked.get("get", [])]
     return found
 
 
 def wait(what, until):
     """Wait until LinuxCNC says so."""
-    for _ in range(2000):
+    for _ in range(6000):
         stat.poll()
         if until():
             return
@@ -100,71 +107,16 @@ def mode(wanted):
     command.wait_complete()
 
 
-def move(words):
+def move(words, recorder):
     """Make one move; give each joint's commanded position and its motor's, in machine units."""
     mode(linuxcnc.MODE_MDI)
     command.mdi(words)
     if command.wait_complete(30) != linuxcnc.RCS_DONE:
         sys.exit("the move failed: " + words)
-    return settled()
+    return recorder.settled()
 
 
-def settled():
-    """Wait until commanded positions and motors stand still."""
-    last, same = None, 0
-    while same < 10:
-        now = [(hal.get_value(f"joint.{j}.pos-cmd"), hal.get_value(MOTORS[j])) for j in range(3)]
-        same = same + 1 if now == last else 0
-        last = now
-        time.sleep(0.01)
-    return now
-
-
-class Rests:
-    """Where the motors stood at each dwell and each stop, and whence the axes had come.
-
-    The controller says when it waits. How long nothing has moved would not do: on a busy computer
-    the axes themselves stand still now and then.
-    """
-
-    def __init__(self):
-        self.found = []
-        self._last, self._ways, self._held = axes(), [1] * 3, None
-
-    def look(self):
-        """See whether the machine waits; what was last seen of a wait is what counts."""
-        waited = waits()
-        now, motors = axes(), [hal.get_value(name) for name in MOTORS]
-        stands = hal.get_value("motion.in-position")
-        stat.poll()
-        for joint, (at, before) in enumerate(zip(now, self._last)):
-            if at != before:
-                self._ways[joint] = 1 if at > before else -1
-        if now != self._last or not waits():
-            self.keep()
-        self._last = now
-        if waited and stands and waits():
-            self._held = [motors, list(self._ways)]
-
-    def keep(self):
-        """Take down the wait that is over, if there was one."""
-        if self._held is not None:
-            self.found.append(self._held)
-        self._held = None
-
-
-def axes():
-    """Give the axes' commanded positions."""
-    return [hal.get_value(f"joint.{joint}.pos-cmd") for joint in range(3)]
-
-
-def waits():
-    """Say whether the program dwells or has stopped for the operator, as last polled."""
-    dwells = stat.exec_state == linuxcnc.EXEC_WAITING_FOR_DELAY
-    return dwells or stat.interp_state == linuxcnc.INTERP_PAUSED
-
-
-def run(text):
+def run(text, recorder):
     """Run a program, with an operator who presses start at every stop.
 
     A work offset is active, as on a machine that was used before.
@@ -175,17 +127,13 @@ def run(text):
     command.wait_complete()
     mode(linuxcnc.MODE_AUTO)
     command.program_open("program.ngc")
+    recorder.begin(waits_after(text))
     command.auto(linuxcnc.AUTO_RUN, 0)
     wait("start", lambda: stat.interp_state != linuxcnc.INTERP_IDLE)
-    stops, said, low, high, rests = [], [], [1e9] * 3, [-1e9] * 3, Rests()
+    stops, said = [], []
     while stat.interp_state != linuxcnc.INTERP_IDLE:
-        now = stat.joint_actual_position[:3]
-        low, high = list(map(min, low, now)), list(map(max, high, now))
-        rests.look()
         if stat.interp_state == linuxcnc.INTERP_PAUSED:
-            stops.append(now)
-            settled()
-            rests.look()
+            stops.append([commanded for commanded, _ in recorder.settled()])
             command.auto(linuxcnc.AUTO_RESUME)
             wait("resume", lambda: stat.interp_state != linuxcnc.INTERP_PAUSED)
         told = errors.poll()
@@ -193,59 +141,145 @@ def run(text):
             said.append(told[1])
         time.sleep(0.002)
         stat.poll()
-    rests.keep()
     wait("rest", lambda: stat.inpos)
-    ended = [motor for _, motor in settled()]
-    found = {"ended": ended, "stops": stops, "rests": rests.found}
-    return found | {"low": low, "high": high, "said": said}
+    ended = [motor for _, motor in recorder.settled()]
+    return {"ended": ended, "stops": stops, "said": said, **recorder.walked()}
 
 
-class Watched:
-    """What the offsets of the live compensation did, looked at all the time."""
+def waits_after(text):
+    """Give the numbers of the lines that move, with a dwell or a stop before the next that does.
 
-    def __init__(self, rate_um_per_s):
-        self._lock, self._done, self._rate = threading.Lock(), False, rate_um_per_s
-        self.forget()
-        self._thread = threading.Thread(target=self._watch)
+    The axes stand still after other lines too, where a busy computer reads the program slowly.
+    """
+    found, moving = set(), 0
+    for number, line in enumerate(text.splitlines(), 1):
+        words = set(re.findall(r"[GM]\d+", line.partition(";")[0]))
+        if words & {"G0", "G1"}:
+            moving = number
+        elif words & {"G4", "M0"}:
+            found.add(moving)
+    return found
+
+
+class Recorder:
+    """What the controller did, cycle by cycle, as its own thread wrote it down.
+
+    On a busy computer that thread runs late, and so does this program: what it sees by looking
+    has happened at other times, or has gone by. Nothing of what the sampler keeps is lost.
+    """
+
+    def __init__(self, component):
+        self._stream = hal.stream(component, hal.sampler_base, SAMPLED)
+        self._changed, self._done, self._read = threading.Condition(), False, 0
+        self._last, self._same = None, 0
+        self._offsets = deque(maxlen=STEADY + 1)
+        with self._changed:
+            self._forget()
+            self._begin(set())
+        self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
 
     def forget(self):
-        """Count from now on."""
-        with self._lock:
-            self._moved = dict.fromkeys(AXES, 0.0)
-            self._beyond = dict.fromkeys(AXES, 0.0)
-            self._speeds = dict.fromkeys(AXES, 0.0)
+        """Count what the offsets do from now on."""
+        with self._changed:
+            self._catch_up()
+            self._forget()
 
     def figures(self):
-        """Say how far, by which steps and how fast [µm, µm/s]."""
-        with self._lock:
-            found = {"moved": self._moved, "beyond": self._beyond, "speeds": self._speeds}
-            return {name: dict(figures) for name, figures in found.items()}
+        """Say how far the offsets went, by which steps and how fast [µm, µm/s]."""
+        with self._changed:
+            self._catch_up()
+            found = {"moved": self._moved, "steps": self._steps, "speeds": self._speeds}
+            return {name: dict(zip(AXES, figures)) for name, figures in found.items()}
+
+    def begin(self, waits_after):
+        """Take down where the axes go and where they rest from now on."""
+        with self._changed:
+            self._catch_up()
+            self._begin(waits_after)
+
+    def walked(self):
+        """Say how far the axes went, and where the motors stood at each rest."""
+        with self._changed:
+            self._catch_up()
+            self._keep()
+            return {"low": self._low, "high": self._high, "rests": self._rests}
+
+    def settled(self):
+        """Wait until axes and motors stand still; give both of each joint, in machine units."""
+        with self._changed:
+            self._catch_up()
+            if not self._changed.wait_for(lambda: self._same >= STILL, timeout=60.0):
+                sys.exit("axes and motors never stood still")
+            return list(zip(self._last[:3], self._last[3:6]))
 
     def end(self):
-        """Look no longer."""
+        """Follow no longer."""
         self._done = True
         self._thread.join()
 
-    def _watch(self):
-        trace = {axis: [] for axis in AXES}
+    def _catch_up(self):
+        """Wait until all is read that the thread has written down till now."""
+        until = hal.get_value("sampler.0.sample-num")
+        if not self._changed.wait_for(lambda: self._read >= until, timeout=60.0):
+            sys.exit(f"of {until} cycles only {self._read} were read")
+
+    def _follow(self):
         while not self._done:
-            for axis in AXES:
-                begun = time.monotonic()
-                now = UM_PER_UNIT * hal.get_value(f"thermap-{axis}.offset")
-                at = time.monotonic()
-                trace[axis] = [one for one in trace[axis] if at - one[0] < 0.5] + [(begun, now)]
-                first, last = trace[axis][0], trace[axis][-2:][0]
-                with self._lock:
-                    step = abs(now - last[1])
-                    self._moved[axis] += step
-                    # However late the look was: what the rate does not allow for in that time.
-                    beyond = step - self._rate * (at - last[0])
-                    self._beyond[axis] = max(self._beyond[axis], beyond)
-                    if at - first[0] > 0.4:
-                        speed = abs(now - first[1]) / (at - first[0])
-                        self._speeds[axis] = max(self._speeds[axis], speed)
-            time.sleep(0.002)
+            with self._changed:
+                while self._stream.readable:
+                    cycle = self._stream.read()
+                    self._read += 1
+                    self._take(cycle)
+                self._changed.notify_all()
+            if self._stream.num_overruns:
+                print("cycles of the controller were lost", flush=True)
+                os._exit(1)
+            time.sleep(0.005)
+
+    def _take(self, cycle):
+        now, line, offsets = cycle[:6], cycle[6], [UM_PER_UNIT * one for one in cycle[7:]]
+        last = self._last or now
+        self._same = self._same + 1 if now == last else 0
+        self._low = [min(one) for one in zip(self._low, now[:3])]
+        self._high = [max(one) for one in zip(self._high, now[:3])]
+        if line and not self._line:
+            self._keep()  # the queue was empty: the axes stood, and go on now
+        self._line = line
+        self._moving = line or self._moving
+        self._ways = [
+            (1 if to > at else -1) if to != at else way
+            for at, to, way in zip(last, now, self._ways)
+        ]
+        self._last = now
+        self._watch(offsets)
+
+    def _keep(self):
+        """Take down the rest that is over, if it was one."""
+        if self._moving in self._waits_after:
+            self._rests.append([list(self._last[3:]), list(self._ways)])
+        self._moving = 0
+
+    def _watch(self, offsets):
+        past = self._offsets
+        if past and offsets:
+            steps = [abs(now - before) for now, before in zip(offsets, past[-1])]
+            self._moved = [a + b for a, b in zip(self._moved, steps)]
+            self._steps = [max(pair) for pair in zip(self._steps, steps)]
+        past.append(offsets)
+        if len(past) > STEADY:
+            moved = [abs(now - before) for now, before in zip(offsets, past[0])]
+            speeds = [1000.0 * one / STEADY for one in moved]
+            self._speeds = [max(pair) for pair in zip(self._speeds, speeds)]
+
+    def _forget(self):
+        self._moved, self._steps, self._speeds = ([0.0] * 3 for _ in range(3))
+        self._offsets.clear()
+
+    def _begin(self, waits_after):
+        self._waits_after, self._rests, self._ways = waits_after, [], [1] * 3
+        self._low, self._high = [1e9] * 3, [-1e9] * 3
+        self._line = self._moving = 0
 
 
 main()

@@ -127,7 +127,7 @@ def live(shop: Shop) -> Iterator[Live]:
         axis: [float(at) for at in re.findall(rf"thermap-e{axis}{axis}\.x-val-\d+ (\S+)", wiring)]
         for axis in AXES
     }
-    with running(wiring=wiring, rate_um_per_s=RATE_UM_PER_S) as controller:
+    with running(wiring=wiring) as controller:
         yield Live(controller, nodes)
 
 

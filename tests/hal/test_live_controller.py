@@ -156,10 +156,13 @@ def warm_to(machine, t_c, largest_um):
 
 
 def expect_no_jump(asked):
-    """The offsets went in steps of the rate times the period, and no faster than the rate."""
+    """The offsets went in steps of the rate times the period, and no faster than the rate.
+
+    By the controller's own cycles: on a busy computer its thread runs late and catches up.
+    """
     for axis in "xyz":
         assert asked["moved"][axis] > 0.0
-        assert asked["beyond"][axis] <= RATE_UM_PER_S * PERIOD_S + 1e-6
+        assert asked["steps"][axis] <= RATE_UM_PER_S * PERIOD_S + 1e-6
         # One step may have come just before such a time, and one stands at its end.
         assert asked["speeds"][axis] <= RATE_UM_PER_S * (1.0 + 2 * PERIOD_S / 0.4)
 
@@ -179,7 +182,7 @@ def test_the_motors_follow_hold_and_never_jump(tmp_path):
     with shop.open():
         furnished(shop)
         wiring = wiring_of(shop)
-    with running(wiring=wiring, rate_um_per_s=RATE_UM_PER_S) as machine:
+    with running(wiring=wiring) as machine:
         # The controller starts without the service, and nothing moves the motors.
         assert machine.get("thermap.connected", "thermap.stale") == [False, True]
         assert offsets_um(machine) == [0.0, 0.0, 0.0]
@@ -222,7 +225,7 @@ def test_an_inch_machine_is_moved_by_as_much(tmp_path):
     with shop.open():
         furnished(shop)
         wiring = wiring_of(shop, "--units", "inch")
-        with running(wiring=wiring, rate_um_per_s=RATE_UM_PER_S, units="inch") as machine:
+        with running(wiring=wiring, units="inch") as machine:
             point = (150.0, 260.0, 420.0)
             machine.move("G21 G53 G0 X{} Y{} Z{}".format(*point))
             commanded = machine.get(*(f"joint.{n}.pos-cmd" for n in range(3)))

@@ -27,7 +27,8 @@ def test_feedback_comes_before_motion_and_the_offsets_after_their_sums():
     assert all(line[3] == "1" for line in lines_of("addf") if line[1].endswith("feedback"))
     assert order.index("thermap-sum-xa") < order.index("thermap-sum-xb")
     assert max(order.index(f"thermap-{c.lower()}") for c in CURVES) < order.index("thermap-sum-xa")
-    assert [name for name in order if name.endswith("output")] == order[-3:]
+    assert [name for name in order if name.endswith("output")] == order[-4:-1]
+    assert order[-1] == "thermap-clock"
 
 
 def test_points_are_in_the_machine_s_units():
