@@ -56,7 +56,7 @@ def wiring(
     command: Iterable[str],
     thread: str = "servo-thread",
 ) -> str:
-    """Write the HAL file: curves, sums, offsets, clock, their order in the thread, and the component.
+    """Write the HAL file: curves, sums, offsets, a clock, their order in the thread, the component.
 
     Parameters
     ----------
