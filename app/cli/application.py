@@ -78,6 +78,11 @@ COMMANDS: Final = {
         "events",
         "List what happened, the newest first: changes, alarms, sensors lost and back.",
     ),
+    "connections": Home(
+        "connections",
+        "connections",
+        "Show how connections beside HTTP fare, or check their file.",
+    ),
     "machines": Home("machines", "machines", "List, show, change and delete machines."),
     "maps": Home("maps", "maps", "List, show and delete error maps."),
     "models": Home("models", "models", "List, show, activate and compare model versions."),

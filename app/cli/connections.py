@@ -1,0 +1,88 @@
+"""thermap connections: how what the service reads beside HTTP fares, and a look at its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from app.cli.answers import listing, or_nothing, show, when
+from app.cli.options import JsonOption, UrlOption, connect
+from app.errors import counted, list_names
+from thermap import DEFAULT_URL
+
+if TYPE_CHECKING:
+    from thermap.answers import Connection, ConnectionsNow
+
+connections = typer.Typer(
+    invoke_without_command=True, add_completion=False, rich_markup_mode="markdown"
+)
+
+
+@connections.callback()
+def how_they_fare(
+    ctx: typer.Context, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+) -> None:
+    """Show how connections beside HTTP fare, or check their file.
+
+    Example: `thermap connections`, `thermap connections check thermap.toml`
+    """
+    if ctx.invoked_subcommand is not None:
+        return
+    from thermap import calls
+
+    with connect(url) as thermap:
+        show(thermap, calls.connections(), connections_view, json=json)
+
+
+@connections.command()
+def check(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            envvar="THERMAP_CONFIG", metavar="FILE.toml", help="As for `thermap serve --config`."
+        ),
+    ],
+) -> None:
+    """Check a file of connections whole, as the service does before it starts.
+
+    Nobody is connected to; whether machines and sensors exist, only the service knows.
+
+    Example: `thermap connections check thermap.toml`
+    """
+    from app.connections.config import read_connections
+
+    found = read_connections(file).connections
+    number = counted(len(found), "connection")
+    typer.echo(f"{file}: {number}: {list_names(one.name for one in found)}")
+
+
+def connections_view(found: ConnectionsNow) -> RenderableType:
+    """Lay out all connections, those with trouble first, and what became of what they read."""
+    table = listing("name", "kind", "machines", "contact", "last value (UTC)", "values", "trouble")
+    for one in sorted(found.connections, key=lambda one: (one.connected, not one.trouble)):
+        table.add_row(
+            one.name,
+            one.kind,
+            list_names(one.machines, limit=3),
+            Text("yes") if one.connected else Text("no", style="bold red"),
+            when(one.last_value_at),
+            str(one.known),
+            Text(_trouble(one)),
+        )
+    counts = (
+        f"{counted(found.stored, 'reading')} stored, {found.dropped} dropped, "
+        f"{counted(found.refused, 'value')} refused"
+    )
+    last = [Text(f"last refused: {found.last_refusal}")] if found.last_refusal else []
+    nothing = "no connections; `thermap serve --config FILE.toml` names their file"
+    return Group(or_nothing(table, nothing), Text(), Text(counts), *last)
+
+
+def _trouble(one: Connection) -> str:
+    """Say what is the matter, and what was lost."""
+    lost = f"{counted(one.lost, 'observation')} lost" if one.lost else ""
+    return "; ".join(words for words in (one.trouble, lost) if words)
