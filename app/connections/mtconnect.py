@@ -11,7 +11,7 @@ from typing import Final
 
 import httpx
 
-from app.connections.mtconnect_agent import MOST_AT_ONCE, Agent
+from app.connections.mtconnect_agent import Agent
 from app.connections.mtconnect_documents import (
     AgentRefused,
     DataItem,
@@ -133,7 +133,7 @@ class AgentFollower:
     async def _poll(self, since: int) -> None:
         streams = await self.agent.sample(since)
         await self._take(self.place.take_sample(streams))
-        if len(streams.observations) < MOST_AT_ONCE or self.place.next_sequence is None:
+        if len(streams.observations) < self.agent.most_at_once or self.place.next_sequence is None:
             await asyncio.sleep(self.every_s)
 
     async def _stream(self, since: int) -> None:

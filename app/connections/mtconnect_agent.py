@@ -22,7 +22,7 @@ LARGEST_DOCUMENT: Final = 16 * 1024 * 1024
 """Of any answer, or any part of a streamed one [bytes]: some hundred thousand observations."""
 
 MOST_AT_ONCE: Final = 1000
-"""Observations that are asked for at once."""
+"""Observations that are asked for at once; an agent refuses more than its buffer has room for."""
 
 ANSWER_S: Final = 20.0
 """How long an answer may take from the first to the last byte [s]."""
@@ -120,18 +120,21 @@ class Agent:
     def __init__(self, http: httpx.AsyncClient, url: str) -> None:
         self._http = http
         self._url = url.rstrip("/")
+        self.most_at_once = MOST_AT_ONCE
 
     async def probe(self) -> Sequence[DataItem]:
         """Ask what data items there are."""
         return read_probe(await self._whole("probe", {}))
 
     async def current(self) -> Streams:
-        """Ask what holds now."""
-        return read_streams(await self._whole("current", {}))
+        """Ask what holds now; what is asked for from then on fits the agent's buffer."""
+        streams = read_streams(await self._whole("current", {}))
+        self.most_at_once = max(1, min(MOST_AT_ONCE, streams.buffer_size or MOST_AT_ONCE))
+        return streams
 
     async def sample(self, since: int) -> Streams:
         """Ask what was observed from a sequence number on."""
-        asked = {"from": str(since), "count": str(MOST_AT_ONCE)}
+        asked = {"from": str(since), "count": str(self.most_at_once)}
         return read_streams(await self._whole("sample", asked))
 
     async def stream(self, since: int, interval_s: float) -> AsyncGenerator[Streams, None]:
@@ -141,7 +144,7 @@ class Agent:
         """
         asked = {
             "from": str(since),
-            "count": str(MOST_AT_ONCE),
+            "count": str(self.most_at_once),
             "interval": str(round(interval_s * 1000)),
             "heartbeat": str(round(HEARTBEAT_S * 1000)),
         }

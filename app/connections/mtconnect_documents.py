@@ -42,7 +42,12 @@ class AgentRefused(ThermapError):
 
     @property
     def is_out_of_range(self) -> bool:
-        """Whether what was asked for is not in the agent's buffer (any more)."""
+        """Whether what was asked for is not in the agent's buffer (any more).
+
+        The same code refuses a `count`, an `interval` or a `heartbeat`: those it names.
+        """
+        if any(f"'{name}' must" in str(self) for name in ("count", "interval", "heartbeat")):
+            return False
         return bool(self.codes & {"OUT_OF_RANGE", "INVALID_REQUEST_FROM"})
 
 
@@ -72,13 +77,15 @@ class Streams:
     """An answer to `/current` or `/sample`, observations in order of sequence.
 
     `instance_id` changes when an agent begins to count sequences anew; `first_sequence` is the
-    oldest that its buffer still has, `next_sequence` where to go on.
+    oldest that its buffer still has, `next_sequence` where to go on. `buffer_size` is how many
+    observations it keeps, and so the most that it gives at once; None where it does not say.
     """
 
     instance_id: int
     first_sequence: int
     next_sequence: int
     observations: Sequence[Observation]
+    buffer_size: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +117,7 @@ def read_streams(content: bytes) -> Streams:
         first_sequence=_whole(header, "firstSequence"),
         next_sequence=_whole(header, "nextSequence"),
         observations=known,
+        buffer_size=_whole(header, "bufferSize") if header.get("bufferSize") else None,
     )
 
 
@@ -151,8 +159,14 @@ def _refusal(root: Element) -> AgentRefused:
     # Before 2.0 every error is an `Error`; since then also `OutOfRange` and others, all with a
     # code, and the words in an `ErrorMessage` below.
     errors = [element for element in root.iter() if "errorCode" in element.attrib]
-    words = "; ".join(" ".join(" ".join(element.itertext()).split()) for element in errors)
+    words = "; ".join(" ".join(_words_of(element).split()) for element in errors)
     return AgentRefused([element.attrib["errorCode"] for element in errors], words[: 4 * SHOWN])
+
+
+def _words_of(error: Element) -> str:
+    """Take what is said to people: since 2.6 the request and its parameters stand beside it."""
+    said = [one for one in error if _local(one) == "ErrorMessage"]
+    return " ".join(text for one in said or [error] for text in one.itertext())
 
 
 def _header_of(root: Element) -> Mapping[str, str]:

@@ -27,9 +27,11 @@ OLD_ERROR = """<MTConnectError xmlns="urn:mtconnect.org:MTConnectError:1.3"><Hea
 <Errors><Error errorCode="OUT_OF_RANGE">'from' must be greater than 9</Error></Errors>
 </MTConnectError>"""
 
-NEW_ERROR = """<MTConnectError xmlns="urn:mtconnect.org:MTConnectError:2.3"><Header instanceId="1"/>
-<Errors><OutOfRange errorCode="OUT_OF_RANGE"><ErrorMessage>'from' must be greater than 9
-</ErrorMessage></OutOfRange></Errors></MTConnectError>"""
+NEW_ERROR = """<MTConnectError xmlns="urn:mtconnect.org:MTConnectError:2.6"><Header instanceId="1"/>
+<Errors><OutOfRange errorCode="OUT_OF_RANGE"><URI>http://h/sample?from=3</URI><Request>MTConnectSample
+</Request><ErrorMessage>'from' must be greater than 9</ErrorMessage><QueryParameter name="from">
+<Maximum>20</Maximum><Minimum>9</Minimum><Value>3</Value></QueryParameter></OutOfRange></Errors>
+</MTConnectError>"""
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">
 ]><MTConnectStreams>&b;</MTConnectStreams>"""
@@ -84,6 +86,9 @@ class ExampleAgent:
                 f'nextSequence="{len(self.all) + 1}"',
             )
         since, count = int(asked["from"][0]), int(asked["count"][0])
+        if count > self.size:
+            # As cppagent does, with the code that stands for a gap too.
+            return self.error.replace("'from' must be greater than 9", "'count' must be less")
         if not self.first <= since <= len(self.all) + 1:
             return self.error
         return self.streams([row for row in self.all if row[0] >= since][:count])
@@ -115,7 +120,9 @@ def listening(agent, port=0):
             self.end_headers()
             since = int(asked["from"][0])
             while not ended.wait(0.05) and agent.instead is None:
-                content = agent.answer("sample", {"from": [str(since)], "count": ["100"]}).encode()
+                content = agent.answer(
+                    "sample", {"from": [str(since)], "count": asked["count"]}
+                ).encode()
                 since = len(agent.all) + 1
                 head = f"--abc\r\nContent-type: text/xml\r\nContent-length: {len(content)}\r\n\r\n"
                 self.wfile.write(head.encode() + content + b"\r\n")

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from contextlib import asynccontextmanager, suppress
+from datetime import UTC, datetime
 
 import httpx
 import pytest
@@ -100,7 +101,7 @@ async def test_values_come_once_in_order_and_in_celsius(agent, version, is_strea
             assert seen.follower.trouble == ""
 
 
-@pytest.mark.parametrize("error", [OLD_ERROR, NEW_ERROR], ids=["1.3", "2.3"])
+@pytest.mark.parametrize("error", [OLD_ERROR, NEW_ERROR], ids=["1.3", "2.6"])
 async def test_a_gap_is_counted_and_said(agent, caplog, error):
     agent.error = error
     with listening(agent) as url, caplog.at_level(logging.WARNING, "thermap"):
@@ -220,3 +221,76 @@ def test_an_error_document_names_its_codes():
         with pytest.raises(AgentRefused, match="OUT_OF_RANGE: 'from' must be greater") as caught:
             read_streams(error.encode())
         assert caught.value.is_out_of_range
+        assert "http" not in str(caught.value)
+        about_count = error.replace("'from' must be greater", "'count' must be less")
+        with pytest.raises(AgentRefused) as caught:
+            read_streams(about_count.encode())
+        # Taken for a gap it would be asked for again and again, and observations counted as lost.
+        assert not caught.value.is_out_of_range
+
+
+# What cppagent writes, in its order of elements and attributes: a stylesheet, the namespace twice,
+# the agent as a device of its own, sequences from 2^48 on, and values of every representation.
+BEGIN = 2**48 + 1
+SAMPLES = """<?xml version="1.0" encoding="UTF-8"?>
+<?xml-stylesheet type="text/xsl" href="/styles/styles.xsl"?>
+<MTConnectStreams xmlns:m="urn:mtconnect.org:MTConnectStreams:{version}"
+ xmlns="urn:mtconnect.org:MTConnectStreams:{version}" xmlns:x="urn:example.org:Streams:{version}"
+ xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
+ xsi:schemaLocation="urn:mtconnect.org:MTConnectStreams:{version} /schemas/Streams.xsd">
+<Header creationTime="2026-03-01T06:00:10Z" sender="host" instanceId="1772344800"
+ version="{version}" deviceModelChangeTime="2026-03-01T05:00:00Z" bufferSize="131072" nextSequence="{next}"
+ firstSequence="{first}" lastSequence="{last}"/>
+<Streams>
+<DeviceStream name="Agent" uuid="a1"><ComponentStream component="Agent" componentId="a"><Events>
+<AgentAvail dataItemId="av" timestamp="2026-03-01T06:00:00.5Z" sequence="{first}">AVAILABLE
+</AgentAvail></Events></ComponentStream></DeviceStream>
+<DeviceStream name="VMC" uuid="d1"><ComponentStream component="Linear" name="X" componentId="x">
+<Samples>
+<Temperature dataItemId="t1" timestamp="2026-03-01T06:00:01.123456Z" name="Xtemp" sequence="{s1}"
+ compositionId="m">2.15e1</Temperature>
+<Temperature dataItemId="t2" timestamp="2026-03-01T06:00:02Z@60.0" sequence="{s2}"
+ statistic="AVERAGE" duration="60.0">20.25</Temperature>
+<TemperatureTimeSeries dataItemId="t3" timestamp="2026-03-01T06:00:03Z" sequence="{s3}"
+ sampleCount="2" sampleRate="10">21.5 21.6</TemperatureTimeSeries>
+<x:Heat dataItemId="t4" timestamp="2026-03-01T06:00:04Z" sequence="{s4}">4</x:Heat>
+<Temperature dataItemId="t5" timestamp="2026-03-01T06:00:05Z" sequence="{s5}">UNAVAILABLE
+</Temperature></Samples>
+<Events><VariableDataSet dataItemId="v" timestamp="2026-03-01T06:00:06Z" sequence="{s6}" count="1"
+ resetTriggered="NEW"><Entry key="a1">7</Entry></VariableDataSet></Events>
+<Condition><Fault dataItemId="c" timestamp="2026-03-01T06:00:07Z" sequence="{s7}" type="TEMPERATURE"
+ nativeCode="500" qualifier="HIGH">hot &amp; &lt;dry&gt;</Fault></Condition>
+</ComponentStream></DeviceStream></Streams></MTConnectStreams>"""
+
+
+@pytest.mark.parametrize("version", ["1.3", "1.5", "1.7", "2.0", "2.3", "2.7"])
+def test_documents_as_cppagent_writes_them(version):
+    numbers = {f"s{i}": BEGIN + i for i in range(1, 8)}
+    document = SAMPLES.format(
+        version=version, first=BEGIN, last=BEGIN + 7, next=BEGIN + 8, **numbers
+    )
+    streams = read_streams(document.encode())
+    assert (streams.instance_id, streams.buffer_size) == (1772344800, 131072)
+    assert (streams.first_sequence, streams.next_sequence) == (BEGIN, BEGIN + 8)
+    assert [one.sequence for one in streams.observations] == list(range(BEGIN, BEGIN + 8))
+    by_item = {one.item: one for one in streams.observations}
+    values = {item: one.value for item, one in by_item.items()}
+    # A series, a set and a condition are no one number; the last temperature is not available.
+    assert values == dict.fromkeys(("av", "t3", "t5", "v", "c")) | {
+        "t1": 21.5,
+        "t2": 20.25,
+        "t4": 4.0,
+    }
+    assert [item for item, one in by_item.items() if one.is_unavailable] == ["t5"]
+    assert by_item["t1"].time == datetime(2026, 3, 1, 6, 0, 1, 123456, tzinfo=UTC)
+    assert by_item["t2"].time == datetime(2026, 3, 1, 6, 0, 2, tzinfo=UTC)
+
+
+async def test_no_more_is_asked_for_than_an_agent_keeps(agent):
+    with listening(agent) as url:
+        async with following(url) as seen:
+            await seen.until(lambda: agent.asked.count("sample") > 2)
+            assert seen.follower.agent.most_at_once == agent.size
+            # All that comes is read in the sequence: nothing is asked for anew.
+            assert agent.asked.count("current") == 1
+            assert seen.follower.place.lost == 0
