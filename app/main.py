@@ -170,7 +170,10 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     )
     service.state.metrics = Metrics(context.live)
     service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)
-    service.state.connections = Connections(stated, lambda: service.state.context)
+    service.state.connections = Connections(
+        stated, lambda: service.state.context, service.state.streams.all_tables
+    )
+    ring = KeyRing(lambda: service.state.context, settings.refresh_s)
     service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s

@@ -11,8 +11,8 @@ import asyncio
 import logging
 import time
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Sequence
+from contextlib import aclosing, contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -24,6 +24,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api.table_json import OPTIONS, current_table_json
 from app.arrays import FloatArray
+from app.connections.connection import TableEvent
 from app.errors import ThermapError
 from app.live.registry import LiveMachine
 from app.services.context import Context
@@ -177,14 +178,33 @@ class TableStreams:
         bytes
             Events: `status`, `table`, `state`; comments as heartbeats.
         """
+        heartbeat = format_sse_event(comment="heartbeat")
+        if wanted.heartbeat_s is not None:
+            heartbeat = format_sse_event(event="heartbeat", data_str="{}")
+        async with aclosing(self._told(machine_id, wanted, sees)) as told:
+            async for one in told:
+                yield heartbeat if one is None else _event(*one[1:])
+
+    async def all_tables(
+        self, min_change: float, max_step: float | None
+    ) -> AsyncGenerator[TableEvent, None]:
+        """Tell of all machines, as `follow` does, those who do not ask over HTTP."""
+        wanted = Wanted(min_change, max_step)
+        async with aclosing(self._told(None, wanted, lambda _machine_id: True)) as told:
+            async for one in told:
+                if one is not None:
+                    machine_id, name, _, content = one
+                    yield TableEvent(machine_id, name, content)
+
+    async def _told(
+        self, machine_id: str | None, wanted: Wanted, sees: Callable[[str], bool]
+    ) -> AsyncGenerator[tuple[str, str, int, bytes] | None, None]:
+        """Give machine, name, number and content of each event; None for a heartbeat."""
         if self._looking is None or self._looking.done():
             await self._ask()
         with self._following(machine_id):
             self._look_at(self._machines(machine_id))
             heartbeat_s = wanted.heartbeat_s or HEARTBEAT_S
-            heartbeat = format_sse_event(comment="heartbeat")
-            if wanted.heartbeat_s is not None:
-                heartbeat = format_sse_event(event="heartbeat", data_str="{}")
             followers: dict[str, Follower] = {}
             told_s = time.monotonic()
             while True:
@@ -197,12 +217,12 @@ class TableStreams:
                     follower = followers.setdefault(feed.machine_id, Follower(wanted, feed))
                     for event in follower.due(feed, now_s, self._next_number):
                         told_s = now_s
-                        yield event
+                        yield feed.machine_id, *event
                 if self._ends:
                     return
                 if now_s - told_s >= heartbeat_s:
                     told_s = now_s
-                    yield heartbeat
+                    yield None
                 steps = any(follower.is_stepping for follower in followers.values())
                 wait_s = STEP_S / 4 if steps else told_s + heartbeat_s - now_s
                 try:
@@ -307,14 +327,16 @@ class Follower:
         self._next_step_s = 0.0
         self.is_stepping = False
 
-    def due(self, feed: Feed, now_s: float, next_number: Callable[[], int]) -> Iterator[bytes]:
-        """Give the events that are due."""
+    def due(
+        self, feed: Feed, now_s: float, next_number: Callable[[], int]
+    ) -> Iterator[tuple[str, int, bytes]]:
+        """Give name, number and content of the events that are due."""
         table = feed.table
         if table is None:
             return
         if feed.status_key != self._status_key:
             self._status_key = feed.status_key
-            yield _event("status", table.number, feed.status)
+            yield "status", table.number, feed.status
         if table.has_values and (self._has_changed(table) or self.is_stepping):
             if self.is_stepping and now_s < self._next_step_s:
                 return
@@ -324,7 +346,7 @@ class Follower:
             if not table.has_values:
                 self._told = None  # who has no table begins anew with the next one
                 self.is_stepping = False
-            yield _event("state", table.number, table.content)
+            yield "state", table.number, table.content
 
     def _has_changed(self, table: Table) -> bool:
         """Whether a value has changed by more than the follower leaves aside."""
@@ -335,7 +357,7 @@ class Follower:
 
     def _step(
         self, feed: Feed, table: Table, now_s: float, next_number: Callable[[], int]
-    ) -> bytes:
+    ) -> tuple[str, int, bytes]:
         """Tell the table, or as much of the way to it as the follower takes at once."""
         told, limit = self._told, self._wanted.max_step
         share = 1.0
@@ -347,17 +369,17 @@ class Follower:
         self.is_stepping = share < 1.0
         if limit is None:
             self._told = table
-            return _event("table", table.number, table.content)
+            return "table", table.number, table.content
         self._next_step_s = now_s + STEP_S
         if not self.is_stepping or told is None:
             self._told = table
             content = _with_values(table.content, table.values, is_stepping=False)
-            return _event("table", table.number, content)
+            return "table", table.number, content
         values = np.round(told.values + share * (table.values - told.values), 4) + 0.0
         content = _with_values(table.content, values, is_stepping=True)
         self._told = Table(next_number(), content, table.layout, values, table.facts)
         _remember(feed.steps, self._told)
-        return _event("table", self._told.number, content)
+        return "table", self._told.number, content
 
 
 def _table(

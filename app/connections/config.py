@@ -7,9 +7,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from pydantic import Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from app.connections.connection import ConnectionTable, Table
 from app.connections.intake import Limits
+from app.connections.mqtt_tables import MqttTable
 from app.connections.mtconnect_connection import MtconnectTable
 from app.connections.opcua_connection import OpcuaTable
 from app.errors import FieldError, InvalidContent
@@ -33,11 +35,12 @@ class ConnectionsFile(Table):
     intake: IntakeTable = Field(default_factory=IntakeTable)
     mtconnect: tuple[MtconnectTable, ...] = Field((), strict=False)
     opcua: tuple[OpcuaTable, ...] = Field((), strict=False)
+    mqtt: tuple[MqttTable, ...] = Field((), strict=False)
 
     @property
     def connections(self) -> tuple[ConnectionTable, ...]:
         """All connections, kind by kind."""
-        return (*self.mtconnect, *self.opcua)
+        return (*self.mtconnect, *self.opcua, *self.mqtt)
 
     @model_validator(mode="after")
     def _each_name_once(self) -> ConnectionsFile:
@@ -67,7 +70,7 @@ def read_connections(path: Path) -> ConnectionsFile:
         found = ConnectionsFile.model_validate(stated, context={"folder": path.parent})
     except ValidationError as error:
         errors = [
-            FieldError(".".join(map(str, one["loc"])), _words(one["msg"], one["input"]))
+            FieldError(".".join(map(str, one["loc"])), _words(one))
             for one in error.errors(include_url=False)
         ]
         words = "; ".join(f"{one.field}: {one.message}".removeprefix(": ") for one in errors[:5])
@@ -81,6 +84,13 @@ def read_connections(path: Path) -> ConnectionsFile:
     return found
 
 
-def _words(message: str, came: object) -> str:
-    text = message.removeprefix("Value error, ")
-    return text if "got " in text else f"{text[0].lower()}{text[1:]}, got {came!r:.80}"
+def _words(error: ErrorDetails) -> str:
+    """Say what was expected and what came, but nothing that could be a password."""
+    text = error["msg"].removeprefix("Value error, ")
+    if "got " in text:
+        return text
+    text = f"{text[0].lower()}{text[1:]}"
+    came = error["input"]
+    if error["type"] in ("missing", "extra_forbidden") or isinstance(came, dict):
+        return text
+    return f"{text}, got {came!r:.80}"

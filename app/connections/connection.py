@@ -7,10 +7,10 @@ what runs (`RunningConnection`); it has its field in `ConnectionsFile`.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, ClassVar, Protocol, TypeAlias
+from typing import Annotated, ClassVar, NamedTuple, Protocol, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -40,9 +40,9 @@ class Connection(Answer):
     name: str
     """Its name in the file"""
     kind: str
-    """`mtconnect` or `opcua`"""
+    """`mtconnect`, `opcua` or `mqtt`"""
     machines: tuple[str, ...]
-    """Ids of the machines whose sensors it reads"""
+    """Ids of the machines whose sensors it reads; where topics name them, of those heard so far"""
     endpoint: str
     """Where it reads"""
     connected: bool
@@ -57,6 +57,23 @@ class Connection(Answer):
     """Observations that were gone before they could be read, as far as the sender tells"""
 
 
+class TableEvent(NamedTuple):
+    """What is new of a machine.
+
+    `kind` is `table`, `state` (the table is another one in more than its values, or there is
+    none) or `status`; `content` is JSON.
+    """
+
+    machine: str
+    kind: str
+    content: bytes
+
+
+FollowTables: TypeAlias = Callable[[float, float | None], AsyncGenerator[TableEvent, None]]
+"""Follow all machines' tables, with the smallest change that is told and the largest step [the
+value's unit]; at first all that there is."""
+
+
 class RunningConnection(Protocol):
     """A connection at work."""
 
@@ -65,6 +82,12 @@ class RunningConnection(Protocol):
 
     def now(self) -> Connection:
         """Say how it fares."""
+
+
+class TellsTables:
+    """A connection that tells tables, too: `follow_tables` is there when it runs."""
+
+    follow_tables: FollowTables
 
 
 class Table(BaseModel):

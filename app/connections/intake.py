@@ -16,13 +16,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
+from time import monotonic
 from typing import Final
 
 from starlette.concurrency import run_in_threadpool
 
-from app.errors import InvalidContent, StorageUnavailable, ThermapError
+from app.errors import Conflict, InvalidContent, StorageUnavailable, ThermapError
 from app.services.context import Context
-from app.services.readings import store_readings
+from app.services.readings import reading_of_time, store_readings
 from app.thermal.reading import Reading
 
 log = logging.getLogger("thermap")
@@ -32,6 +33,9 @@ MOST_AT_ONCE: Final = 500
 
 SMALLEST_STEP: Final = timedelta(microseconds=1)
 """Between two readings of one machine: a time has one reading."""
+
+LOGGED_EVERY_S: Final = 10.0
+"""One refusal in so long is logged [s]: a sender that errs does so with every message."""
 
 SENSOR_FIELD: Final = "temperatures_c."
 
@@ -95,6 +99,18 @@ class _Collected:
             self.state.get(k, v) != v for k, v in state.items()
         )
 
+    def leave_out(self, known: Reading) -> None:
+        """Leave out what a reading has already."""
+        for name in known.temperatures_c.keys() & self.temperatures_c.keys():
+            del self.temperatures_c[name]
+        for name in known.state.keys() & self.state.keys():
+            del self.state[name]
+
+    @property
+    def names(self) -> set[str]:
+        """The sensors and states that it has."""
+        return {*self.temperatures_c, *self.state}
+
     def reading(self) -> Reading:
         return Reading(self.time, dict(self.temperatures_c), dict(self.state))
 
@@ -123,7 +139,12 @@ class Intake:
         self._kept: deque[_Collected] = deque()
         self._something = asyncio.Event()
         self._latest: dict[str, datetime] = {}
+        # What a machine's readings had when their time was over: a reading that has all of it
+        # need not wait.
+        self._usual: dict[str, set[str]] = {}
         self._wrong_clocks: set[str] = set()
+        self._logged_s = -math.inf
+        self._not_logged = 0
         self.counts = Counts()
 
     def offer(
@@ -141,8 +162,8 @@ class Intake:
             Sensor to temperature [°C].
         time
             When they were measured, with its zone; without one, now, by the service's clock.
-            Values of one time that arrive later than the window contradict the stored reading
-            of that time, and are refused.
+            A value of a time for which the sensor has another one already is refused. What
+            comes for such a time later than the window is stored a microsecond behind it.
 
         Returns
         -------
@@ -153,7 +174,7 @@ class Intake:
         state = state or {}
         wrong = _not_usable(temperatures_c, state, time)
         if wrong:
-            self._refuse(machine, wrong)
+            self.refuse(f"machine {machine!r}", wrong)
             told.set_result(Fate.REFUSED)
             return told
         now = self._context().now()
@@ -176,6 +197,8 @@ class Intake:
         collected.temperatures_c.update(temperatures_c)
         collected.state.update(state)
         collected.asked.append((frozenset(temperatures_c), told))
+        if machine in self._usual and collected.names >= self._usual[machine]:
+            self._close(key)
         return told
 
     async def run(self) -> None:
@@ -231,7 +254,9 @@ class Intake:
         except StorageUnavailable:
             raise
         except ThermapError as error:
-            self._refuse(one.machine, error.detail)
+            if isinstance(error, Conflict) and await self._go_behind(one):
+                return
+            self.refuse(f"machine {one.machine!r}", error.detail)
             blamed = _blamed_sensors(error) & one.temperatures_c.keys()
             for sensor in blamed:
                 del one.temperatures_c[sensor]
@@ -240,6 +265,23 @@ class Intake:
                 await self._store_what_can_be(one)
             else:
                 self._settle(one, Fate.REFUSED)
+
+    async def _go_behind(self, one: _Collected) -> bool:
+        """Store what is new of a time that has a reading, behind it; False where it contradicts.
+
+        Sensors of one time that come in messages of their own do so where the service was killed
+        between two of them.
+        """
+        known = await run_in_threadpool(reading_of_time, self._context(), one.machine, one.time)
+        if known is None or one.contradicts(known.temperatures_c, known.state):
+            return False
+        one.leave_out(known)
+        if one.names:
+            one.time += SMALLEST_STEP
+            await self._store_what_can_be(one)
+        else:
+            self._settle(one, Fate.STORED)
+        return True
 
     def _settle(self, one: _Collected, fate: Fate) -> None:
         if one not in self._kept:  # dropped since, because too many came
@@ -253,6 +295,7 @@ class Intake:
 
     def _close_this(self, key: tuple[str, datetime | None], collected: _Collected) -> None:
         if self._open.get(key) is collected:
+            self._usual.setdefault(collected.machine, set()).update(collected.names)
             self._close(key)
 
     def _close(self, key: tuple[str, datetime | None]) -> None:
@@ -290,10 +333,23 @@ class Intake:
         else:
             log.warning("machine %r: the sender's time is right again", machine)
 
-    def _refuse(self, machine: str, reason: str) -> None:
+    def refuse(self, where: str, reason: str) -> None:
+        """Count what cannot be used, say the last, and log one in a while.
+
+        Parameters
+        ----------
+        where
+            What it was for or where it came from, as `machine 'vmc'`.
+        """
         self.counts.refused += 1
-        self.counts.last_refusal = f"machine {machine!r}: {reason}"
-        log.warning("refused from a connection: %s", self.counts.last_refusal)
+        self.counts.last_refusal = f"{where}: {reason}"
+        now_s = monotonic()
+        if now_s - self._logged_s < LOGGED_EVERY_S:
+            self._not_logged += 1
+            return
+        more = f" (and {self._not_logged} more since the last)" if self._not_logged else ""
+        log.warning("refused from a connection: %s%s", self.counts.last_refusal, more)
+        self._logged_s, self._not_logged = now_s, 0
 
 
 def _not_usable(

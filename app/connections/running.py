@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from app.answer import Answer
 from app.connections.config import ConnectionsFile
-from app.connections.connection import Connection
+from app.connections.connection import Connection, FollowTables, TellsTables
 from app.connections.intake import Intake
 from app.services.context import Context
 
@@ -33,9 +33,14 @@ class ConnectionsNow(Answer):
 class Connections:
     """All connections of the service."""
 
-    def __init__(self, stated: ConnectionsFile, context: Callable[[], Context]) -> None:
+    def __init__(
+        self, stated: ConnectionsFile, context: Callable[[], Context], follow_tables: FollowTables
+    ) -> None:
         self._intake = Intake(context, stated.intake.limits)
         self._connections = [one.connection(self._intake, context) for one in stated.connections]
+        for one in self._connections:
+            if isinstance(one, TellsTables):
+                one.follow_tables = follow_tables
 
     def now(self) -> ConnectionsNow:
         """Say how all fare."""

@@ -15,7 +15,7 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.errors import StorageUnavailable
-from app.events.event import EventKind, Events
+from app.events.event import Event, EventKind, Events
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.status import Stored, status_of, stored_of_machines
@@ -24,11 +24,12 @@ from app.storage.events import (
     begin_passing,
     delete_old_alarms,
     end_passing,
+    lasting_events,
     lasting_subjects,
     list_events,
     write_event,
 )
-from app.storage.machines import find_machine
+from app.storage.machines import find_machine, list_machines
 from app.thermal.sensor_health import Health
 
 log = logging.getLogger("thermap")
@@ -79,6 +80,16 @@ def show_events(
         )
     rest = len(found) > limit
     return Events(tuple(found[:limit]), str(found[limit - 1].id) if rest else None)
+
+
+def show_alarms(context: Context) -> dict[str, list[Event]]:
+    """List what lasts, by machine, the oldest first; every stored machine is there."""
+    with context.database.reading() as session:
+        alarms: dict[str, list[Event]] = {one.machine.id: [] for one in list_machines(session)}
+        for event in lasting_events(session):
+            if event.machine in alarms:
+                alarms[event.machine].append(event)
+    return alarms
 
 
 def note_analysis(

@@ -123,6 +123,12 @@ def _other_content(known: Reading, got: Reading) -> Conflict:
     )
 
 
+def reading_of_time(context: Context, machine_id: str, time: datetime) -> Reading | None:
+    """Find the reading that is stored for an exact time."""
+    with context.database.reading() as session:
+        return find_readings(session, machine_id, [time]).get(time)
+
+
 def withdraw_reading(context: Context, machine_id: str, time: datetime) -> int:
     """Withdraw the reading of one time; there is 1.
 

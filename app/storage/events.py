@@ -87,6 +87,13 @@ def lasting_subjects(session: Session) -> dict[tuple[str, EventKind], set[str]]:
     return found
 
 
+def lasting_events(session: Session) -> list[Event]:
+    """List what has come and not gone, of all machines, the oldest first."""
+    kinds = [str(kind) for kind in PASSING]
+    query = select(EventRow).where(EventRow.until.is_(None), EventRow.kind.in_(kinds))
+    return [_event(row) for row in session.scalars(query.order_by(EventRow.id))]
+
+
 def delete_old_alarms(session: Session, now: datetime) -> None:
     """Delete alarms and sensors' failures that went long ago."""
     kinds = [str(kind) for kind in PASSING]

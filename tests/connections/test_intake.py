@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from contextlib import asynccontextmanager, suppress
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import pytest
 
@@ -136,3 +136,48 @@ async def test_who_waits_when_it_ends_is_told(service):
         fate = intake.offer(MACHINE, {"x-middle": 22.0})
         await asyncio.sleep(0)
     assert await fate is Fate.DROPPED
+
+
+async def test_a_reading_that_has_all_that_there_usually_is_does_not_wait(service):
+    async with running_intake(service) as intake:
+        first = [
+            intake.offer(MACHINE, {"x-middle": 22.0}),
+            intake.offer(MACHINE, {"y-front": 21.0}),
+        ]
+        await asyncio.gather(*first)
+        intake._limits = Limits(collect_s=3600.0)
+        part = intake.offer(MACHINE, {"x-middle": 22.5})
+        await asyncio.sleep(SOON)
+        assert not part.done()
+        async with asyncio.timeout(60):
+            assert await intake.offer(MACHINE, {"y-front": 21.5}) is Fate.STORED
+        assert await part is Fate.STORED
+    assert len(await readings_of(service)) == 2
+
+
+async def test_what_comes_late_for_a_time_goes_behind_it_or_is_refused(service):
+    sent = START - timedelta(seconds=1)
+    async with running_intake(service) as intake:
+        assert await intake.offer(MACHINE, {"x-middle": 22.0}, sent) is Fate.STORED
+        assert await intake.offer(MACHINE, {"y-front": 21.0}, sent) is Fate.STORED
+        assert await intake.offer(MACHINE, {"z-column": 20.0}, sent) is Fate.STORED
+        # As a broker tells again what it was not told had arrived.
+        assert await intake.offer(MACHINE, {"y-front": 21.0}, sent) is Fate.STORED
+        assert await intake.offer(MACHINE, {"x-middle": 22.1}, sent) is Fate.REFUSED
+    stored = await readings_of(service)
+    stored.sort(key=lambda one: datetime.fromisoformat(one["time"]))
+    assert [one["temperatures_c"] for one in stored] == [
+        {"x-middle": 22.0},
+        {"y-front": 21.0},
+        {"z-column": 20.0},
+    ]
+
+
+async def test_of_many_refusals_few_are_logged_and_all_are_counted(service, caplog):
+    caplog.set_level(logging.WARNING, "thermap")
+    async with running_intake(service) as intake:
+        for _ in range(100):
+            intake.refuse("topic 'a'", "expected a number, got 'x'")
+        assert intake.counts.refused == 100
+        assert intake.counts.last_refusal == "topic 'a': expected a number, got 'x'"
+    assert caplog.text.count("refused from a connection") == 1

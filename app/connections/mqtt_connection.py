@@ -1,0 +1,291 @@
+"""A broker at work: messages become readings, and are acknowledged when these are stored."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from time import monotonic
+from typing import Final
+
+from app.connections.connection import Connection, TellsTables
+from app.connections.intake import Fate, Intake
+from app.connections.known_values import REPEATED_S
+from app.connections.mqtt_link import Arrived, Broker, BrokerRefused, Link, LinkLost
+from app.connections.mqtt_payloads import Unusable
+from app.connections.mqtt_publisher import TablePublisher
+from app.connections.mqtt_readers import Stated, read_message
+from app.connections.mqtt_tables import MqttTable, TopicTable
+from app.connections.sparkplug_follower import SparkplugFollower
+from app.connections.sparkplug_nodes import NAMESPACE
+from app.connections.sparkplug_payload import rebirth_command
+from app.errors import list_names
+from app.services.context import Context
+
+log = logging.getLogger("thermap")
+
+FIRST_PAUSE_S: Final = 1.0
+"""Before a broker that failed is tried again [s]; twice as long each time that it fails."""
+
+LONGEST_PAUSE_S: Final = 30.0
+
+STEADY_S: Final = 10.0
+"""Contact that lasted so long was one: the next pause is the first again [s]."""
+
+LOOK_EVERY_S: Final = 0.5
+"""How often it is seen who is silent, and whether births are missing [s]."""
+
+AT_ONCE: Final = 50
+"""Messages before others have a turn."""
+
+MOST_HEARD: Final = 10_000
+"""Sensors whose silence is noticed: topics may name any number."""
+
+
+class MqttConnection(TellsTables):
+    """One broker."""
+
+    def __init__(self, table: MqttTable, intake: Intake, context: Callable[[], Context]) -> None:
+        self._table = table
+        self._intake = intake
+        self._context = context
+        self._sparkplug = SparkplugFollower(table.sparkplug, intake)
+        self._link: Link | None = None
+        self._publisher: TablePublisher | None = None
+        self._trouble = ""
+        self._refused: Sequence[str] = ()
+        self._last_value_at: datetime | None = None
+        self._machines = {one.machine for one in table.topics if one.machine is not None}
+        self._machines |= {one.machine for one in table.sparkplug}
+        self._heard_s: dict[tuple[str, str], float] = {}
+        self._limit_s: dict[tuple[str, str], float] = {}
+        self._since_s: dict[tuple[str, str], float] = {}
+        self._silent: set[tuple[str, str]] = set()
+        self._dropped = 0
+
+    async def run(self) -> None:
+        """Follow the broker until cancelled."""
+        pause_s = FIRST_PAUSE_S
+        while True:
+            began_s = monotonic()
+            try:
+                async with Link.opened(self._broker()) as link:
+                    began_s = monotonic()
+                    await self._attend(link)
+            except LinkLost as why:
+                self._say(why.detail)
+            except Exception:
+                log.exception("MQTT %r: it could not be followed", self._table.name)
+                self._say("it could not be followed: see the log")
+            finally:
+                self._leave()
+            if monotonic() - began_s >= STEADY_S:
+                pause_s = FIRST_PAUSE_S
+            # Many that lost the same broker do not come back all at once.
+            await asyncio.sleep(pause_s * random.uniform(0.8, 1.2))
+            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+    def now(self) -> Connection:
+        """Say how it fares."""
+        link = self._link
+        return Connection(
+            name=self._table.name,
+            kind="mqtt",
+            machines=tuple(sorted(self._machines)),
+            endpoint=self._table.endpoint,
+            connected=link is not None,
+            last_value_at=self._last_value_at,
+            known=len(self._heard_s.keys() - self._silent) + len(self._sparkplug),
+            trouble="; ".join(self._troubles()),
+            lost=self._dropped + (0 if link is None else link.dropped) + self._sparkplug.lost,
+        )
+
+    def _troubles(self) -> list[str]:
+        said = [self._trouble, *self._refused]
+        if self._publisher is not None:
+            said.append(self._publisher.trouble)
+        if self._link is not None:
+            said += [self._silence(*one) for one in sorted(self._silent)][:5]
+            if unsure := self._sparkplug.unsure():
+                said.append(f"messages of {list_names(unsure, 5)} are missing: no birth since")
+        return [words for words in said if words]
+
+    def _silence(self, machine: str, sensor: str) -> str:
+        limit_s = self._limit_s[machine, sensor]
+        return f"{sensor} of {machine!r} has said nothing for more than {limit_s:g} s"
+
+    def _broker(self) -> Broker:
+        table = self._table
+        return Broker(
+            host=table.host,
+            port=table.port_used,
+            client_id=table.client_id,
+            username=table.username,
+            password=table.secret,
+            encryption=table.encryption(),
+            session_expiry_s=table.session_expiry_s,
+            receive_maximum=table.receive_maximum,
+            keepalive_s=table.keepalive_s,
+            state_topic=None if table.publish is None else f"{table.publish}/state",
+        )
+
+    async def _attend(self, link: Link) -> None:
+        """Do all that a contact is for, until it ends."""
+        self._link, self._trouble, self._refused = link, "", ()
+        self._begin_to_listen()
+        lost: Sequence[BaseException] = ()
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._take_messages(link))
+                if self._table.publish is not None:
+                    self._publisher = TablePublisher(
+                        link,
+                        self._table.publish,
+                        self.follow_tables,
+                        (self._table.min_change_um, self._table.max_step_um),
+                        self._context,
+                    )
+                    tasks.create_task(self._publisher.run())
+                filters = dict.fromkeys(one.topic.filter for one in self._table.topics)
+                self._refused = await link.subscribe([*filters, *self._sparkplug.filters])
+                for words in self._refused:
+                    log.warning("MQTT %r: %s", self._table.name, words)
+                tasks.create_task(self._look(link))
+                tasks.create_task(self._repeat())
+        except* LinkLost as why:
+            lost = why.exceptions
+        while lost and isinstance(lost[0], BaseExceptionGroup):
+            lost = lost[0].exceptions
+        if lost:
+            raise lost[0]
+
+    def _leave(self) -> None:
+        """Without contact nothing is known of nodes, and nobody can be silent."""
+        if self._link is not None:
+            self._dropped += self._link.dropped
+        self._link = self._publisher = None
+        self._silent.clear()
+        self._sparkplug.forget()
+
+    async def _take_messages(self, link: Link) -> None:
+        taken = 0
+        async for message in link.messages():
+            try:
+                told = self._take(message)
+            except Unusable as why:
+                self._intake.refuse(f"topic {message.topic!r:.200}", why.detail)
+                told = []
+            _settle_when_told(link, message, told)
+            taken += 1
+            if taken % AT_ONCE == 0:
+                await asyncio.sleep(0)
+
+    def _take(self, message: Arrived) -> list[asyncio.Future[Fate]]:
+        """Read a message, and hand over what it says."""
+        topic = message.topic
+        if self._publisher is not None and self._publisher.owns(topic):
+            if message.is_retained and message.payload:
+                self._publisher.note(topic)
+            return []
+        if self._table.sparkplug and topic.startswith(f"{NAMESPACE}/"):
+            # A birth or a value that somebody retained is of a session that nobody knows.
+            told = [] if message.is_retained else self._sparkplug.take(topic, message.payload)
+            if told:
+                self._last_value_at = self._context().now()
+            return told
+        for table in self._table.topics:
+            names = table.topic.match(topic)
+            if names is not None:
+                # Retained, it was published at any time before: no news, unless it says when.
+                if message.is_retained and table.time is None:
+                    return []
+                return [self._offer(table, read_message(table, names, message.payload), topic)]
+        raise Unusable(
+            "expected one of the topics of the file, got another: the session is of an earlier "
+            "file, and another client_id begins a new one"
+        )
+
+    def _offer(self, table: TopicTable, stated: Stated, topic: str) -> asyncio.Future[Fate]:
+        for words in stated.wrong:
+            self._intake.refuse(f"topic {topic!r:.200}", words)
+        self._last_value_at = self._context().now()
+        told = self._intake.offer(stated.machine, stated.temperatures_c, stated.time, stated.state)
+        told.add_done_callback(lambda fate: self._hear(fate, table, stated))
+        return told
+
+    def _hear(self, told: asyncio.Future[Fate], table: TopicTable, stated: Stated) -> None:
+        """Note who was heard: only of machines and sensors that there are."""
+        if told.cancelled() or told.result() is not Fate.STORED:
+            return
+        if len(self._machines) < MOST_HEARD:
+            self._machines.add(stated.machine)
+        for sensor in stated.temperatures_c:
+            who = stated.machine, sensor
+            if who not in self._heard_s and len(self._heard_s) >= MOST_HEARD:
+                continue
+            self._heard_s[who] = monotonic()
+            if table.silent_after_s is not None:
+                self._limit_s[who] = table.silent_after_s
+
+    def _begin_to_listen(self) -> None:
+        """Count silence from now on, also that of sensors that were never heard."""
+        now_s = monotonic()
+        for table in self._table.topics:
+            if table.silent_after_s is not None and table.machine is not None:
+                for sensor in (table.sensor,) if table.sensor else table.sensors:
+                    self._limit_s[table.machine, sensor] = table.silent_after_s
+        self._since_s = dict.fromkeys(self._limit_s, now_s)
+
+    async def _look(self, link: Link) -> None:
+        """See who is silent, and ask for births that are missing."""
+        while True:
+            self._notice_silence()
+            for topic in self._sparkplug.rebirths_due():
+                try:
+                    await link.publish(topic, rebirth_command())
+                except BrokerRefused as why:
+                    log.warning("MQTT %r: %s", self._table.name, why.detail)
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    def _notice_silence(self) -> None:
+        now_s = monotonic()
+        for who, limit_s in self._limit_s.items():
+            since_s = max(self._heard_s.get(who, -limit_s), self._since_s.setdefault(who, now_s))
+            is_silent = now_s - since_s > limit_s
+            if is_silent and who not in self._silent:
+                self._silent.add(who)
+                log.warning("MQTT %r: %s", self._table.name, self._silence(*who))
+            elif not is_silent and who in self._silent:
+                self._silent.discard(who)
+                log.warning("MQTT %r: %s of %r speaks again", self._table.name, who[1], who[0])
+
+    async def _repeat(self) -> None:
+        while True:
+            await asyncio.sleep(REPEATED_S)
+            self._sparkplug.repeat()
+
+    def _say(self, words: str) -> None:
+        if words != self._trouble:
+            log.warning("MQTT %r: %s", self._table.name, words)
+        self._trouble = words
+
+
+def _settle_when_told(link: Link, message: Arrived, told: Sequence[asyncio.Future[Fate]]) -> None:
+    """Acknowledge a message when all that it said is stored, or refused for good."""
+    waiting = set(told)
+    if not waiting:
+        link.settle(message)
+        return
+
+    def hear(one: asyncio.Future[Fate]) -> None:
+        waiting.discard(one)
+        if one.cancelled() or (one.result() is Fate.DROPPED and message.qos > 0):
+            # The broker has it still, and sends it again to the next contact.
+            link.break_off("readings were dropped, as too many waited for the database")
+        elif not waiting:
+            link.settle(message)
+
+    for one in told:
+        one.add_done_callback(hear)

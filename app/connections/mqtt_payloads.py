@@ -1,0 +1,134 @@
+"""What a payload says: a number, or numbers and a time inside a JSON document."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any, Final
+
+import orjson
+
+from app.errors import ThermapError
+from app.units import MS_PER_S
+
+_NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?")
+_STEP: Final = re.compile(r'(?:^|\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
+
+SHOWN: Final = 60
+"""Of a payload that cannot be read [characters]."""
+
+
+class Unusable(ThermapError):
+    """A payload does not say what was expected; the sentence says what it does."""
+
+
+class TimeForm(StrEnum):
+    """How a sender writes its time."""
+
+    ISO_8601 = "iso8601"
+    EPOCH_S = "epoch_s"
+    EPOCH_MS = "epoch_ms"
+
+
+@dataclass(frozen=True, slots=True)
+class JsonPath:
+    """A place in a JSON document, as `d.temps[0]` or `["a.b"].c`."""
+
+    text: str
+    steps: tuple[str | int, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> JsonPath:
+        """Read a path; ValueError says what was expected.
+
+        >>> JsonPath.parse('d.temps[0]["a.b"]').steps
+        ('d', 'temps', 0, 'a.b')
+        """
+        steps: list[str | int] = []
+        at = 0
+        while at < len(text):
+            found = _STEP.match(text, at)
+            if found is None:
+                raise ValueError(f"expected a path as d.temps[0], got {text!r:.80}")
+            name, index, quoted = found.groups()
+            steps.append(int(index) if index is not None else name or quoted)
+            at = found.end()
+        if not steps:
+            raise ValueError("expected a path as d.temps[0], got an empty one")
+        return cls(text, tuple(steps))
+
+    def find(self, document: Any) -> Any:
+        """Give what is there; None where nothing is."""
+        for step in self.steps:
+            if isinstance(step, int):
+                is_there = isinstance(document, list) and step < len(document)
+            else:
+                is_there = isinstance(document, dict) and step in document
+            if not is_there:
+                return None
+            document = document[step]
+        return document
+
+
+def read_text(payload: bytes) -> float:
+    """Read a payload that is a number and nothing else.
+
+    >>> read_text(b" 21.5 ")
+    21.5
+    """
+    text = payload[: SHOWN * 4].decode("utf-8", "replace").strip()
+    if len(payload) > SHOWN * 4 or not _NUMBER.fullmatch(text):
+        raise Unusable(f"expected a number, got {text[:SHOWN]!r}")
+    return float(text)
+
+
+def read_json(payload: bytes) -> Any:
+    """Read a JSON document."""
+    try:
+        return orjson.loads(payload)
+    except orjson.JSONDecodeError as why:
+        shown = payload[:SHOWN].decode("utf-8", "replace")
+        raise Unusable(f"expected JSON, got {shown!r}: {why}") from None
+
+
+def number_at(document: Any, path: JsonPath) -> float | None:
+    """Read a number, or a text that is one; None where nothing or null is."""
+    found = path.find(document)
+    if isinstance(found, str):
+        return read_text(found.encode("utf-8"))
+    if found is None:
+        return None
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise Unusable(f"expected a number at {path.text}, got {_shown(found)}")
+    return float(found)
+
+
+def time_at(document: Any, path: JsonPath, form: TimeForm) -> datetime:
+    """Read the sender's time, with its zone."""
+    found = path.find(document)
+    if form is TimeForm.ISO_8601:
+        return _iso_time(found, path)
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise Unusable(f"expected a time as {form} at {path.text}, got {_shown(found)}")
+    try:
+        return datetime.fromtimestamp(found / (MS_PER_S if form is TimeForm.EPOCH_MS else 1.0), UTC)
+    except (ValueError, OverflowError, OSError):
+        raise Unusable(f"expected a time as {form} at {path.text}, got {_shown(found)}") from None
+
+
+def _iso_time(found: Any, path: JsonPath) -> datetime:
+    try:
+        time = datetime.fromisoformat(found) if isinstance(found, str) else None
+    except ValueError:
+        time = None
+    if time is None or time.tzinfo is None:
+        raise Unusable(
+            f"expected a time in ISO 8601 with its zone at {path.text}, got {_shown(found)}"
+        )
+    return time
+
+
+def _shown(found: Any) -> str:
+    return f"{orjson.dumps(found).decode()[:SHOWN]}"

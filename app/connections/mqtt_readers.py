@@ -1,0 +1,91 @@
+"""What a message of an ordinary topic says: of which machine, which sensors, when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+from app.connections.mqtt_payloads import Unusable, number_at, read_json, read_text, time_at
+from app.connections.mqtt_tables import TopicTable
+from app.errors import list_names
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What a message states.
+
+    Parameters
+    ----------
+    temperatures_c
+        Sensor to temperature [°C].
+    time
+        The sender's, where it is configured.
+    wrong
+        What else it says that cannot be read.
+    """
+
+    machine: str
+    temperatures_c: Mapping[str, float]
+    state: Mapping[str, float] = field(default_factory=dict)
+    time: datetime | None = None
+    wrong: tuple[str, ...] = ()
+
+
+def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) -> Stated:
+    """Read a message.
+
+    Parameters
+    ----------
+    names
+        What the levels of its topic name.
+
+    Raises
+    ------
+    Unusable
+        If it has nothing that can be used.
+    """
+    machine, sensor = table.machine or names["machine"], table.sensor or names.get("sensor")
+    if not machine or sensor == "":
+        raise Unusable("expected names in the topic, got an empty level")
+    if sensor is None:
+        return _read_document(table, machine, payload)
+    if table.value is None:
+        return Stated(machine, {sensor: table.unit.to_c(read_text(payload))})
+    document = read_json(payload)
+    value = number_at(document, table.value)
+    if value is None:
+        raise Unusable(f"expected a number at {table.value.text}, got nothing there")
+    return Stated(machine, {sensor: table.unit.to_c(value)}, time=_time(table, document))
+
+
+def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
+    """Read several sensors; those that a document leaves out are not told of, and that is all."""
+    document = read_json(payload)
+    temperatures_c, state, wrong = {}, {}, []
+    for name, place in table.sensors.items():
+        try:
+            value = number_at(document, place.path)
+        except Unusable as why:
+            wrong.append(f"{name}: {why.detail}")
+            continue
+        if value is not None:
+            temperatures_c[name] = place.unit.to_c(value)
+    for name, path in table.state.items():
+        try:
+            value = number_at(document, path)
+        except Unusable as why:
+            wrong.append(f"{name}: {why.detail}")
+            continue
+        if value is not None:
+            state[name] = value
+    if not temperatures_c and not state:
+        paths = [one.path.text for one in table.sensors.values()]
+        paths += [one.text for one in table.state.values()]
+        raise Unusable("; ".join(wrong) or f"expected a number at {list_names(paths)}, got none")
+    return Stated(machine, temperatures_c, state, _time(table, document), tuple(wrong))
+
+
+def _time(table: TopicTable, document: Any) -> datetime | None:
+    return None if table.time is None else time_at(document, table.time, table.time_form)

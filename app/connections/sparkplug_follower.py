@@ -1,0 +1,113 @@
+"""`[[mqtt.sparkplug]]`: metrics of edge nodes and devices, as readings of machines."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from time import monotonic
+from typing import Final
+
+from app.connections.intake import Fate, Intake
+from app.connections.known_values import KnownValues
+from app.connections.mqtt_tables import SparkplugTable
+from app.connections.sparkplug_nodes import NAMESPACE, Heard, Nodes
+from app.connections.sparkplug_payload import Metric
+
+REBIRTH_EVERY_S: Final = 10.0
+"""A node is asked for a birth once in so long [s]."""
+
+
+class SparkplugFollower:
+    """The nodes of one broker, as far as the file names them."""
+
+    def __init__(self, tables: Sequence[SparkplugTable], intake: Intake) -> None:
+        self._intake = intake
+        self._nodes = Nodes()
+        self._asked_s: dict[tuple[str, str], float] = {}
+        self._followed = [
+            (one, KnownValues(intake, one.machine, one.sensors, one.state)) for one in tables
+        ]
+
+    def __len__(self) -> int:
+        return sum(len(known) for _, known in self._followed)
+
+    @property
+    def filters(self) -> list[str]:
+        """What the broker is asked for: all of a node, whose messages are numbered together."""
+        nodes = {(one.group, one.node) for one, _ in self._followed}
+        return [f"{NAMESPACE}/{group}/+/{node}/#" for group, node in sorted(nodes)]
+
+    @property
+    def lost(self) -> int:
+        """Messages that are missing."""
+        return self._nodes.lost
+
+    def forget(self) -> None:
+        """Know nothing any more: contact was lost."""
+        self._nodes.forget()
+        for _, known in self._followed:
+            known.forget()
+
+    def repeat(self) -> None:
+        """Tell again what holds: nodes tell changes only."""
+        for _, known in self._followed:
+            known.repeat()
+
+    def take(self, topic: str, payload: bytes) -> list[asyncio.Future[Fate]]:
+        """Take a message; Unusable as `Nodes.hear`."""
+        told = []
+        for heard in self._nodes.hear(topic, payload):
+            for table, known in self._followed:
+                told += self._apply(heard, table, known)
+        return told
+
+    def unsure(self) -> list[str]:
+        """Name the nodes of which a birth is missing."""
+        return [f"{group}/{node}" for group, node in sorted(self._nodes.unsure)]
+
+    def rebirths_due(self) -> list[str]:
+        """Give the topics of commands that are to be sent now: births are missing, and wanted."""
+        now_s = monotonic()
+        wanted = {(one.group, one.node) for one, _ in self._followed if one.rebirth}
+        due = [
+            node
+            for node in sorted(wanted - self._nodes.born)
+            if now_s - self._asked_s.get(node, -REBIRTH_EVERY_S) >= REBIRTH_EVERY_S
+        ]
+        self._asked_s.update(dict.fromkeys(due, now_s))
+        return [f"{NAMESPACE}/{group}/NCMD/{node}" for group, node in due]
+
+    def _apply(
+        self, heard: Heard, table: SparkplugTable, known: KnownValues
+    ) -> list[asyncio.Future[Fate]]:
+        """Hand over what is the table's; without a birth its values are gone."""
+        place = heard.place
+        if (place.group, place.node) != (table.group, table.node):
+            return []
+        if heard.is_gone and place.device in (None, table.device):
+            known.forget()
+        if place.device != table.device:
+            return []
+        now: dict[str, float | None] = {}
+        told = []
+        for metric in heard.metrics:
+            for name in _names(table, metric.name):
+                value = _value(table, name, metric)
+                if not metric.is_historical:
+                    now[name] = value
+                elif value is not None and name in table.sensors and metric.time is not None:
+                    told.append(self._intake.offer(table.machine, {name: value}, metric.time))
+        future = known.take(now)
+        return [*told, future] if future is not None else told
+
+
+def _names(table: SparkplugTable, metric: str) -> list[str]:
+    """List what is read from a metric."""
+    sensors = [name for name, one in table.sensors.items() if one.metric == metric]
+    return sensors + [name for name, one in table.state.items() if one == metric]
+
+
+def _value(table: SparkplugTable, name: str, metric: Metric) -> float | None:
+    if metric.value is None or name not in table.sensors:
+        return metric.value
+    return table.sensors[name].unit.to_c(metric.value)
