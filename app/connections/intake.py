@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -36,6 +37,10 @@ SMALLEST_STEP: Final = timedelta(microseconds=1)
 
 LOGGED_EVERY_S: Final = 10.0
 """One refusal in so long is logged [s]: a sender that errs does so with every message."""
+
+MOST_STEPS: Final = 1000
+"""That a reading with the service's time goes behind another service's, at random: next time they
+do not meet."""
 
 SENSOR_FIELD: Final = "temperatures_c."
 
@@ -88,6 +93,7 @@ class _Collected:
 
     machine: str
     time: datetime
+    is_own_time: bool = False
     temperatures_c: dict[str, float] = field(default_factory=dict)
     state: dict[str, float] = field(default_factory=dict)
     asked: list[tuple[frozenset[str], asyncio.Future[Fate]]] = field(default_factory=list)
@@ -188,7 +194,7 @@ class Intake:
             self._close(key)
             collected = None
         if collected is None:
-            collected = self._open[key] = _Collected(machine, time or now)
+            collected = self._open[key] = _Collected(machine, time or now, time is None)
             loop = asyncio.get_running_loop()
             loop.call_later(self._limits.collect_s, self._close_this, key, collected)
         if time is None:
@@ -270,10 +276,16 @@ class Intake:
         """Store what is new of a time that has a reading, behind it; False where it contradicts.
 
         Sensors of one time that come in messages of their own do so where the service was killed
-        between two of them.
+        between two of them. Of two services that read at the same microsecond one goes behind.
         """
         known = await run_in_threadpool(reading_of_time, self._context(), one.machine, one.time)
-        if known is None or one.contradicts(known.temperatures_c, known.state):
+        if known is None:
+            return False
+        if one.is_own_time:
+            one.time += random.randint(1, MOST_STEPS) * SMALLEST_STEP
+            await self._store_what_can_be(one)
+            return True
+        if one.contradicts(known.temperatures_c, known.state):
             return False
         one.leave_out(known)
         if one.names:

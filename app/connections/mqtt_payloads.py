@@ -14,7 +14,7 @@ from app.errors import ThermapError
 from app.units import MS_PER_S
 
 _NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?")
-_STEP: Final = re.compile(r'(?:^|\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
+_STEP: Final = re.compile(r'(?:^|(?<!^)\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
 
 SHOWN: Final = 60
 """Of a payload that cannot be read [characters]."""

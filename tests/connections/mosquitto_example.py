@@ -37,8 +37,7 @@ class Mosquitto:
             f"listener {self.port} 127.0.0.1\n"
             + (more if "allow_anonymous" in more else f"allow_anonymous true\n{more}")
             + f"\npersistence true\npersistence_location {folder}/\nautosave_interval 1\n"
-            "max_queued_messages 0\n"
-            + ("user root\n" if os.geteuid() == 0 else "")
+            "max_queued_messages 0\n" + ("user root\n" if os.geteuid() == 0 else "")
         )
         self.process = None
 
