@@ -1,0 +1,235 @@
+"""What a broker has taken is stored, however often the service or the broker is killed."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed")
+
+from tests.connections.mosquitto_example import Mosquitto, expect_mosquitto
+from tests.connections.mqtt_peer import Peer
+from tests.service_examples import ROOM, furnish_database
+
+pytestmark = pytest.mark.slow
+
+PACKAGE_FOLDER = Path(__file__).parents[2]
+KILLS = 5
+
+CONFIG = """
+[intake]
+collect_s = 0.1
+
+[[mqtt]]
+name = "shop"
+host = "127.0.0.1"
+port = {port}
+client_id = "{name}"
+keepalive_s = 5
+publish = "{name}"
+
+[[mqtt.topics]]
+topic = "{share}plain/{{machine}}/{{sensor}}"
+
+[[mqtt.topics]]
+topic = "{share}timed/{{machine}}/{{sensor}}"
+value = "v"
+time = "ms"
+time_form = "epoch_ms"
+"""
+
+
+class Service:
+    """The service in a process of its own, with a file of connections."""
+
+    def __init__(self, url, port, folder, name="thermap-1", share=""):
+        self._socket = socket.socket()
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.listen(100)
+        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}"
+        file = folder / f"{name}.toml"
+        file.write_text(CONFIG.format(port=port, name=name, share=share))
+        self._url, self._file = url, file
+        self._process = None
+
+    def start(self):
+        descriptor = self._socket.fileno()
+        command = [sys.executable, "-m", "uvicorn", "--factory", "app.main:create_app"]
+        more = {"THERMAP_DATABASE_URL": self._url, "THERMAP_CONFIG": str(self._file)}
+        self._process = subprocess.Popen(
+            [*command, "--fd", str(descriptor), "--log-level", "warning"],
+            pass_fds=[descriptor],
+            cwd=PACKAGE_FOLDER,
+            env=os.environ | more | {"THERMAP_LOCK_LIMIT_S": "60"},
+        )
+        return self
+
+    def kill(self):
+        """Kill it without a warning."""
+        if self._process is not None:
+            self._process.send_signal(signal.SIGKILL)
+            self._process.wait()
+            self._process = None
+
+    def close(self):
+        self.kill()
+        self._socket.close()
+
+    def get(self, path, **params):
+        return httpx.get(self.url + path, params=params, timeout=60, trust_env=False).json()
+
+    def until(self, path, is_so, **params):
+        deadline = time.monotonic() + 60
+        while not is_so(found := self.get(path, **params)):
+            assert time.monotonic() < deadline, str(found)[:2000]
+            time.sleep(0.1)
+        return found
+
+
+class Sender(threading.Thread):
+    """Sends one value after the other, and remembers those that the broker has taken."""
+
+    def __init__(self, port, most):
+        super().__init__()
+        self._port = port
+        self._most = most
+        self.taken = []
+        self.wrong = None
+
+    def run(self):
+        try:
+            self._send()
+        except BaseException as why:
+            self.wrong = why
+
+    def _send(self):
+        begin_ms = round(time.time() * 1000)
+        with Peer(self._port) as peer:
+            for i in range(self._most):
+                value = round(20.0 + i / 1000, 3)
+                peer.say("plain/mcfv5050/x-middle", str(value))
+                self.taken.append(("x-middle", value))
+                # Two sensors of one time, in messages of their own.
+                for sensor in ("y-front", "z-column"):
+                    said = {"v": value, "ms": begin_ms - 100_000 + i}
+                    peer.say(f"timed/mcfv5050/{sensor}", json.dumps(said))
+                    self.taken.append((sensor, value))
+                time.sleep(0.002)
+
+
+@pytest.fixture
+def broker(tmp_path):
+    expect_mosquitto()
+    made = Mosquitto(tmp_path / "broker").start()
+    yield made
+    made.end(signal.SIGKILL)
+
+
+@pytest.fixture
+def url(databases):
+    made = databases.prepared("sqlite", furnish_database)
+    yield made
+    databases.give_back(made)
+
+
+@pytest.fixture
+def started():
+    services = []
+    yield lambda service: services.append(service) or service.start()
+    for service in services:
+        service.close()
+
+
+def is_connected(found):
+    return found["connections"][0]["connected"]
+
+
+def stored(service):
+    return [
+        (sensor, value)
+        for one in service.get(f"{ROOM}/readings", limit=100_000)
+        for sensor, value in one["temperatures_c"].items()
+    ]
+
+
+def expect_all(service, taken):
+    """Wait until everything is stored that the broker had taken."""
+    deadline = time.monotonic() + 120
+    while lost := set(taken) - set(stored(service)):
+        assert time.monotonic() < deadline, f"{len(lost)} of {len(taken)} lost: {sorted(lost)[:9]}"
+        time.sleep(0.2)
+
+
+def test_nothing_is_lost_when_the_service_is_killed(url, broker, tmp_path, started):
+    service = started(Service(url, broker.port, tmp_path))
+    service.until("/v1/connections", is_connected)
+    sender = Sender(broker.port, most=1500)
+    with Peer(broker.port) as watcher:
+        watcher.listen("thermap-1/state")
+        sender.start()
+        for number in range(KILLS):
+            wanted = len(sender.taken) + 150 * (1 + number % 3)
+            while len(sender.taken) < wanted and sender.is_alive():
+                time.sleep(0.001)
+            service.kill()
+            watcher.until(lambda peer: peer.retained.get("thermap-1/state") == b"offline")
+            time.sleep(0.3 * (number % 2))
+            service.start()
+            service.until("/v1/connections", is_connected)
+            watcher.until(lambda peer: peer.retained.get("thermap-1/state") == b"online")
+        sender.join()
+    assert sender.wrong is None, sender.wrong
+    expect_all(service, sender.taken)
+    # With a time of their own messages that come twice are stored once.
+    timed = [one for one in stored(service) if one[0] == "y-front"]
+    assert len(timed) == len(set(timed))
+    found = service.get("/v1/connections")
+    assert (found["refused"], found["last_refusal"]) == (0, "")
+
+
+def test_nothing_is_lost_when_one_of_two_that_share_is_killed(url, broker, tmp_path, started):
+    both = [
+        started(Service(url, broker.port, tmp_path, name, "$share/shop/"))
+        for name in ("thermap-1", "thermap-2")
+    ]
+    for service in both:
+        service.until("/v1/connections", is_connected)
+    sender = Sender(broker.port, most=700)
+    sender.start()
+    for number in range(4):
+        wanted = len(sender.taken) + 200
+        while len(sender.taken) < wanted and sender.is_alive():
+            time.sleep(0.001)
+        service = both[number % 2]
+        service.kill()
+        service.start()
+        service.until("/v1/connections", is_connected)
+    sender.join()
+    assert sender.wrong is None, sender.wrong
+    expect_all(both[0], sender.taken)
+
+
+def test_nothing_is_lost_when_the_broker_is_started_again(url, broker, tmp_path, started):
+    service = started(Service(url, broker.port, tmp_path))
+    service.until("/v1/connections", is_connected)
+    taken = []
+    for number in range(4):
+        with Peer(broker.port) as peer:
+            values = [round(20.0 + number + i / 1000, 3) for i in range(300)]
+            peer.say_many([("plain/mcfv5050/x-middle", str(value)) for value in values])
+            taken += [("x-middle", value) for value in values]
+        broker.end(signal.SIGTERM)
+        if number % 2:
+            service.kill()
+            service.start()
+        broker.start()
+    service.until("/v1/connections", is_connected)
+    expect_all(service, taken)
