@@ -8,7 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BeforeValidator, Field, SecretStr, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SecretStr,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from app.connections.connection import (
     ConnectionTable,
@@ -181,6 +188,11 @@ class MqttTable(ConnectionTable):
         if self.key is not None and self.cert is None:
             raise ValueError("expected `cert` with `key`, got none")
         return self
+
+    @field_validator("ca", "cert", "key")
+    @classmethod
+    def _beside_the_file(cls, stated: Path | None, info: ValidationInfo) -> Path | None:
+        return None if stated is None else (info.context or {}).get("folder", Path()) / stated
 
     @model_validator(mode="after")
     def _can_encrypt(self) -> MqttTable:
