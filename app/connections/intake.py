@@ -22,7 +22,13 @@ from typing import Final
 
 from starlette.concurrency import run_in_threadpool
 
-from app.errors import Conflict, InvalidContent, StorageUnavailable, ThermapError
+from app.errors import (
+    Conflict,
+    InvalidContent,
+    StorageUnavailable,
+    ThermapError,
+    UnknownThing,
+)
 from app.services.context import Context
 from app.services.readings import reading_of_time, store_readings
 from app.thermal.reading import Reading
@@ -94,6 +100,7 @@ class _Collected:
     machine: str
     time: datetime
     is_own_time: bool = False
+    has_waited: bool = False
     temperatures_c: dict[str, float] = field(default_factory=dict)
     state: dict[str, float] = field(default_factory=dict)
     asked: list[tuple[frozenset[str], asyncio.Future[Fate]]] = field(default_factory=list)
@@ -263,6 +270,8 @@ class Intake:
             if isinstance(error, Conflict) and await self._go_behind(one):
                 return
             self.refuse(f"machine {one.machine!r}", error.detail)
+            if isinstance(error, UnknownThing):
+                self._forget(one.machine)
             blamed = _blamed_sensors(error) & one.temperatures_c.keys()
             for sensor in blamed:
                 del one.temperatures_c[sensor]
@@ -271,6 +280,12 @@ class Intake:
                 await self._store_what_can_be(one)
             else:
                 self._settle(one, Fate.REFUSED)
+
+    def _forget(self, machine: str) -> None:
+        """Keep nothing of a machine that there is not: senders may name any number."""
+        self._latest.pop(machine, None)
+        self._usual.pop(machine, None)
+        self._wrong_clocks.discard(machine)
 
     async def _go_behind(self, one: _Collected) -> bool:
         """Store what is new of a time that has a reading, behind it; False where it contradicts.
@@ -300,6 +315,8 @@ class Intake:
             return
         self._kept.remove(one)
         self.counts.stored += fate is Fate.STORED
+        if one.has_waited and fate is Fate.STORED:
+            self._usual.setdefault(one.machine, set()).update(one.names)
         self.counts.dropped += fate is Fate.DROPPED
         if not self._kept:
             self._something.clear()
@@ -307,7 +324,7 @@ class Intake:
 
     def _close_this(self, key: tuple[str, datetime | None], collected: _Collected) -> None:
         if self._open.get(key) is collected:
-            self._usual.setdefault(collected.machine, set()).update(collected.names)
+            collected.has_waited = True
             self._close(key)
 
     def _close(self, key: tuple[str, datetime | None]) -> None:

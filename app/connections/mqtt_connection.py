@@ -114,7 +114,7 @@ class MqttConnection(TellsTables):
 
     def _silence(self, machine: str, sensor: str) -> str:
         limit_s = self._limit_s[machine, sensor]
-        return f"{sensor} of {machine!r} has said nothing for more than {limit_s:g} s"
+        return f"{sensor} of {machine!r} has said nothing usable for more than {limit_s:g} s"
 
     def _broker(self) -> Broker:
         table = self._table
@@ -211,6 +211,9 @@ class MqttConnection(TellsTables):
         for words in stated.wrong:
             self._intake.refuse(f"topic {topic!r:.200}", words)
         self._last_value_at = self._context().now()
+        for sensor in stated.temperatures_c:
+            if (stated.machine, sensor) in self._heard_s:
+                self._heard_s[stated.machine, sensor] = monotonic()
         told = self._intake.offer(stated.machine, stated.temperatures_c, stated.time, stated.state)
         told.add_done_callback(lambda fate: self._hear(fate, table, stated))
         return told

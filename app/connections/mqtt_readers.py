@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 from app.connections.mqtt_payloads import Unusable, number_at, read_json, read_text, time_at
 from app.connections.mqtt_tables import TopicTable
 from app.errors import list_names
+
+LONGEST_NAME: Final = 64
+"""Of a machine or a sensor [characters]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +50,11 @@ def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) ->
         If it has nothing that can be used.
     """
     machine, sensor = table.machine or names["machine"], table.sensor or names.get("sensor")
-    if not machine or sensor == "":
-        raise Unusable("expected names in the topic, got an empty level")
+    for name in names.values():
+        if not 0 < len(name) <= LONGEST_NAME:
+            raise Unusable(
+                f"expected names of 1 to {LONGEST_NAME} characters in the topic, got {name!r:.80}"
+            )
     if sensor is None:
         return _read_document(table, machine, payload)
     if table.value is None:
