@@ -422,10 +422,11 @@ class Connection(Shape):
     """Its name in the file"""
 
     kind: str
-    """`mtconnect` or `opcua`"""
+    """`mtconnect`, `opcua` or `mqtt`"""
 
     machines: list[str]
-    """Ids of the machines whose sensors it reads"""
+    """Ids of the machines whose sensors it reads; where topics name them, of those heard so far
+    """
 
     endpoint: str
     """Where it reads"""

@@ -15,6 +15,7 @@ from app.connections.mtconnect_connection import AgentConnection, MtconnectTable
 from app.errors import InvalidContent
 from app.main import create_app
 from app.settings import Settings
+from tests.connections.certificates import write_certificates
 from tests.connections.mtconnect_agent_example import ExampleAgent, listening
 from tests.connections.opcua_server_example import example_server, free_port
 from tests.service_examples import ROOM, client_of, furnish_database
@@ -35,6 +36,10 @@ def test_the_documented_file_is_one(tmp_path, monkeypatch):
     for name in ("thermap.der", "thermap.pem", "press.der"):
         (tmp_path / name).write_bytes(b"")
     monkeypatch.setenv("THERMAP_PRESS_PASSWORD", "secret")
+    monkeypatch.setenv("THERMAP_MQTT_PASSWORD", "secret")
+    write_certificates(tmp_path)
+    for name, given in (("server.pem", "thermap-1.pem"), ("server.key", "thermap-1.key")):
+        (tmp_path / name).rename(tmp_path / given)
     found = read_connections(file_of(tmp_path, "".join(examples)))
     (agent,) = found.mtconnect
     assert agent.sensors["x-middle"].item == "Xtemp"
@@ -45,6 +50,10 @@ def test_the_documented_file_is_one(tmp_path, monkeypatch):
     assert server.sensors["bed"].unit == "KELVIN"
     assert server.access.password == "secret"
     assert server.access.security.server_certificate == tmp_path / "press.der"
+    (broker,) = found.mqtt
+    assert broker.endpoint == "mqtts://192.168.10.5:8883"
+    assert broker.topics[2].topic.filter == "$share/thermap/plc/8/#"
+    assert broker.sparkplug[0].sensors["bed"].unit == "FAHRENHEIT"
 
 
 AGENT = '[[mtconnect]]\nname = "a"\nmachine = "vmc"\nurl = "http://h:5000"\n'
