@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
+pytest.importorskip("paho.mqtt", reason="the extra mqtt is not installed")
 
 from app.connections.config import read_connections
 from app.connections.mtconnect_connection import AgentConnection, MtconnectTable
