@@ -1,9 +1,9 @@
 """How soon a replica answers as the one to which something was sent.
 
 Two `thermap serve` on one PostgreSQL. To one of them readings are sent, an older model version is
-activated, a key is made and revoked; the other is asked without a pause until its answer shows it.
-The time runs from the answer to what was sent, which comes after the commit. Once with nothing else
-to do, and once while to each of both readings of a hundred other machines are sent.
+activated, a key is made and revoked; the other is asked every millisecond until its answer shows
+it. The time runs from the answer to what was sent, which comes after the commit. Once with nothing
+else to do, and once while to each of both readings of a hundred other machines are sent.
 
     python -m benchmarks.replicas [--server postgresql://postgres@127.0.0.1:5432/postgres]
 """
@@ -37,6 +37,8 @@ OTHERS = 100
 PATIENCE_S = 30.0
 CLIENTS = 4
 PAUSE_S = 0.02
+ASKED_EVERY_S = 0.001
+STARTS_WITHIN_S = 240.0
 
 
 @contextmanager
@@ -71,20 +73,21 @@ def service(url: str, *options: str) -> Iterator[str]:
 
 
 def _wait_until_ready(base: str) -> None:
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + STARTS_WITHIN_S
     while time.monotonic() < end:
         try:
             if httpx.get(f"{base}/readyz").status_code == httpx.codes.OK:
                 return
         except httpx.TransportError:
             time.sleep(0.05)
-    raise RuntimeError(f"{base} was not ready within {PATIENCE_S:g} s")
+    raise RuntimeError(f"{base} was not ready within {STARTS_WITHIN_S:g} s")
 
 
 def seen_after(is_there: Callable[[], bool]) -> float:
-    """Ask without a pause until something is there; say how long it took [s]."""
+    """Ask again and again until something is there; say how long it took [s]."""
     began = time.perf_counter()
     while not is_there():
+        time.sleep(ASKED_EVERY_S)
         if time.perf_counter() - began > PATIENCE_S:
             raise RuntimeError("it never came")
     return time.perf_counter() - began

@@ -217,6 +217,46 @@ def low_pass(
     return Filtered(times_s, inputs, outputs, since)
 
 
+def last_state(
+    times_s: FloatArray,
+    inputs: FloatArray,
+    time_constant_s: float,
+    hold: Hold = Hold.LINEAR,
+    max_gap_s: float = math.inf,
+) -> LagState:
+    """Filter a record, and give the filter after its last reading.
+
+    To the last bit it is what `LagState.start` and an `update` for each reading leave, so that
+    who read a record at once and who followed it say the same.
+
+    Parameters
+    ----------
+    times_s, inputs, time_constant_s, hold, max_gap_s
+        As for `low_pass`.
+
+    Examples
+    --------
+    >>> state = last_state(np.array([0.0, 600.0, 700.0]), np.array([0.0, 600.0, 5.0]), 600.0)
+    >>> state == LagState.start(600.0, 0.0, 0.0).update(600.0, 600.0).update(700.0, 5.0)
+    True
+    """
+    steps = np.diff(times_s)
+    broken = np.flatnonzero(steps > bridged_s(time_constant_s, max_gap_s))
+    begin = int(broken[-1]) + 1 if broken.size else 0
+    times, values, steps = times_s[begin:], inputs[begin:], steps[begin:]
+    lost = -np.expm1(-steps / time_constant_s)
+    slopes = np.diff(values) / steps if hold is Hold.LINEAR else np.zeros(steps.shape)
+    added = slopes * (steps - time_constant_s * lost)
+    output = float(values[0])
+    # One after the other, in the order in which `_advance` adds: sums of floats have an order.
+    for u, share, more in zip(values[:-1].tolist(), lost.tolist(), added.tolist(), strict=True):
+        output = output + (u - output) * share + more
+    moved = np.flatnonzero(values != values[0])
+    moved_s = times[moved[0]] if moved.size else times[-1]
+    since_s, time_s, first, last = (float(x) for x in (times[0], times[-1], values[0], values[-1]))
+    return LagState(time_constant_s, hold, since_s, time_s, last, output, first, float(moved_s))
+
+
 def low_pass_at(
     filtered: Filtered,
     wanted_s: FloatArray,

@@ -18,7 +18,7 @@ from app.effects.conditions import (
     state_gap_s,
 )
 from app.effects.effect import Effect
-from app.effects.low_pass import LagState, low_pass
+from app.effects.low_pass import LagState, last_state
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory
 
@@ -183,10 +183,4 @@ def _last(recording: Recording | None, signal: Signal, tau_s: float) -> LagState
     if recording is None or recording.times_s.size == 0:
         return None
     values = signal.of(recording.values)
-    found = low_pass(recording.times_s, values, tau_s, recording.hold, recording.max_gap_s)
-    since_s, time_s, value, output, moved_s = (
-        float(column[-1])
-        for column in (found.since_s, found.times_s, found.inputs, found.outputs, found.moved_s)
-    )
-    first = float(found.inputs[found.starts[-1]])
-    return LagState(tau_s, recording.hold, since_s, time_s, value, output, first, moved_s)
+    return last_state(recording.times_s, values, tau_s, recording.hold, recording.max_gap_s)

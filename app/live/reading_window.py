@@ -6,7 +6,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from math import inf
 from threading import Lock
 
 from app.thermal.machine import Machine, Sensor
@@ -156,20 +155,24 @@ def _thinned(ordered: Sequence[Reading], machine: Machine) -> tuple[Reading, ...
     """Keep for each sensor its two newest values, and one for each spacing of the window.
 
     Sensors may report apart from each other, so each has its own reckoning; a sensor's
-    newest value stays however old it is.
+    newest value stays however old it is. Spacings are counted from 1970, and the first value in
+    each that overlaps the window is kept: the same readings leave the same ones in whatever order
+    they came.
     """
     span_s = record_needed_s(machine.sensors.values())
     spacing_s = kept_spacing_s(machine.sensors.values())
     newest_s = ordered[-1].time.timestamp() if ordered else 0.0
     needed: set[int] = set()
-    kept_s: dict[str, float] = {}
+    last_kept: dict[str, float] = {}
     last_two: dict[str, tuple[int, int]] = {}
     for i, reading in enumerate(ordered):
         time_s = reading.time.timestamp()
         for sensor in reading.temperatures_c:
             last_two[sensor] = (last_two.get(sensor, (i, i))[1], i)
-            if newest_s - time_s <= span_s and time_s - kept_s.get(sensor, -inf) >= spacing_s:
-                kept_s[sensor] = time_s
+            place = time_s // spacing_s if spacing_s else time_s
+            overlaps = newest_s - (place + 1.0) * spacing_s < span_s
+            if overlaps and place != last_kept.get(sensor):
+                last_kept[sensor] = place
                 needed.add(i)
     for pair in last_two.values():
         needed.update(pair)

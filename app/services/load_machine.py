@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.effects.effect import Effect, effect_from_json
 from app.errors import Conflict, UnknownThing
-from app.live.reading_window import MOST_AHEAD
+from app.live.reading_window import MOST_AHEAD, kept_spacing_s
 from app.live.registry import Arrived, LiveMachine, LiveModel
 from app.services.context import Context
 from app.storage.machines import find_machine, stored_machine
@@ -117,7 +117,8 @@ def lacks_reading(context: Context, live: LiveMachine) -> bool:
 def _reread(context: Context, live: LiveMachine) -> None:
     """Read the latest readings that can be used, and the first of those that lie ahead."""
     machine, until = live.current.model.machine, context.usable_until()
-    window = timedelta(seconds=record_needed_s(machine.sensors.values()))
+    sensors = machine.sensors.values()
+    window = timedelta(seconds=record_needed_s(sensors) + kept_spacing_s(sensors))
     with live.noting_arrivals() as meanwhile:
         with context.database.reading() as session:
             # First of all: what is withdrawn from now on counts as not yet withdrawn.

@@ -98,3 +98,22 @@ def test_a_long_gap_begins_anew_and_a_short_one_is_bridged():
 def test_a_reading_that_is_not_newer_changes_nothing():
     state = LagState.start(TAU, 100.0, 20.0)
     assert state.update(100.0, 99.0) is state
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0.01, 4000.0), st.floats(-50.0, 150.0) | st.just(20.0)),
+        min_size=1,
+        max_size=60,
+    ),
+    st.sampled_from(list(Hold)),
+    st.sampled_from([600.0, 7200.0]),
+)
+def test_a_record_read_at_once_leaves_the_filter_that_followed_it(steps, hold, time_constant_s):
+    """To the last bit: replicas that began at different times say the same."""
+    times = 1.7e9 + np.cumsum([step for step, _ in steps])
+    values = np.array([value for _, value in steps])
+    state = LagState.start(time_constant_s, times[0], values[0], hold)
+    for time_s, value in zip(times[1:].tolist(), values[1:].tolist(), strict=True):
+        state = state.update(time_s, value, 900.0)
+    assert last_state(times, values, time_constant_s, hold, 900.0) == state

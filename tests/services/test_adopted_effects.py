@@ -1,5 +1,7 @@
 """Adopted effects over restarts, processes, orders of arrival, and model versions."""
 
+import math
+import random
 import threading
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -87,6 +89,65 @@ async def test_two_services_over_one_database_agree(client, app, new_app, furnis
         np.testing.assert_allclose(numbers(there), numbers(here), rtol=0, atol=1e-9)
         tags = [(await c.get(f"{ROOM}/compensation")).headers["etag"] for c in (client, other)]
         assert tags[0] == tags[1]
+
+
+STUCK_AFTER_S = 900.0
+"""Sensors are judged over twice as long; of faster readings some are left out of the window."""
+
+
+def fast_warm_up(minutes=80, every_s=2.0):
+    """Readings faster than they are kept, in one of which a sensor jumps, and then stands still."""
+    found = []
+    for i in range(int(60 * minutes / every_s) + 1):
+        before_s = 60.0 * minutes - every_s * i
+        t_c = 22.0 + 0.002 * i + 0.4 * math.sin(i / 90.0)
+        state = {"spindle_rpm": 1000.0 * (i // 200 % 4)}
+        one = reading(START - timedelta(seconds=before_s), round(t_c, 3), state=state)
+        one["temperatures_c"]["z-column"] += 30.0 * (i == 700)
+        if i > 900:
+            one["temperatures_c"]["y-front"] = 23.5
+        found.append(one)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+async def test_services_agree_to_the_bit_in_whatever_order_readings_came(
+    client, app, new_app, furnished_url, seed
+):
+    """Also one that starts later: every byte of the table, and what the lags are."""
+    rng = random.Random(seed)
+    changed = [s | {"stuck_after_s": STUCK_AFTER_S} for s in MACHINE["sensors"]]
+    assert (await client.patch(ROOM, json={"sensors": changed})).status_code == 200
+    adopt(app, LAG, SPEED, SPEED_LATE)
+    other_app = new_app(furnished_url)
+    services = (app, other_app)
+    followers = [DatabaseFollower(one.state.context, every_s=1.0) for one in services]
+    for follower in followers:
+        follower.look()
+    left = fast_warm_up()
+    async with client_of(other_app) as other:
+        while left:
+            batch = [left.pop(0) for _ in range(min(len(left), rng.choice([1, 2, 30, 200])))]
+            if rng.random() < 0.3:
+                rng.shuffle(batch)
+            if len(batch) > 2 and rng.random() < 0.2:  # some of these come after later ones
+                place = rng.randrange(min(len(left), 400) + 1)
+                left[place:place], batch = batch[:-2], batch[-2:]
+            await stored(rng.choice([client, other]), batch)
+            if rng.random() < 0.5:
+                rng.choice(followers).look()
+        for follower in followers:
+            follower.look()
+        late = new_app(furnished_url)
+        async with client_of(late) as later:
+            answers = [await one.get(f"{ROOM}/compensation") for one in (client, other, later)]
+    assert answers[0].json()["effects"][0]["missing"] == ""
+    assert {answer.content for answer in answers} == {answers[0].content}
+    assert {answer.headers["etag"] for answer in answers} == {answers[0].headers["etag"]}
+    pasts = [s.state.context.live.get("mcfv5050").past.now for s in (*services, late)]
+    assert pasts[0].states == pasts[1].states == pasts[2].states
+    assert pasts[0].lags.filters == pasts[1].lags.filters == pasts[2].lags.filters
 
 
 @pytest.mark.slow
