@@ -168,7 +168,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.machine_metrics = SharedQuestion(
         lambda: machine_metrics(shop_values(service.state.context)), METRICS_S
     )
-    service.state.metrics = Metrics(context.live)
+    service.state.metrics = Metrics(context.live, settings.worker)
     service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)
     service.state.connections = Connections(
         stated, lambda: service.state.context, service.state.streams.all_tables

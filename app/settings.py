@@ -46,6 +46,11 @@ def sqlite_url(file_name: str) -> str:
     return f"sqlite:///{own_folder() / file_name}"
 
 
+def is_postgresql(database_url: str) -> bool:
+    """Whether this is the URL of a PostgreSQL database."""
+    return database_url.partition(":")[0].partition("+")[0] in ("postgresql", "postgres")
+
+
 def make_own_folder(database_url: str) -> None:
     """Make the user's own folder for data, if this is the URL of a database there."""
     try:
@@ -122,6 +127,9 @@ class Settings(BaseSettings):
     )
     config: Path | None = Field(
         None, description="File of connections (TOML); without it there are none"
+    )
+    worker: int = Field(
+        0, ge=0, description="Number among the workers of one host, which `thermap serve` gives"
     )
     log_level: str = Field("warning", description="debug, info, warning, error or critical")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import accumulate
 from time import perf_counter
 from typing import Final
@@ -26,23 +26,40 @@ BUCKETS_S: Final = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 
 
 
 class Metrics:
-    """The service's own figures, in a registry of their own."""
+    """The service's own figures, in a registry of their own.
 
-    def __init__(self, live: LiveRegistry) -> None:
+    Parameters
+    ----------
+    worker
+        Number of this process among several that are asked under one address: every figure then
+        says so in a label, for the next one may be another's. 0 for one alone.
+    """
+
+    def __init__(self, live: LiveRegistry, worker: int = 0) -> None:
         self.registry = CollectorRegistry()
-        self._requests = _Requests()
+        own = {"worker": str(worker)} if worker else {}
+        self._requests = _Requests(own)
         self.registry.register(self._requests)
         self.count = self._requests.count
-        Gauge(
+        machines = Gauge(
             "thermap_machines_in_memory",
             "Machines whose model is in memory",
+            list(own),
             registry=self.registry,
-        ).set_function(lambda: len(live))
-        Gauge(
+        )
+        _of(machines, own).set_function(lambda: len(live))
+        away = Gauge(
             "thermap_database_away",
             "1 while the database is away, does not answer or is locked",
+            list(own),
             registry=self.registry,
-        ).set_function(lambda: live.database.trouble is not None)
+        )
+        _of(away, own).set_function(lambda: live.database.trouble is not None)
+
+
+def _of(gauge: Gauge, own: Mapping[str, str]) -> Gauge:
+    """Give the one series of a gauge."""
+    return gauge.labels(**own) if own else gauge
 
 
 class _Times:
@@ -62,7 +79,8 @@ class _Requests(Collector):
     longer than reading a request for a table.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, own: Mapping[str, str]) -> None:
+        self._own = own
         self._answered: Counter[tuple[str, str, int]] = Counter()
         self._times: defaultdict[tuple[str, str], _Times] = defaultdict(_Times)
 
@@ -78,18 +96,20 @@ class _Requests(Collector):
         requests = CounterMetricFamily(
             "thermap_requests",
             "Requests by route, method and status",
-            labels=["route", "method", "status"],
+            labels=["route", "method", "status", *self._own],
         )
         for (route, method, status), n in list(self._answered.items()):
-            requests.add_metric([route, method, str(status)], n)
+            requests.add_metric([route, method, str(status), *self._own.values()], n)
         yield requests
         seconds = HistogramMetricFamily(
-            "thermap_request_seconds", "Time to the whole answer", labels=["route", "method"]
+            "thermap_request_seconds",
+            "Time to the whole answer",
+            labels=["route", "method", *self._own],
         )
         limits = [*map(str, BUCKETS_S), "+Inf"]
         for (route, method), times in list(self._times.items()):
             buckets = list(zip(limits, accumulate(times.counts), strict=True))
-            seconds.add_metric([route, method], buckets, times.sum_s)
+            seconds.add_metric([route, method, *self._own.values()], buckets, times.sum_s)
         yield seconds
 
 

@@ -1,4 +1,4 @@
-"""thermap serve: the service, one process."""
+"""thermap serve: the service, one process or several that share its socket."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ from app.cli.listening import (
     url_of,
 )
 from app.cli.logs import LogFormat, write_log_as
+from app.cli.workers import Workers
 from app.services.access_keys import create_first_key
-from app.settings import Settings, is_this_computer, sqlite_url
+from app.settings import Settings, is_postgresql, is_this_computer, sqlite_url
 
 _FIELDS = Settings.model_fields
 
@@ -108,6 +109,15 @@ def serve(
             help="Where OPC UA clients read tables, as opc.tcp://127.0.0.1:4840/thermap.",
         ),
     ] = _FIELDS["opcua_endpoint"].default,
+    workers: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_WORKERS",
+            metavar="N",
+            min=1,
+            help="Processes that answer side by side; more than one needs PostgreSQL.",
+        ),
+    ] = 1,
     log_level: Annotated[
         Literal["debug", "info", "warning", "error", "critical"],
         typer.Option(
@@ -147,6 +157,12 @@ def serve(
         log_level=log_level,
     )
     write_log_as(log_format)
+    if workers > 1 and not is_postgresql(settings.database_url):
+        raise typer.BadParameter(
+            f"{workers} need a PostgreSQL database, which tells each what the others stored; on "
+            "SQLite a reading sent to one would be in the tables of the others a second later",
+            param_hint="--workers",
+        )
     with exiting_on_signals(), listening(settings.host, settings.port, "serve") as opened:
         service = make_service(settings)
         first = create_first_key(service.state.context.database) if settings.asks_for_keys else None
@@ -161,5 +177,10 @@ def serve(
             typer.echo("                    shown this once; `thermap keys create` makes others")
         elif settings.insecure and not is_this_computer(settings.host):
             typer.echo("  no keys           who reaches this address may change everything")
+        if workers > 1:
+            typer.echo(f"  workers           {workers}")
         typer.echo("  Ctrl-C stops it")
+        if workers > 1:
+            service.state.context.database.close()  # each worker has connections of its own
+            Workers(settings, opened, workers, log_format).run()
         server_for(service, settings.log_level).run([opened])

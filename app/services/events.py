@@ -43,6 +43,9 @@ AT_MOST_S: Final = 0.1
 
 TIDY_EVERY_S: Final = 3600.0
 
+ALARM_DUTY: Final = 7_483_622
+"""PostgreSQL advisory lock: of several services one writes alarms."""
+
 
 def show_events(
     context: Context,
@@ -112,11 +115,13 @@ class AlarmLog:
     """Looks at every machine, and writes into the log what comes and goes.
 
     A state has to be there at two looks in a row; how long it stays after its cause is gone, the
-    verdict itself says. Of several services on one database the first one writes.
+    verdict itself says. Of several services on one PostgreSQL one writes, and when it is gone
+    another; on SQLite what one has written no other writes again.
     """
 
     def __init__(self, context: Context) -> None:
         self._context = context
+        self._duty = context.database.duty(ALARM_DUTY)
         self._stop = Signal()
         self._thread = Thread(target=self._run, name="alarm-log", daemon=True)
         self._written: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
@@ -133,15 +138,26 @@ class AlarmLog:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(patience_s)
+        if self._duty is not None:
+            self._duty.lay_down()
 
     def _run(self) -> None:
         while not self._stop.wait(LOOK_EVERY_S):
             try:
-                self.look()
+                self.look_if_ours()
             except StorageUnavailable:
                 continue  # what changed is seen again at the next look
             except Exception:
                 log.exception("could not write alarms into the log")
+
+    def look_if_ours(self) -> None:
+        """Look once where it is for this process to write; later it begins with what is written."""
+        if self._duty is None or self._duty.is_ours():
+            self.look()
+        else:
+            self._written.clear()
+            self._seen.clear()
+            self._judged.clear()
 
     def look(self) -> None:
         """Look once at every machine that may have changed."""

@@ -33,7 +33,7 @@ from app.storage.news import send_pending
 from app.storage.sqlite import SqliteConnections
 
 if TYPE_CHECKING:
-    from app.storage.postgresql import Listener, PostgresqlConnections
+    from app.storage.postgresql import Duty, Listener, PostgresqlConnections
 
 MOMENT: Final = Limits(lock_s=0.2)
 """To see whether something can be written at all."""
@@ -235,6 +235,18 @@ class Database:
     def name(self) -> str:
         """The URL without its password."""
         return self.engine.url.render_as_string(hide_password=True)
+
+    def duty(self, number: int) -> Duty | None:
+        """Make what knows whether a duty is this process'; None on SQLite.
+
+        Parameters
+        ----------
+        number
+            Of the duty, the same in all processes.
+        """
+        if isinstance(self._connections, SqliteConnections):
+            return None
+        return self._connections.duty(number)
 
     def listener(self) -> Listener | None:
         """Make what hears the news of other processes; None on SQLite, where nobody tells any."""

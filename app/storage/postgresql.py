@@ -21,6 +21,12 @@ from app.storage.news import CHANNEL, News, read_payload
 
 CONNECT_TIMEOUT_S: Final = 5
 
+_HELD: Final = (
+    "SELECT EXISTS (SELECT FROM pg_locks WHERE locktype = 'advisory' AND granted "
+    "AND pid = pg_backend_pid() AND objid = %(number)s)"
+)
+_TAKE: Final = "SELECT pg_try_advisory_lock(%(number)s)"
+
 APPLICATION_NAME: Final = "thermap"
 """By which PostgreSQL lists our connections."""
 
@@ -151,6 +157,39 @@ class Listener:
             raise StorageUnavailable(f"the database is away: {reason}") from error
 
 
+class Duty:
+    """What one of several processes does for all: whoever holds an advisory lock.
+
+    The lock is held by a connection of its own. When the holder dies, or is cut off, PostgreSQL
+    lets go of it, and the next one that asks has it.
+    """
+
+    def __init__(self, connect: Callable[[], ImpatientConnection], number: int) -> None:
+        self._connect = connect
+        self._number = number
+        self._connection: ImpatientConnection | None = None
+
+    def is_ours(self) -> bool:
+        """Take the duty where nobody has it; say whether it is ours now."""
+        try:
+            if self._connection is None:
+                self._connection = self._connect()
+            held = self._connection.execute(_HELD, {"number": self._number}).fetchone()
+            if held is None or not held[0]:
+                held = self._connection.execute(_TAKE, {"number": self._number}).fetchone()
+        except psycopg.Error:
+            self.lay_down()
+            return False
+        return held is not None and bool(held[0])
+
+    def lay_down(self) -> None:
+        """Let another one have it."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with suppress(psycopg.Error):
+                connection.close()
+
+
 class PostgresqlConnections:
     """Makes the engine, and can break off all its connections, those at work too."""
 
@@ -179,13 +218,17 @@ class PostgresqlConnections:
 
     def listener(self, sender: str) -> Listener:
         """Make what hears the news of other processes."""
+        return Listener(self._connect_apart, sender)
 
-        def connect() -> ImpatientConnection:
-            arguments, named = self.engine.dialect.create_connect_args(self.engine.url)
-            named.update(self._connect_args, autocommit=True)
-            return self._connect(None, None, arguments, named)
+    def duty(self, number: int) -> Duty:
+        """Make what knows whether a duty is this process'."""
+        return Duty(self._connect_apart, number)
 
-        return Listener(connect, sender)
+    def _connect_apart(self) -> ImpatientConnection:
+        """Make a connection that is not in the pool, and of which each statement is committed."""
+        arguments, named = self.engine.dialect.create_connect_args(self.engine.url)
+        named.update(self._connect_args, autocommit=True)
+        return self._connect(None, None, arguments, named)
 
     def close(self) -> None:
         """Give up all connections, and let whoever waits for one of them go."""

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from app.effects.low_pass import Hold, LagState, low_pass, low_pass_at
+from app.effects.low_pass import Hold, LagState, last_state, low_pass, low_pass_at
 
 TAU = 900.0
 

@@ -17,6 +17,7 @@ from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.services import follow_database
 from app.services.access_keys import create_key, revoke_key
+from app.services.events import ALARM_DUTY, AlarmLog
 from app.services.follow_database import DatabaseFollower
 from app.settings import Settings
 from app.storage.news import CHANNEL, NewsKind, read_payload, tell
@@ -291,3 +292,54 @@ def _post_apart(url, clock):
             timeout=SOON_S,
         )
         assert sent.status_code == 201
+
+
+async def test_one_writes_alarms_and_when_it_is_gone_another(new_app, shared_url, one, told_only):
+    duties = [new_app(shared_url).state.context.database.duty(ALARM_DUTY) for _ in range(3)]
+    assert [duty.is_ours() for duty in duties] == [True, False, False]
+    assert [duty.is_ours() for duty in duties] == [True, False, False]
+    with psycopg.connect(plain(shared_url)) as connection:
+        connection.execute(
+            "SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' "
+            f"AND objid = {ALARM_DUTY} AND database = (SELECT oid FROM pg_database "
+            "WHERE datname = current_database())"
+        )
+    until(lambda: duties[1].is_ours())
+    assert [duty.is_ours() for duty in duties] == [False, True, False]
+    duties[1].lay_down()
+    until(lambda: duties[2].is_ours())
+    duties[2].lay_down()
+
+
+async def test_an_alarm_is_written_once_and_ended_by_who_takes_over(new_app, shared_url, clock):
+    services = [new_app(shared_url) for _ in range(2)]
+    followers = [DatabaseFollower(s.state.context, every_s=1.0) for s in services]
+    logs = [AlarmLog(service.state.context) for service in services]
+
+    def look():
+        for follower in followers:
+            follower.look()
+        for _ in range(3):
+            for log in logs:
+                log.look_if_ours()
+
+    async with client_of(services[0]) as client:
+
+        async def at(t_c):
+            clock.advance(60)
+            await client.post(f"{ROOM}/readings", json=reading(clock(), t_c))
+            look()
+            asked = await client.get(f"{ROOM}/events", params={"kind": "alarm"})
+            return asked.json()["events"]
+
+        assert await at(29.8) == []
+        (alarm,) = await at(30.5)
+        assert alarm["until"] is None
+        logs[0].stop()
+        logs.pop(0)
+        (same,) = await at(30.6)
+        assert (same["id"], same["until"], same["count"]) == (alarm["id"], None, 1)
+        await at(29.8)
+        (ended,) = await at(29.8)
+        assert ended["until"] is not None
+        logs[0].stop()
