@@ -239,8 +239,8 @@ SAMPLES = """<?xml version="1.0" encoding="UTF-8"?>
  xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
  xsi:schemaLocation="urn:mtconnect.org:MTConnectStreams:{version} /schemas/Streams.xsd">
 <Header creationTime="2026-03-01T06:00:10Z" sender="host" instanceId="1772344800"
- version="{version}" deviceModelChangeTime="2026-03-01T05:00:00Z" bufferSize="131072" nextSequence="{next}"
- firstSequence="{first}" lastSequence="{last}"/>
+ version="{version}" deviceModelChangeTime="2026-03-01T05:00:00Z" bufferSize="131072"
+ nextSequence="{next}" firstSequence="{first}" lastSequence="{last}"/>
 <Streams>
 <DeviceStream name="Agent" uuid="a1"><ComponentStream component="Agent" componentId="a"><Events>
 <AgentAvail dataItemId="av" timestamp="2026-03-01T06:00:00.5Z" sequence="{first}">AVAILABLE
