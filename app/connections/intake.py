@@ -12,7 +12,7 @@ import asyncio
 import logging
 import math
 import random
-from collections import deque
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -22,6 +22,7 @@ from typing import Final
 
 from starlette.concurrency import run_in_threadpool
 
+from app.connections.waiting import Waiting
 from app.errors import (
     Conflict,
     InvalidContent,
@@ -47,6 +48,16 @@ LOGGED_EVERY_S: Final = 10.0
 MOST_STEPS: Final = 1000
 """That a reading with the service's time goes behind another service's, at random: next time they
 do not meet."""
+
+MOST_ASKED: Final = 1000
+"""Values that one reading collects: the next begins another, however alike they are."""
+
+RIGHT_AGAIN_S: Final = 60.0
+"""After so long without a wrong time of a machine's senders their clocks are said to be right [s]:
+of two senders one may be wrong all the time."""
+
+MOST_MACHINES: Final = 10_000
+"""Whose latest times are remembered; those that are over are of no use."""
 
 SENSOR_FIELD: Final = "temperatures_c."
 
@@ -105,6 +116,7 @@ class _Collected:
     state: dict[str, float] = field(default_factory=dict)
     asked: list[tuple[frozenset[str], asyncio.Future[Fate]]] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
+    closing: asyncio.TimerHandle | None = None
 
     def contradicts(self, temperatures_c: Mapping[str, float], state: Mapping[str, float]) -> bool:
         """Whether a sensor or a state has another value here already."""
@@ -148,14 +160,15 @@ class Intake:
     def __init__(self, context: Callable[[], Context], limits: Limits | None = None) -> None:
         self._context = context
         self._limits = limits or Limits()
-        self._open: dict[tuple[str, datetime | None], _Collected] = {}
-        self._kept: deque[_Collected] = deque()
+        self._open: OrderedDict[tuple[str, datetime | None], _Collected] = OrderedDict()
+        self._kept: Waiting[_Collected] = Waiting()
+        self._is_over = False
         self._something = asyncio.Event()
         self._latest: dict[str, datetime] = {}
         # What a machine's readings had when their time was over: a reading that has all of it
         # need not wait.
         self._usual: dict[str, set[str]] = {}
-        self._wrong_clocks: set[str] = set()
+        self._wrong_clocks: dict[str, float] = {}
         self._logged_s = -math.inf
         self._not_logged = 0
         self.counts = Counts()
@@ -190,6 +203,10 @@ class Intake:
             self.refuse(f"machine {machine!r}", wrong)
             told.set_result(Fate.REFUSED)
             return told
+        if self._is_over:
+            self.counts.dropped += 1
+            told.set_result(Fate.DROPPED)
+            return told
         now = self._context().now()
         if time is not None:
             self._judge_clock(machine, time, now)
@@ -203,13 +220,20 @@ class Intake:
         if collected is None:
             collected = self._open[key] = _Collected(machine, time or now, time is None)
             loop = asyncio.get_running_loop()
-            loop.call_later(self._limits.collect_s, self._close_this, key, collected)
+            collected.closing = loop.call_later(
+                self._limits.collect_s, self._close_this, key, collected
+            )
+            if len(self._open) > self._limits.most_kept:
+                self._close(next(iter(self._open)))
         if time is None:
             # The latest arrival: no value is claimed for a time before it came.
             collected.time = self._own_time(machine, now)
         collected.temperatures_c.update(temperatures_c)
         collected.state.update(state)
         collected.asked.append((frozenset(temperatures_c), told))
+        if len(collected.asked) >= MOST_ASKED:
+            self._close(key)
+            return told
         if machine in self._usual and collected.names >= self._usual[machine]:
             self._close(key)
         return told
@@ -232,27 +256,26 @@ class Intake:
                     await asyncio.sleep(pause_s)
                     pause_s = min(2.0 * pause_s, self._limits.longest_pause_s)
         finally:
+            self._is_over = True
             self._drop_all()
 
     async def _store_next(self) -> None:
         """Store the oldest readings of one machine; they stay in front until that is done."""
-        batch = self._next_batch()
+        batch = self._kept.next_batch(MOST_AT_ONCE)
         try:
             await self._store(batch)
         except StorageUnavailable:
             raise
-        except ThermapError:
+        except UnknownThing as gone:
+            # Asked for each reading alone, a machine that was deleted would hold up the others.
+            for one in batch:
+                self._refuse_whole(one, gone.detail)
+            self._forget(batch[0].machine)
+        except Exception as why:
+            if not isinstance(why, ThermapError):
+                log.exception("readings of machine %r could not be stored", batch[0].machine)
             for one in batch:
                 await self._store_what_can_be(one)
-        except Exception:
-            log.exception("readings of machine %r could not be stored", batch[0].machine)
-            for one in batch:
-                self._settle(one, Fate.REFUSED)
-
-    def _next_batch(self) -> list[_Collected]:
-        first = self._kept[0]
-        alike = (one for one in self._kept if one.machine == first.machine)
-        return [one for one, _ in zip(alike, range(MOST_AT_ONCE), strict=False)]
 
     async def _store(self, batch: Sequence[_Collected]) -> None:
         readings = [one.reading() for one in batch]
@@ -280,12 +303,15 @@ class Intake:
                 await self._store_what_can_be(one)
             else:
                 self._settle(one, Fate.REFUSED)
+        except Exception as why:
+            # One that nobody can store takes no other with it.
+            self._refuse_whole(one, f"{type(why).__name__}: {why}")
 
     def _forget(self, machine: str) -> None:
         """Keep nothing of a machine that there is not: senders may name any number."""
         self._latest.pop(machine, None)
         self._usual.pop(machine, None)
-        self._wrong_clocks.discard(machine)
+        self._wrong_clocks.pop(machine, None)
 
     async def _go_behind(self, one: _Collected) -> bool:
         """Store what is new of a time that has a reading, behind it; False where it contradicts.
@@ -310,6 +336,10 @@ class Intake:
             self._settle(one, Fate.STORED)
         return True
 
+    def _refuse_whole(self, one: _Collected, reason: str) -> None:
+        self.refuse(f"machine {one.machine!r}", reason)
+        self._settle(one, Fate.REFUSED)
+
     def _settle(self, one: _Collected, fate: Fate) -> None:
         if one not in self._kept:  # dropped since, because too many came
             return
@@ -328,10 +358,13 @@ class Intake:
             self._close(key)
 
     def _close(self, key: tuple[str, datetime | None]) -> None:
-        self._kept.append(self._open.pop(key))
+        one = self._open.pop(key)
+        if one.closing is not None:
+            one.closing.cancel()
+        self._kept.add(one)
         self._something.set()
         while len(self._kept) > self._limits.most_kept:
-            self._settle(self._kept[0], Fate.DROPPED)
+            self._settle(self._kept.one_too_many(one.machine), Fate.DROPPED)
 
     def _drop_all(self) -> None:
         for key in list(self._open):
@@ -342,6 +375,10 @@ class Intake:
     def _own_time(self, machine: str, now: datetime) -> datetime:
         latest = self._latest.get(machine)
         own = now if latest is None else max(now, latest + SMALLEST_STEP)
+        if (own - now).total_seconds() > self._limits.clock_tolerance_s:
+            own = now  # the service's clock was ahead, and has been set right
+        if len(self._latest) >= MOST_MACHINES and machine not in self._latest:
+            self._latest = {name: time for name, time in self._latest.items() if time >= now}
         self._latest[machine] = own
         return own
 
@@ -350,16 +387,19 @@ class Intake:
         ahead_s = (time - now).total_seconds()
         wrong = abs(ahead_s) > self._limits.clock_tolerance_s
         self.counts.wrong_clocks += wrong
-        if wrong == (machine in self._wrong_clocks):
+        now_s, last_s = monotonic(), self._wrong_clocks.get(machine)
+        if wrong:
+            self._wrong_clocks[machine] = now_s
+        if wrong == (last_s is not None):
             return
-        self._wrong_clocks ^= {machine}
         if wrong:
             where = "ahead of" if ahead_s > 0 else "behind"
             log.warning(
                 "machine %r: a sender's time is %.1f s %s the service's clock",
                 *(machine, abs(ahead_s), where),
             )
-        else:
+        elif last_s is not None and now_s - last_s > RIGHT_AGAIN_S:
+            del self._wrong_clocks[machine]
             log.warning("machine %r: the sender's time is right again", machine)
 
     def refuse(self, where: str, reason: str) -> None:

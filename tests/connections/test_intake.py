@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import threading
 from contextlib import asynccontextmanager, suppress
 from datetime import datetime, timedelta
 
@@ -181,3 +182,134 @@ async def test_of_many_refusals_few_are_logged_and_all_are_counted(service, capl
         assert intake.counts.refused == 100
         assert intake.counts.last_refusal == "topic 'a': expected a number, got 'x'"
     assert caplog.text.count("refused from a connection") == 1
+
+
+async def stored_and_dropped(fates):
+    found = await asyncio.gather(*fates)
+    return found.count(Fate.STORED), found.count(Fate.DROPPED)
+
+
+async def test_a_flood_costs_no_other_machine_its_reading(service, monkeypatch):
+    away = [True]
+
+    def store_or_not(*asked):
+        if away:
+            raise StorageUnavailable("the database is away")
+
+    monkeypatch.setattr(module, "store_readings", store_or_not)
+    async with running_intake(service, most_kept=10) as intake:
+        first = intake.offer("other", {"x-middle": 21.0})
+        flood = [intake.offer(MACHINE, {"x-middle": 20.0 + i / 100}) for i in range(100)]
+        dropped = 91
+        while intake.counts.dropped < dropped - 1:
+            await asyncio.sleep(0.01)
+        away.clear()
+        assert await first is Fate.STORED
+        stored, lost = await stored_and_dropped(flood)
+        assert (stored + lost, stored) == (100, 9)
+        # The newest are those that are kept.
+        assert [await fate for fate in flood[-9:]] == [Fate.STORED] * 9
+
+
+async def test_readings_that_are_collected_are_bounded_too(service, monkeypatch):
+    monkeypatch.setattr(module, "MOST_ASKED", 10)
+    intake = Intake(lambda: service.state.context, Limits(collect_s=60.0, most_kept=5))
+    # Times that differ are readings of their own: each would wait for a minute for more of it.
+    for i in range(50):
+        intake.offer(MACHINE, {"x-middle": 22.0}, START - timedelta(seconds=i))
+    assert (len(intake._open), len(intake._kept)) == (5, 5)
+    assert intake.counts.dropped == 40
+    # Of values that are alike a reading takes no more than so many.
+    for _ in range(30):
+        intake.offer(MACHINE, {"x-middle": 22.0})
+    assert max(len(one.asked) for one in [*intake._kept, *intake._open.values()]) == 10
+    assert all(one.closing.cancelled() for one in intake._kept)
+    intake._drop_all()
+
+
+async def test_a_machine_that_was_deleted_is_asked_for_once(service, monkeypatch):
+    asked, store = [], module.store_readings
+
+    def counted(*arguments):
+        asked.append(len(arguments[2]))
+        return store(*arguments)
+
+    monkeypatch.setattr(module, "store_readings", counted)
+    async with running_intake(service) as intake:
+        fates = [intake.offer(MACHINE, {"x-middle": 20.0 + i}) for i in range(20)]
+        async with client_of(service) as client:
+            assert (await client.delete(ROOM)).status_code == 204
+        assert set(await asyncio.gather(*fates)) == {Fate.REFUSED}
+        assert intake.counts.refused == 20
+    assert sum(asked) == 20
+
+
+async def test_what_nobody_can_store_takes_no_other_with_it(service, monkeypatch):
+    store = module.store_readings
+
+    def store_or_fail(context, machine, readings):
+        if any(one.temperatures_c.get("x-middle") == 23.0 for one in readings):
+            raise OverflowError("date value out of range")
+        return store(context, machine, readings)
+
+    monkeypatch.setattr(module, "store_readings", store_or_fail)
+    async with running_intake(service) as intake:
+        fates = [intake.offer(MACHINE, {"x-middle": 20.0 + i}) for i in range(6)]
+        found = await asyncio.gather(*fates)
+    assert found == [Fate.STORED] * 3 + [Fate.REFUSED] + [Fate.STORED] * 2
+    assert "OverflowError: date value out of range" in intake.counts.last_refusal
+
+
+async def test_while_the_database_hangs_values_are_taken_and_the_rest_goes_on(service, monkeypatch):
+    goes_on, store = threading.Event(), module.store_readings
+
+    def store_late(*asked):
+        assert goes_on.wait(60)
+        return store(*asked)
+
+    monkeypatch.setattr(module, "store_readings", store_late)
+    async with running_intake(service, most_kept=10) as intake:
+        fates = [intake.offer(MACHINE, {"x-middle": 20.0 + i / 10}) for i in range(5)]
+        await asyncio.sleep(2 * SOON)  # the first are being stored
+        fates += [intake.offer(MACHINE, {"x-middle": 30.0 + i / 10}) for i in range(50)]
+        await asyncio.sleep(2 * SOON)
+        assert len(intake._kept) == 10
+        assert intake.counts.dropped == 45
+        goes_on.set()
+        stored, dropped = await stored_and_dropped(fates)
+        assert (stored, dropped) == (10, 45)
+
+
+async def test_the_service_s_clock_may_be_set_right(service, clock):
+    async with running_intake(service) as intake:
+        clock.advance(365 * 86400)
+        assert await intake.offer(MACHINE, {"x-middle": 22.0}) is Fate.STORED
+        clock.advance(-365 * 86400)
+        # Otherwise all that follows would be stamped a year ahead, and refused.
+        assert await intake.offer(MACHINE, {"x-middle": 23.0}) is Fate.STORED
+    times = {one["temperatures_c"]["x-middle"]: one["time"] for one in await readings_of(service)}
+    assert times[23.0].startswith("2026-03-01T06:00:00")
+
+
+async def test_of_two_senders_one_wrong_clock_is_said_once(service, caplog, monkeypatch):
+    caplog.set_level(logging.WARNING, "thermap")
+    seconds = [1000.0]
+    monkeypatch.setattr(module, "monotonic", lambda: seconds[0])
+    intake = Intake(lambda: service.state.context, Limits(collect_s=60.0))
+    for i in range(20):
+        for years in (0, 30):
+            sent = START - timedelta(days=365 * years, milliseconds=i)
+            intake.offer(MACHINE, {"x-middle": 22.0}, sent)
+    assert intake.counts.wrong_clocks == 20
+    assert caplog.text.count("behind the service's clock") == 1
+    assert "right again" not in caplog.text
+    seconds[0] += 61
+    intake.offer(MACHINE, {"x-middle": 22.0}, START)
+    assert caplog.text.count("right again") == 1
+    intake._drop_all()
+
+
+async def test_who_comes_when_it_is_over_is_told_so(service):
+    async with running_intake(service) as intake:
+        assert await intake.offer(MACHINE, {"x-middle": 21.0}) is Fate.STORED
+    assert await asyncio.wait_for(intake.offer(MACHINE, {"x-middle": 22.0}), 60) is Fate.DROPPED
