@@ -307,7 +307,9 @@ class Link:
     def _run(self) -> None:
         try:
             self._open()
-            self._serve()
+            # Said too late, it would take the place of the next contact.
+            if not self._ends.is_set():
+                self._serve()
         except (OSError, ValueError) as why:
             self._tell(self._lose, f"no broker at {self._where}: {why}")
         except Exception as why:  # what a broker sends may be anything
