@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -53,6 +54,7 @@ from app.services.access_keys import KeyRing
 from app.services.context import Context
 from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
+from app.services.keep_readings import ReadingKeeper
 from app.services.machines import check_readiness
 from app.services.run_analyses import AnalysisRunner
 from app.services.watching_values import shop_values
@@ -128,12 +130,14 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     )
     runner = AnalysisRunner(context)
     alarms = AlarmLog(context)
+    keeper = ReadingKeeper(context, settings.keep_readings)
 
     @asynccontextmanager
     async def lifespan(_app: object) -> AsyncIterator[None]:
         follower.start()
         runner.start()
         alarms.start()
+        keeper.start()
         try:
             async with (
                 serving_tables(lambda: service.state.context, settings.opcua_endpoint),
@@ -141,7 +145,10 @@ def create_app(settings: Settings | None = None) -> ThermapService:
             ):
                 yield
         finally:
-            await run_in_threadpool(alarms.stop, STOP_S)
+            # Together: where the database hangs, each takes as long as it may.
+            await asyncio.gather(
+                run_in_threadpool(keeper.stop, STOP_S), run_in_threadpool(alarms.stop, STOP_S)
+            )
             await run_in_threadpool(runner.stop, STOP_S)
             await run_in_threadpool(follower.stop, STOP_S)
             context.database.close()

@@ -128,6 +128,12 @@ class Settings(BaseSettings):
     config: Path | None = Field(
         None, description="File of connections (TOML); without it there are none"
     )
+    keep_readings: int | None = Field(
+        None,
+        ge=31,
+        description="Age from which readings are deleted, but for those that verifications need "
+        "[days]; without it they are kept for ever",
+    )
     worker: int = Field(
         0, ge=0, description="Number among the workers of one host, which `thermap serve` gives"
     )

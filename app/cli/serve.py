@@ -109,6 +109,16 @@ def serve(
             help="Where OPC UA clients read tables, as opc.tcp://127.0.0.1:4840/thermap.",
         ),
     ] = _FIELDS["opcua_endpoint"].default,
+    keep_readings: Annotated[
+        int | None,
+        typer.Option(
+            envvar="THERMAP_KEEP_READINGS",
+            metavar="DAYS",
+            show_default="for ever",
+            min=31,
+            help="Age from which readings are deleted, but for those that verifications need.",
+        ),
+    ] = None,
     workers: Annotated[
         int,
         typer.Option(
@@ -154,6 +164,7 @@ def serve(
         waiting_requests=waiting_requests,
         opcua_endpoint=opcua_endpoint,
         config=config,
+        keep_readings=keep_readings,
         log_level=log_level,
     )
     write_log_as(log_format)

@@ -72,6 +72,11 @@ def update_machine(row: MachineRow, machine: Machine) -> None:
     row.revision += 1
 
 
+def machine_ids(session: Session) -> list[str]:
+    """List the ids of all machines."""
+    return list(session.scalars(select(MachineRow.id).order_by(MachineRow.id)))
+
+
 def count_machines(session: Session) -> int:
     """Count all machines."""
     return session.scalar(select(func.count(MachineRow.id))) or 0

@@ -207,6 +207,25 @@ def withdraw_stored(
     return count
 
 
+def delete_some_readings(session: Session, machine_id: str, before: datetime, most: int) -> int:
+    """Delete the oldest readings of a machine before a time, at most so many; say how many."""
+    oldest = (
+        select(ReadingRow.time)
+        .where(ReadingRow.machine_id == machine_id, ReadingRow.time < before)
+        .order_by(ReadingRow.time)
+        .limit(most)
+    )
+    times = list(session.scalars(oldest))
+    if not times:
+        return 0
+    gone = session.connection().execute(
+        delete(ReadingRow).where(
+            ReadingRow.machine_id == machine_id, ReadingRow.time.between(times[0], times[-1])
+        )
+    )
+    return gone.rowcount
+
+
 def newest_id(session: Session) -> int:
     """Give the number of the reading stored last, of any machine; 0 before the first."""
     return session.scalar(select(func.max(ReadingRow.id))) or 0

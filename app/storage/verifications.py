@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session, undefer_group
 
 from app.arrays import FloatArray
@@ -83,6 +83,12 @@ def list_verifications(session: Session, machine_id: str) -> list[StoredVerifica
         .order_by(VerificationRow.id)
     )
     return [stored_verification(row) for row in session.scalars(query)]
+
+
+def first_observation(session: Session, machine_id: str) -> datetime | None:
+    """Give the time of a machine's oldest observation, None without a verification."""
+    query = select(func.min(VerificationRow.first_at))
+    return session.scalar(query.where(VerificationRow.machine_id == machine_id))
 
 
 def stored_verification(row: VerificationRow) -> StoredVerification:

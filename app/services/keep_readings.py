@@ -1,0 +1,127 @@
+"""Make room for readings, and let go of those that nobody needs any more."""
+
+from __future__ import annotations
+
+import logging
+from datetime import datetime, timedelta
+from threading import Event, Thread
+from typing import Final
+
+from app.errors import StorageUnavailable, UnknownThing
+from app.services.context import Context
+from app.storage.limits import LONG
+from app.storage.machines import RowLock, find_machine, machine_ids
+from app.storage.partitions import drop_months, make_months, months_made
+from app.storage.readings import delete_some_readings
+from app.storage.verifications import first_observation
+
+log = logging.getLogger("thermap")
+
+LEAST_KEPT_DAYS: Final = 31
+"""Of readings [days]: adopted lags, and what an analysis looks back over, are far shorter."""
+
+BEFORE_A_CHECK: Final = timedelta(days=LEAST_KEPT_DAYS)
+"""What is kept before the oldest verification of a machine: analyses read it again."""
+
+LOOK_EVERY_S: Final = 3600.0
+
+SLICE: Final = 2000
+"""Readings that are deleted in one transaction: nobody waits long for it."""
+
+PAUSE_S: Final = 0.05
+"""Between two of them [s]: others write too."""
+
+KEEPER_DUTY: Final = 7_483_623
+"""PostgreSQL advisory lock: of several services one does this."""
+
+
+class ReadingKeeper:
+    """Makes months of readings ahead, and deletes what is older than it is to be kept.
+
+    Nothing is deleted that a stored verification needs: of each machine all stays from
+    `BEFORE_A_CHECK` before its oldest one.
+
+    Parameters
+    ----------
+    keep_days
+        Age from which readings are deleted [days]; None keeps all.
+    """
+
+    def __init__(self, context: Context, keep_days: int | None) -> None:
+        self._context = context
+        self._keep_days = keep_days
+        self._duty = context.database.duty(KEEPER_DUTY)
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="reading-keeper", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self, patience_s: float = 10.0) -> None:
+        """End, and wait for the end; not for ever, since the database may hang."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(patience_s)
+        if self._duty is not None:
+            self._duty.lay_down()
+
+    def look(self) -> int:
+        """Do once what is due; return how many readings were deleted one by one."""
+        context = self._context
+        if not context.database.is_sqlite:
+            with context.database.writing() as session:
+                make_months(session.connection(), context.now())
+        if self._keep_days is None:
+            return 0
+        before = context.now() - timedelta(days=self._keep_days)
+        needed_from = self._needed_from(before)
+        if not context.database.is_sqlite:
+            self._drop_months(min([before, *needed_from.values()]))
+        return sum(self._delete(machine_id, until) for machine_id, until in needed_from.items())
+
+    def _needed_from(self, before: datetime) -> dict[str, datetime]:
+        """Say for each machine until when readings go: those of verifications stay."""
+        found = {}
+        with self._context.database.reading(LONG) as session:
+            for machine_id in machine_ids(session):
+                first = first_observation(session, machine_id)
+                needed = before if first is None else min(before, first - BEFORE_A_CHECK)
+                found[machine_id] = needed
+        return found
+
+    def _drop_months(self, before: datetime) -> None:
+        with self._context.database.reading() as session:
+            if not months_made(session.connection()):
+                return
+        with self._context.database.writing(LONG) as session:
+            dropped = drop_months(session.connection(), before)
+        for month in dropped:
+            log.info("readings of %s dropped", f"{month:%Y-%m}")
+
+    def _delete(self, machine_id: str, before: datetime) -> int:
+        """Delete a machine's readings before a time, in slices."""
+        total = 0
+        while not self._stop.is_set():
+            try:
+                with self._context.database.writing() as session:
+                    find_machine(session, machine_id, RowLock.KEPT)
+                    count = delete_some_readings(session, machine_id, before, SLICE)
+            except UnknownThing:
+                break
+            total += count
+            if count < SLICE:
+                break
+            self._stop.wait(PAUSE_S)
+        return total
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                if self._duty is None or self._duty.is_ours():
+                    self.look()
+            except StorageUnavailable:
+                pass  # at the next look
+            except Exception:
+                log.exception("could not make room for readings")
+            self._stop.wait(LOOK_EVERY_S)

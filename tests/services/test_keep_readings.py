@@ -1,0 +1,185 @@
+"""Readings by months on PostgreSQL, and what is let go of when it is old."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from alembic import command
+from sqlalchemy import text
+
+from app.services.events import ALARM_DUTY
+from app.services.keep_readings import KEEPER_DUTY, ReadingKeeper
+from app.storage import partitions
+from app.storage.database import Database
+from app.storage.migrate import UPGRADE_LOCK, alembic_config, upgrade
+from app.storage.readings import find_readings, insert_readings, list_readings
+from app.thermal.reading import Reading
+from tests.databases import reachable
+from tests.service_examples import MACHINE, ROOM, START, furnish_database, iso
+
+pytestmark = pytest.mark.anyio
+
+BEFORE_PARTITIONS = "9c41e7d25ab8"
+MONTHS = [datetime(2026, month, 1, tzinfo=UTC) for month in (3, 4, 5)]
+
+
+@pytest.fixture
+def empty_postgresql(databases):
+    url = reachable(databases.empty, "postgresql")
+    database = Database(url)
+    yield database
+    database.close()
+    databases.give_back(url)
+
+
+@pytest.fixture
+def postgresql(new_app, databases):
+    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
+    yield new_app(url).state.context
+    databases.give_back(url)
+
+
+def migrated(database, step, revision):
+    with database.migrating() as connection:
+        step(alembic_config(connection), revision)
+
+
+def rows(database):
+    """Everything of all readings, as the driver gives it."""
+    with database.reading() as session:
+        found = session.execute(text("SELECT * FROM reading ORDER BY id"))
+        return [tuple(row) for row in found]
+
+
+def parts(database):
+    """The partitions with how many readings each has."""
+    with database.reading() as session:
+        found = session.execute(
+            text("SELECT tableoid::regclass::text, count(*) FROM reading GROUP BY 1 ORDER BY 1")
+        )
+        return dict(found.all())
+
+
+def test_what_is_stored_is_moved_there_and_back(empty_postgresql):
+    database = empty_postgresql
+    migrated(database, command.upgrade, BEFORE_PARTITIONS)
+    with database.writing() as session:
+        session.execute(
+            text(
+                "INSERT INTO machine (id, name, configuration, axes, sensors, out_of_range, "
+                "extrapolation_margin_c, same_temperature, revision, created_at) VALUES "
+                "('m', 'M', 'XYFZ', '{}', '[]', 'clamp', 5, 'newest', 1, now())"
+            )
+        )
+        for number, time in (
+            (7, "2026-02-28T23:59:59.999999Z"),
+            (8, "2026-03-01T00:00:00Z"),
+            (9, "2026-02-01T00:00:00Z"),
+            (40, "2019-12-31T23:59:59Z"),
+        ):
+            session.execute(
+                text(
+                    "INSERT INTO reading (id, machine_id, time, temperatures_c, state, early_s) "
+                    "VALUES (:id, 'm', :time, CAST(:content AS json), '{\"rpm\": 1e-5}', 0.25)"
+                ),
+                {"id": number, "time": time, "content": f'{{"a": 20.{number}, "ü": -0.0}}'},
+            )
+        session.execute(text("SELECT setval('reading_id_seq', 50)"))
+    before = rows(database)
+    assert len(before) == 4
+    upgrade(database)
+    assert rows(database) == before
+    assert parts(database) == {"reading_2019m12": 1, "reading_2026m02": 2, "reading_2026m03": 1}
+    with database.writing() as session:
+        assert insert_readings(session, "m", [Reading(START, {"a": 1.0}, {})]) == {START}
+        assert insert_readings(session, "m", [Reading(START, {"a": 2.0}, {})]) == set()
+    assert rows(database)[-1][0] == 51
+    migrated(database, command.downgrade, BEFORE_PARTITIONS)
+    assert rows(database)[:-1] == before
+    with database.writing() as session:
+        session.execute(text("DELETE FROM machine"))
+    assert rows(database) == []
+
+
+async def test_months_are_made_ahead_and_take_what_is_theirs(postgresql):
+    database = postgresql.database
+    times = [START, START - timedelta(days=9000), START + timedelta(days=40)]
+    with database.writing() as session:
+        insert_readings(session, MACHINE["id"], [Reading(t, {"spindle": 20.0}, {}) for t in times])
+    before = rows(database)
+    assert parts(database) == {"reading_default": 3}
+    with database.writing() as session:
+        assert partitions.make_months(session.connection(), START) == MONTHS
+        assert partitions.make_months(session.connection(), START) == []
+    assert rows(database) == before
+    assert parts(database) == {
+        "reading_2026m03": 1,
+        "reading_2026m04": 1,
+        "reading_default": 1,
+    }
+    with database.reading() as session:
+        assert set(find_readings(session, MACHINE["id"], times)) == set(times)
+        assert [r.time for r in list_readings(session, MACHINE["id"])] == sorted(times)
+        plan = session.scalars(
+            text(f"EXPLAIN SELECT * FROM reading WHERE machine_id = 'm' AND time > '{iso(START)}'")
+        ).all()
+    assert "reading_2026m04" in "".join(plan)
+    ReadingKeeper(postgresql, None).look()
+    assert parts(database)["reading_default"] == 1
+
+
+async def test_old_months_go_whole(postgresql, monkeypatch):
+    database = postgresql.database
+    now = START + timedelta(days=100)
+    times = [START, now]
+    with database.writing() as session:
+        partitions.make_months(session.connection(), START)
+        insert_readings(session, MACHINE["id"], [Reading(t, {"spindle": 20.0}, {}) for t in times])
+    postgresql.now.time = now
+    assert ReadingKeeper(postgresql, 40).look() == 0
+    assert [row[2] for row in rows(database)] == [now]
+    with database.reading() as session:
+        made = partitions.months_made(session.connection())
+    assert made[0] == datetime(2026, 4, 1, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("checked", [False, True], ids=["unchecked", "checked"])
+async def test_what_a_verification_needs_stays(app, client, clock, checked):
+    context = app.state.context
+    days = [400, 331, 329, 301, 299, 60, 41, 39, 0]
+    times = [START - timedelta(days=d) for d in days]
+    with context.database.writing() as session:
+        insert_readings(session, MACHINE["id"], [Reading(t, {"spindle": 20.0}, {}) for t in times])
+    if checked:
+        seen = {"time": iso(START - timedelta(days=300)), "component": "EXX"}
+        answer = await client.post(
+            f"{ROOM}/verifications",
+            json={
+                "label": "visit",
+                "datum": "absolute",
+                "repeatability_um": 0.5,
+                "observations": [seen | {"position_mm": 100.0, "measured_um": 1.0}],
+            },
+        )
+        assert answer.status_code == 201, answer.text
+    assert ReadingKeeper(context, None).look() == 0
+    keeper = ReadingKeeper(context, 40)
+    assert keeper.look() == (1 if checked else 7)
+    assert keeper.look() == 0
+    with context.database.reading() as session:
+        left = [(START - r.time).days for r in list_readings(session, MACHINE["id"])]
+    assert left == ([331, 329, 301, 299, 60, 41, 39, 0] if checked else [39, 0])
+
+
+async def test_many_old_readings_go_in_slices(app, monkeypatch):
+    context = app.state.context
+    monkeypatch.setattr("app.services.keep_readings.SLICE", 7)
+    monkeypatch.setattr("app.services.keep_readings.PAUSE_S", 0.0)
+    old = START - timedelta(days=100)
+    times = [old + timedelta(seconds=s) for s in range(30)]
+    with context.database.writing() as session:
+        insert_readings(session, MACHINE["id"], [Reading(t, {"spindle": 20.0}, {}) for t in times])
+    assert ReadingKeeper(context, 40).look() == 30
+
+
+def test_every_duty_has_a_number_of_its_own():
+    assert len({ALARM_DUTY, KEEPER_DUTY, UPGRADE_LOCK}) == 3
