@@ -312,3 +312,29 @@ def test_an_unknown_zero_is_no_part_of_what_is_left():
     found = answer_of(replace(campaign, verifications=moved), kinds=["backlash"])
     assert found["verdict"] == "unexplained"
     assert all(one["rms_um"] < 20.0 for one in found["unexplained"])
+
+
+@pytest.mark.parametrize("twin", ["", "the same readings"])
+def test_what_a_twin_would_explain_as_well_is_not_confirmed_and_helps_all_the_same(twin):
+    """Held-out visits show both: they cannot say which of the two sensors it is."""
+    made = make_campaign(5, "additional-sensor", 3.0, visits=20, days=4)
+    (true,) = made.truth.effects
+    (sensor,) = true["sensors"]
+    machine, maps, readings = made.machine, made.error_maps, made.readings
+    if twin:
+        own = next(one for one in machine["sensors"] if one["name"] == sensor)
+        machine = machine | {"sensors": [*machine["sensors"], own | {"name": twin}]}
+        maps, readings = (
+            [
+                one
+                | {"temperatures_c": one["temperatures_c"] | {twin: one["temperatures_c"][sensor]}}
+                for one in each
+            ]
+            for each in (maps, readings)
+        )
+    campaign = campaign_of_bodies(machine, maps, readings, made.verifications)
+    effect = analyse(campaign, kinds=["additional-sensor"]).effects[0]
+    known = {name for one in (effect, *effect.ties) for name in one.sensors}
+    assert effect.status == ("suspected" if twin else "confirmed")
+    assert {sensor, twin} - {""} <= known
+    assert effect.helps

@@ -184,7 +184,7 @@ def test_warnings_and_what_is_not_confirmed_are_told_in_words():
     told = read(UNEXPLAINED).told
     for words in (
         "? Something unexplained",
-        "? suspected: held-out visits, or what it leaves, do not confirm its name",
+        "? suspected: held-out visits, what it leaves, or a tie do not confirm its name",
         "≈ proxy",
         "Something unexplained remains beside it",
         "71% of the evidence stands on two visits ('a' and 'b').",

@@ -155,17 +155,6 @@ def what_to_do(effect: FoundEffect) -> str:
     return f"If it is confirmed, {words[:1].lower()}{words[1:]}"
 
 
-def _is_other_form(effect: FoundEffect, other: Alternative) -> bool:
-    """Two forms of one effect that are tied do the same here: nothing need be measured."""
-    own = effect.effect
-    return (own.kind, own.components, own.sensors, own.states) == (
-        other.kind,
-        other.components,
-        other.sensors,
-        other.states,
-    )
-
-
 def _from_rival(effect: FoundEffect, rival: Alternative) -> str:
     """Name the two that are to be separated; of one kind by what they act on and what drives them.
 
@@ -193,7 +182,7 @@ def _of_effect(effect: FoundEffect) -> list[str]:
         f"{a.separating_measurement[:1].upper()}{a.separating_measurement[1:]} (separates "
         f"{_from_rival(effect, a)})."
         for a in effect.ties[:2]
-        if a.separating_measurement and not _is_other_form(effect, a)
+        if a.separating_measurement and not a.is_other_form_of(effect.effect)
     ]
     kind = kind_of(effect.effect.kind)
     if effect.status != "confirmed":

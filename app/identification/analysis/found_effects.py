@@ -103,18 +103,22 @@ def _found_effect(
     before, after, unit = _sizes(found, effect, term)
     is_proxy = is_unexplained_at(found.findings, _own_channels(found, effect, term))
     confirmed = term.status is Status.CONFIRMED
+    alternatives = _alternatives(found, term)
+    # Held-out visits show what a tied one would do as well: they say nothing of which it is.
+    is_tied = any(a.tied and not a.is_other_form_of(effect) for a in alternatives)
+    is_open = is_proxy or is_unsure or is_tied
     return FoundEffect(
         effect=effect,
         before_rms=before,
         after_rms=after,
         unit=unit,
-        status=str(Status.SUSPECTED if confirmed and (is_proxy or is_unsure) else term.status),
+        status=str(Status.SUSPECTED if confirmed and is_open else term.status),
         helps=helps.helps,
         why_not=helps.why_not,
         is_proxy=is_proxy,
         doubts=term.doubts,
         evidence=_evidence(term),
-        alternatives=_alternatives(found, term),
+        alternatives=alternatives,
         explanation=f"{PROXY if is_proxy else ''}{explain(effect)}",
         strongest_visits=tuple(_visit(found, v) for v in term.strongest_visits),
         leverage=term.leverage,

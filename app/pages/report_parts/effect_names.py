@@ -23,7 +23,7 @@ VERDICTS: Final = {
 }
 STATUSES: Final = {
     "confirmed": "confirmed on held-out visits",
-    "suspected": "suspected: held-out visits, or what it leaves, do not confirm its name",
+    "suspected": "suspected: held-out visits, what it leaves, or a tie do not confirm its name",
     "not-confirmable": "not confirmable: the held-out visits do not show it",
 }
 MARKS: Final = {
