@@ -12,10 +12,11 @@ from typing import Final
 
 import numpy as np
 
+from app.arrays import FloatArray
 from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
 from app.search.library import read_library
-from app.search.problem import Term
+from app.search.problem import Problem, Term
 from app.search.scan import scan
 from app.search.selection import Selector
 from app.search.threshold import threshold
@@ -23,6 +24,9 @@ from app.search.threshold import threshold
 STRONG: Final = 6.0
 """2 ln of a likelihood ratio from which evidence is strong (Kass, Raftery, J. Am. Stat. Assoc. 90
 (1995) 773)."""
+
+SAME: Final = 1e-6
+"""Share of a flexible version's size below which nothing of it is left beside the term."""
 
 WANDERS_ALONE: Final = "what is left beside it wanders as in no other component"
 
@@ -49,7 +53,8 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
             continue
         for version in term.candidate.flexible(term.theta):
             if version.words != OFFSET:
-                candidates.append(_candidate(f"{number}: {version.words}", version.parts))
+                parts = _unlike(selector.library.problem, term, version.parts)
+                candidates.append(_candidate(f"{number}: {version.words}", parts))
                 of_term.append(number)
     odd = _odd_wanderers(selector, terms)
     said: list[list[str]] = [
@@ -104,6 +109,37 @@ def offset_of(selector: Selector, term: Term) -> Term | None:
         if version.words == OFFSET:
             return selector.library.problem.term(_candidate(OFFSET, version.parts), None)
     return None
+
+
+def _unlike(problem: Problem, term: Term, parts: Sequence[Part]) -> Sequence[Part]:
+    """Take off a flexible version what it has of the term itself, where several channels share it.
+
+    Shared amplitudes stand at their joint estimate while anything beside them is tested. A second
+    time constant is nearly the first one again: it would show by moving that amplitude alone.
+    """
+    if len(term.columns) == 1:
+        return parts
+    own = term.candidate.columns(term.theta)
+    used = problem.place >= 0
+    weights = np.zeros(len(problem.place))
+    for c, fixed in problem.fixed.items():
+        weights[used & (problem.rows.channel == c)] = 1.0 / fixed.channel.scale
+    itself, version = (_over_all_rows(each, len(weights)) for each in (own, parts))
+    weighted = weights[:, None] * itself
+    shares = np.linalg.lstsq(weighted, weights[:, None] * version, rcond=None)[0]
+    left = version - itself @ shares
+    size, before = (np.linalg.norm(weights[:, None] * each, axis=0) for each in (left, version))
+    left = left[:, size > SAME * before]
+    rows = {c: np.flatnonzero(problem.rows.channel == c) for c in term.columns}
+    return [Part(c, here, left[here]) for c, here in rows.items() if left.shape[1]]
+
+
+def _over_all_rows(parts: Sequence[Part], count: int) -> FloatArray:
+    """Lay parts out over all rows, shape (n, k)."""
+    found: FloatArray = np.zeros((count, parts[0].columns.shape[1] if parts else 0))
+    for part in parts:
+        found[part.rows] += part.columns
+    return found
 
 
 def _candidate(key: str, parts: Sequence[Part]) -> Candidate:

@@ -8,7 +8,7 @@ import pytest
 from app.search.candidate import OFFSET, Flexible, Part
 from app.search.findings import Status
 from app.search.search import search
-from tests.search.search_campaigns import CHANNELS, make_campaign, single
+from tests.search.search_campaigns import CHANNELS, fingerprint, make_campaign, single
 
 SIZE, VISITS = "its size changes from visit to visit", 24
 
@@ -68,3 +68,23 @@ def test_a_rival_that_counts_from_another_zero_is_a_tie():
     (rival,) = [r for r in term.rivals if r.key == "twin-0"]
     assert rival.tied
     assert rival.with_offset
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.6])
+def test_a_version_that_nearly_is_the_term_shows_though_several_channels_share_it(beside):
+    """As a second time constant is nearly the first: only what differs is to be weighed."""
+    campaign = make_campaign(6, visits=VISITS)
+    visit = campaign.rows.visit
+    odd = np.random.default_rng(7).choice([-1.0, 1.0], VISITS)
+    shape = np.where(campaign.on(0), 1.0, -2.0) * campaign.position
+
+    def nearly(_):
+        columns = (shape * (campaign.speed + 0.05 * odd[visit]))[:, None]
+        here = [np.flatnonzero(campaign.on(n)) for n in range(CHANNELS)]
+        return [Flexible(SIZE, [Part(n, rows, columns[rows]) for n, rows in enumerate(here)])]
+
+    candidate = replace(fingerprint(campaign), flexible=nearly)
+    found = campaign.plus(shape * (6.0 * campaign.speed + beside * odd[visit]))
+    (term,) = search(found.rows, (), [candidate], holdout_fraction=0.3, seed=1).terms
+    assert term.key == "fingerprint"
+    assert term.doubts == ((SIZE,) if beside else ())
