@@ -12,6 +12,8 @@
      ├─ StorageUnavailable    the database is away
      │   └─ StorageBusy           it is there, but others write for too long
      │       └─ StorageOvertaken      another's change came first: the same again may succeed
+     ├─ QueueFull             too many analyses wait already
+     │   └─ MachineQueueFull      of one machine
      ├─ StorageTooNew         the database was written by a newer thermap
      └─ ServiceStopping           the service was told to end, and takes nothing on any more
 
@@ -98,6 +100,14 @@ class StorageOvertaken(StorageBusy):
 
     Of two that wait for each other one has to give way. Repeated as a whole it may succeed.
     """
+
+
+class QueueFull(ThermapError):
+    """As many analyses wait as may: later there is room again."""
+
+
+class MachineQueueFull(QueueFull):
+    """As many analyses of one machine wait as may."""
 
 
 class StorageTooNew(ThermapError):

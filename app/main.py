@@ -30,6 +30,7 @@ from app.api.routes import (
     dashboard,
     error_maps,
     events,
+    fleet,
     geometry,
     health,
     login,
@@ -51,12 +52,12 @@ from app.connections.config import ConnectionsFile, read_connections
 from app.connections.running import Connections
 from app.connections.serving_tables import expect_library, serving_tables
 from app.services.access_keys import KeyRing
-from app.services.context import Context
+from app.services.context import Context, QueueLimits
 from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
 from app.services.keep_readings import ReadingKeeper
 from app.services.machines import check_readiness
-from app.services.run_analyses import AnalysisRunner
+from app.services.run_analyses import make_runner
 from app.services.watching_values import shop_values
 from app.settings import Settings, make_own_folder
 from app.storage.database import Database
@@ -79,6 +80,7 @@ ROOMS = (
     verifications,
     residuals,
     analyses,
+    fleet,
     events,
     connections,
     health,
@@ -117,7 +119,8 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     stated = ConnectionsFile() if settings.config is None else read_connections(settings.config)
     make_own_folder(settings.database_url)
     limits = Limits(lock_s=settings.lock_limit_s, statement_s=settings.statement_limit_s)
-    context = Context(Database(settings.database_url, limits))
+    waiting = QueueLimits(settings.waiting_analyses_of_machine, settings.waiting_analyses)
+    context = Context(Database(settings.database_url, limits), queue_limits=waiting)
     try:
         upgraded = upgrade(context.database)
     except BaseException:
@@ -128,7 +131,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     follower = DatabaseFollower(
         context, settings.refresh_s, ring.refresh if settings.asks_for_keys else lambda: None
     )
-    runner = AnalysisRunner(context)
+    runner = make_runner(context, runs_here=settings.analyses)
     alarms = AlarmLog(context)
     keeper = ReadingKeeper(context, settings.keep_readings)
 

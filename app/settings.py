@@ -120,6 +120,15 @@ class Settings(BaseSettings):
     waiting_limit_s: float = Field(
         10.0, gt=0, description="Longest that a request waits for its turn at the database [s]"
     )
+    analyses: bool = Field(
+        default=True, description="Run analyses; without, `thermap worker` processes do"
+    )
+    waiting_analyses: int = Field(
+        20_000, ge=1, description="Analyses that may wait, of all machines"
+    )
+    waiting_analyses_of_machine: int = Field(
+        20, ge=1, description="Analyses of one machine that may wait"
+    )
     opcua_endpoint: str = Field(
         "",
         description="Where OPC UA clients read tables: opc.tcp://ADDRESS:PORT/NAME; empty for no "

@@ -349,6 +349,11 @@ curl -X POST http://127.0.0.1:8000/v1/machines/practice/analyses/1/adopt \
      -H "Content-Type: application/json" \
      -d '{"effects": [0]}'
 
+# 422: an effect is tried on another machine than the one on which it was found
+curl -X POST http://127.0.0.1:8000/v1/fleet/tried-effects \
+     -H "Content-Type: application/json" \
+     -d '{"machine": "practice", "analysis": 1, "effect": 0, "on": "practice", "verifications": [1]}'
+
 # 204: the model version that was made of it stays
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/analyses/1
 

@@ -19,6 +19,7 @@ import pytest
 from sqlalchemy import make_url
 
 from app.storage.database import Database
+from app.storage.job_queue import SCHEMA
 from app.storage.migrate import upgrade
 from app.storage.tables import Base
 
@@ -152,7 +153,10 @@ class Refillable:
             "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
             "WHERE datname = current_database() AND pid <> pg_backend_pid();"
         )
-        self._connection.execute(f"BEGIN; {clear} {fill} {renumber} COMMIT;")
+        queue = (
+            f"DELETE FROM {SCHEMA}.procrastinate_jobs; DELETE FROM {SCHEMA}.procrastinate_workers;"
+        )
+        self._connection.execute(f"BEGIN; {clear} {fill} {renumber} {queue} COMMIT;")
 
     def close(self):
         self._connection.close()

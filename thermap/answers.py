@@ -1703,6 +1703,39 @@ class TriedAssignmentAnswer(Shape):
     """Sensor that it should rather follow; null where none is proposed"""
 
 
+class TriedEffectAnswer(Shape):
+    """Whether a machine shows an effect that was found on another one."""
+
+    verdict: Literal["yes", "no", "cannot-be-told", "adopted"]
+    """`yes`: it leaves less on this machine too, surely; `no`: the machine shows less than half of
+    it, surely; `cannot-be-told`; `adopted`: this machine's model has such an effect already
+    """
+
+    reason: str
+    """One plain sentence"""
+
+    setups: int
+    """Set-ups that took part, none of which had a part in finding it"""
+
+    unit: str | None
+    """Unit of the figures, that in which the effect shows best; null where there are none"""
+
+    before_rms_um: float | None
+    """Root mean square of residuals where it acts [µm]; see `unit`"""
+
+    after_rms_um: float | None
+    """The same with the effect as it was found [µm]; see `unit`"""
+
+    gain_ci95_um: list[float] | None
+    """95 % interval of how much less that is, over set-ups [µm]; see `unit`"""
+
+    share: float | None
+    """How much of the effect this machine shows: 1 is all of it, 0 nothing"""
+
+    share_interval: list[float] | None
+    """Its interval; it is the wider the more machines are tried together"""
+
+
 class UnexplainedAnswer(Shape):
     """Structure that no effect explains."""
 

@@ -14,6 +14,7 @@ from thermap.answers import (
     PreviewAnswer,
     ResidualsAnswer,
     StoredVerificationAnswer,
+    TriedEffectAnswer,
     VerificationAnswer,
     WatchAnswer,
     WholeVerificationAnswer,
@@ -96,6 +97,12 @@ def plan_analysis(machine_id: str, plan: Content) -> Call[PlanAnswer]:
     """POST …/analyses/plan."""
     path = of_machine(machine_id, "analyses", "plan")
     return Call("POST", path, reader_of(PlanAnswer), plan, patience_s=PLANNING_S)
+
+
+def try_effect(question: Content) -> Call[TriedEffectAnswer]:
+    """POST /v1/fleet/tried-effects."""
+    path = "/v1/fleet/tried-effects"
+    return Call("POST", path, reader_of(TriedEffectAnswer), question, patience_s=PLANNING_S)
 
 
 def analyses(machine_id: str) -> Call[list[AnalysisHead]]:

@@ -742,6 +742,28 @@ class ThermalDriftRequest(Shape):
     """
 
 
+class TriedEffectRequest(Shape):
+    """An effect that an analysis found, and the machine on which it is tried."""
+
+    machine: str
+    """The machine on which it was found"""
+
+    analysis: int
+    """Number of the analysis that found it"""
+
+    effect: int
+    """Which of its effects, from 0"""
+
+    on: str
+    """The machine on which it is tried; its active model serves"""
+
+    verifications: list[int]
+    """Numbers of that machine's verifications"""
+
+    tried_together: int = 1
+    """On how many machines effects are tried in all: thresholds rise with it"""
+
+
 class VerificationRequest(Shape):
     """Up to 100,000 observations of one machine, with one set-up or several."""
 

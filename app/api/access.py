@@ -42,13 +42,13 @@ _COMPUTES: Final = re.compile(
     r"/v1/(machines/[^/]+/(compensation(/(compare|export|grid|levels))?|models/compare|picture"
     r"|measurements/step-diagonal/simulate|predictions|residuals|rotary-axis-error"
     r"|sensor-assignment/correlate|volumetric-accuracy|volumetric-error|analyses/plan)"
-    r"|controllers/[^/]+/parse|volumetric-accuracy/from-lines)"
+    r"|controllers/[^/]+/parse|fleet/tried-effects|volumetric-accuracy/from-lines)"
 )
 """POST, because the question is long; nothing is stored."""
 
 _READINGS: Final = re.compile(r"/v1/machines/[^/]+/readings")
 _MACHINE: Final = re.compile(r"/v1/machines(/[^/]+)?")
-_ALL_MACHINES: Final = re.compile(r"/metrics")
+_ALL_MACHINES: Final = re.compile(r"/metrics|/v1/fleet/.*")
 """What is of all machines at once, and cannot be told in part."""
 
 

@@ -22,6 +22,8 @@ from app.errors import (
     Conflict,
     FieldError,
     InvalidContent,
+    MachineQueueFull,
+    QueueFull,
     ServiceStopping,
     StorageBusy,
     StorageUnavailable,
@@ -38,6 +40,8 @@ STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
     InvalidContent: (422, "Invalid content"),
     StorageUnavailable: (503, "The database is away"),
     StorageBusy: (503, "The database is busy"),
+    QueueFull: (503, "Too many analyses wait"),
+    MachineQueueFull: (429, "Too many analyses of the machine wait"),
     ServiceStopping: (503, "The service ends"),
 }
 """A kind of error, or the nearest above it, to its status and title."""
@@ -97,7 +101,7 @@ def install_error_responses(app: FastAPI) -> None:
 async def _thermap_error(_request: Request, error: Exception) -> Response:
     assert isinstance(error, ThermapError)
     status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
-    headers = {"Retry-After": "5"} if status == 503 else None
+    headers = {"Retry-After": "5"} if status in (429, 503) else None
     return problem(status, title, error.detail[:_LONGEST], error.errors[:_SHOWN], headers)
 
 

@@ -53,9 +53,9 @@ PROBLEMS = {
     "421": "The host is none of this service",
     "401": "A key is needed, and none came or a wrong one",
     "403": "The key does not allow it, or another web page sent it",
-    "429": "Wrong keys came too often from this address",
+    "429": "Wrong keys came too often from this address, or too many analyses wait",
     "422": "The content cannot be right",
-    "503": "The database is away; try again later",
+    "503": "The database is away, or too much waits; try again later",
 }
 _NOT_OURS = ("HTTPValidationError", "ValidationError")
 

@@ -16,10 +16,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications
 from app.cli.analyse_view import analysis_view, plan_view
+from app.cli.fleet import judge_every_machine
 from app.cli.import_checks import naming
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import (
-    MachineArgument,
     NextVisitOption,
     ReportOption,
     UrlOption,
@@ -53,7 +53,15 @@ class NotAnalysed(ThermapError):
 
 
 def analyse(
-    machine: MachineArgument,
+    machine: Annotated[
+        str,
+        typer.Argument(
+            metavar="[MACHINE]",
+            envvar="THERMAP_MACHINE",
+            show_default=False,
+            help="The machine's id; none with --fleet.",
+        ),
+    ] = "",
     verification: Annotated[
         list[Path] | None,
         typer.Option(
@@ -99,6 +107,15 @@ def analyse(
             "no values, and nothing is stored.",
         ),
     ] = False,
+    fleet: Annotated[
+        bool,
+        typer.Option(
+            "--fleet",
+            envvar="THERMAP_FLEET",
+            help="Analyse every machine by its stored verifications, and try what was found on its "
+            "sisters; interrupted and run again, it goes on.",
+        ),
+    ] = False,
     output: ReportOption = None,
     next_visit: NextVisitOption = None,
     json: Annotated[
@@ -111,6 +128,11 @@ def analyse(
     Example: `thermap analyse mcfv5050 --verification night-shift.csv -o report.html`
     """
     _check_usage(output, next_visit, plan=plan, adopt=adopt)
+    _check_fleet(machine, verification, next_visit, is_fleet=fleet, changes=plan or adopt)
+    if fleet:
+        with connect(url) as thermap:
+            judge_every_machine(thermap, effects=effects, holdout=holdout, output=output, json=json)
+        return
     files = read_verifications(verification or [], machine, is_planned=plan)
     with connect(url) as thermap:
         # An unknown machine is told before anything is stored.
@@ -176,6 +198,27 @@ def _check_usage(output: Path | None, next_visit: Path | None, *, plan: bool, ad
             "a plan has no report, no next visit and nothing to adopt: leave --adopt, --output "
             "and --next-visit away",
             param_hint="--plan",
+        )
+
+
+def _check_fleet(
+    machine: str,
+    verification: Sequence[Path] | None,
+    next_visit: Path | None,
+    *,
+    is_fleet: bool,
+    changes: bool,
+) -> None:
+    """Refuse a fleet with what is one machine's, and a machine that nobody named."""
+    if not is_fleet and not machine:
+        raise typer.BadParameter(
+            "expected a machine's id, or --fleet for all of them, got none", param_hint="MACHINE"
+        )
+    if is_fleet and (machine or verification or next_visit is not None or changes):
+        raise typer.BadParameter(
+            "a fleet is judged by what is stored, and nothing is adopted: leave MACHINE (and "
+            "THERMAP_MACHINE), --verification, --next-visit, --plan and --adopt away",
+            param_hint="--fleet",
         )
 
 

@@ -28,6 +28,11 @@ class Home(NamedTuple):
 
 COMMANDS: Final = {
     "serve": Home("serve", "serve", "Run the service until Ctrl-C or SIGTERM."),
+    "worker": Home(
+        "worker",
+        "worker",
+        "Run the analyses that services are asked for, until Ctrl-C or SIGTERM.",
+    ),
     "demo": Home(
         "demo", "demo", "Run the service with a simulated machine that warms up and cools down."
     ),

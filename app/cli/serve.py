@@ -91,6 +91,30 @@ def serve(
             help="Requests that may wait for the database; more are sent away with 503.",
         ),
     ] = _FIELDS["waiting_requests"].default,
+    analyses: Annotated[
+        bool,
+        typer.Option(
+            "--analyses/--no-analyses",
+            envvar="THERMAP_ANALYSES",
+            help="Run analyses too, or leave them to `thermap worker` processes.",
+        ),
+    ] = _FIELDS["analyses"].default,
+    waiting_analyses: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_WAITING_ANALYSES",
+            metavar="N",
+            help="Analyses that may wait, of all machines; more are refused with 503.",
+        ),
+    ] = _FIELDS["waiting_analyses"].default,
+    waiting_analyses_of_machine: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_WAITING_ANALYSES_OF_MACHINE",
+            metavar="N",
+            help="Analyses of one machine that may wait; more are refused with 429.",
+        ),
+    ] = _FIELDS["waiting_analyses_of_machine"].default,
     config: Annotated[
         Path | None,
         typer.Option(
@@ -162,6 +186,9 @@ def serve(
         refresh_s=refresh_s,
         statement_limit_s=statement_limit_s,
         waiting_requests=waiting_requests,
+        analyses=analyses,
+        waiting_analyses=waiting_analyses,
+        waiting_analyses_of_machine=waiting_analyses_of_machine,
         opcua_endpoint=opcua_endpoint,
         config=config,
         keep_readings=keep_readings,

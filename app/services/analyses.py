@@ -11,20 +11,36 @@ from sqlalchemy.orm import Session
 from app.effects.effect import Effect
 from app.effects.observations import Verification
 from app.effects.registry import explain, kind_of
-from app.errors import Conflict, InvalidContent, expect_each_once
+from app.errors import (
+    Conflict,
+    InvalidContent,
+    MachineQueueFull,
+    QueueFull,
+    UnknownThing,
+    existing_names,
+    expect_each_once,
+)
 from app.identification.analysis.analysis import Analysis, FoundEffect
+from app.identification.analysis.tried_effect import TriedEffect, try_effect
 from app.identification.plan.plan import Plan
 from app.identification.plan.planning import plan
 from app.services.change_model import choose_version
-from app.services.context import Context, repeated
+from app.services.context import Context, QueueLimits, repeated
 from app.services.events import note_analysis
 from app.services.load_machine import adopted_effects
 from app.services.report_head import ReportHead
 from app.services.residuals import SEARCHED_BACK, first_and_last, load_campaign, read_verifications
 from app.services.verifications import check_places
 from app.storage.analyses import cancel_analysis as cancel_stored
-from app.storage.analyses import find_analysis, insert_analysis, list_analyses, stored_analysis
+from app.storage.analyses import (
+    count_waiting,
+    find_analysis,
+    insert_analysis,
+    list_analyses,
+    stored_analysis,
+)
 from app.storage.analysis_results import RESULTS
+from app.storage.job_queue import hand_out
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import find_version
 from app.storage.readings import newest_time
@@ -127,6 +143,8 @@ def request_analysis(
         If there is no such kind of effect, or a kind or a verification is named twice.
     Conflict
         If the machine has no model yet.
+    MachineQueueFull, QueueFull
+        If as many analyses wait as may, of the machine or in all.
     """
     for kind in kinds or ():
         kind_of(kind)
@@ -137,10 +155,77 @@ def request_analysis(
         _, version = choose_version(session, machine_id)
         for verification_id in verification_ids:
             find_verification(session, machine_id, verification_id)
+        _expect_room(session, machine_id, context.queue_limits)
         task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)
         queued = insert_analysis(session, machine_id, task, context.now())
+        hand_out(session, queued.id, machine_id)
         note_analysis(session, machine_id, queued.id, "queued", context.now())
         return queued
+
+
+def try_found_effect(
+    context: Context,
+    found_on: str,
+    analysis_id: int,
+    place: int,
+    machine_id: str,
+    verification_ids: Sequence[int],
+    tried_together: int,
+) -> TriedEffect:
+    """Hold an effect that was found on one machine, as it stands, against another one.
+
+    Parameters
+    ----------
+    found_on, analysis_id, place
+        The machine, its analysis, and which of its effects, from 0.
+    machine_id, verification_ids
+        The machine on which it is tried, by its active version, and what was measured there.
+    tried_together
+        On how many machines effects are tried in all.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine, analysis, effect or verification.
+    InvalidContent
+        If a verification is named twice, or the machine is the one on which it was found.
+    Conflict
+        If the analysis has no result, or the machine no model yet.
+    """
+    expect_each_once("verifications", verification_ids)
+    if machine_id == found_on:
+        raise InvalidContent.of_field(
+            "on", f"expected another machine than {found_on!r}, on which it was found, got that"
+        )
+    with context.database.reading() as session:
+        find_machine(session, found_on)
+        row = find_analysis(session, found_on, analysis_id, result=True)
+        if row.result is None:
+            raise Conflict(f"analysis {analysis_id} has found nothing yet: it is {row.status}")
+        effects = RESULTS.read_text(row.result).effects
+        if place >= len(effects):
+            existing = existing_names(str(i) for i in range(len(effects)))
+            raise UnknownThing(f"analysis {analysis_id} has no effect {place}; {existing}")
+        machine, version = choose_version(session, machine_id)
+        verifications = read_verifications(session, machine_id, verification_ids)
+        campaign = load_campaign(
+            session, machine, version, verifications, context.usable_until(), searching=True
+        )
+    return try_effect(campaign, effects[place].effect, tried_together)
+
+
+def _expect_room(session: Session, machine_id: str, limits: QueueLimits) -> None:
+    """Refuse what would wait behind more than may wait."""
+    here, in_all = count_waiting(session, machine_id)
+    if here >= limits.machine:
+        raise MachineQueueFull(
+            f"expected at most {limits.machine} analyses of machine {machine_id!r} that wait, and "
+            "so many do: try again when one is done, or cancel one"
+        )
+    if in_all >= limits.all:
+        raise QueueFull(
+            f"expected at most {limits.all} analyses that wait, and {in_all} do: try again later"
+        )
 
 
 def show_analyses(context: Context, machine_id: str) -> list[StoredAnalysis]:

@@ -40,12 +40,21 @@ def utc_now() -> datetime:
 
 
 @dataclass(frozen=True, slots=True)
+class QueueLimits:
+    """How many analyses may wait, of one machine and in all."""
+
+    machine: int = 20
+    all: int = 20_000
+
+
+@dataclass(frozen=True, slots=True)
 class Context:
-    """The database, the registry of live machines, and the clock."""
+    """The database, the registry of live machines, the clock, and how much may wait."""
 
     database: Database
     live: LiveRegistry = field(default_factory=LiveRegistry)
     now: Callable[[], datetime] = utc_now
+    queue_limits: QueueLimits = QueueLimits()
 
     def usable_until(self) -> datetime:
         """Give the latest time at which a reading can have been measured now."""

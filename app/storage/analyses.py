@@ -1,22 +1,28 @@
-"""Analyses in the database: a queue that several service processes share.
+"""Analyses in the database, as jobs that several processes share.
 
-A job is claimed by one of them, which from then on makes it beat. All that changes a job
-does so only from the status that it expects: what was cancelled or deleted meanwhile stays so.
+A job is begun by one of them, which from then on makes it beat; of a machine's jobs one runs at
+a time. All that changes a job does so only from the status, and the try, that it expects: what
+was cancelled, deleted or taken up by others meanwhile stays so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import CursorResult, func, select, update
-from sqlalchemy.orm import Session, undefer
+from sqlalchemy.orm import Session, aliased, undefer
 
 from app.errors import UnknownThing, existing_names
 from app.status.machine_status import RunningAnalysis
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
 from app.storage.tables import AnalysisRow
+
+MOST_TRIES: Final = 3
+"""How often an analysis is begun whose process, each time, is then gone without a word."""
+
+WAITS: Final = "waits for its turn"
 
 
 def insert_analysis(
@@ -32,7 +38,7 @@ def insert_analysis(
         seed=task.seed,
         status=AnalysisStatus.QUEUED,
         progress=0.0,
-        message="waits for its turn",
+        message=WAITS,
         created_at=now,
         beats=0,
     )
@@ -66,26 +72,67 @@ def list_analyses(session: Session, machine_id: str) -> list[StoredAnalysis]:
     return [stored_analysis(row) for row in session.scalars(query)]
 
 
-def claim_analysis(session: Session, owner: str, now: datetime) -> int | None:
-    """Take the first analysis of the queue, None where it is empty.
+def next_analysis(session: Session) -> int | None:
+    """Name the first analysis that waits and whose machine has none that runs; None: nothing to do.
 
-    Of several processes that ask at once each gets another one.
+    It may be another's before it is begun.
     """
-    query = (
-        select(AnalysisRow)
-        .where(AnalysisRow.status == AnalysisStatus.QUEUED)
-        .order_by(AnalysisRow.id)
-        .limit(1)
-        .with_for_update(skip_locked=True)
+    other = aliased(AnalysisRow)
+    runs = select(other.id).where(
+        other.machine_id == AnalysisRow.machine_id, other.status == AnalysisStatus.RUNNING
     )
-    row = session.scalar(query)
-    if row is None:
+    query = select(AnalysisRow.id).where(
+        AnalysisRow.status == AnalysisStatus.QUEUED, ~runs.exists()
+    )
+    return session.scalar(query.order_by(AnalysisRow.id).limit(1))
+
+
+def begin_analysis(session: Session, analysis_id: int, owner: str, now: datetime) -> bool:
+    """Begin a try of an analysis that waits; False where it does not wait any more.
+
+    Raises
+    ------
+    sqlalchemy.exc.IntegrityError
+        If another one of its machine runs.
+    """
+    return _change(
+        session,
+        analysis_id,
+        {
+            "status": AnalysisStatus.RUNNING,
+            "owner": owner,
+            "started_at": now,
+            "message": "begins",
+            "tries": AnalysisRow.tries + 1,
+        },
+        AnalysisRow.status == AnalysisStatus.QUEUED,
+    )
+
+
+def give_back(session: Session, analysis_id: int, owner: str) -> bool:
+    """Put a job that runs back into the queue, as if it had not been begun."""
+    again = {"tries": AnalysisRow.tries - 1, "message": WAITS}
+    return _change(session, analysis_id, {**_WAITING, **again}, *_runs_by(owner))
+
+
+def give_up(
+    session: Session, analysis_id: int, owner: str, beats: int, now: datetime
+) -> AnalysisStatus | None:
+    """Put a job back into the queue that has not beaten since; None where it has.
+
+    The last time it fails instead.
+    """
+    gone = [*_runs_by(owner), AnalysisRow.beats == beats]
+    tried = session.scalar(select(AnalysisRow.tries).where(AnalysisRow.id == analysis_id, *gone))
+    if tried is None:
         return None
-    row.status = AnalysisStatus.RUNNING
-    row.owner = owner
-    row.started_at = now
-    row.message = "begins"
-    return row.id
+    if tried >= MOST_TRIES:
+        reason = f"begun {tried} times, and each time the process that ran it was gone"
+        failed = {"status": AnalysisStatus.FAILED, "message": reason, "finished_at": now}
+        return AnalysisStatus.FAILED if _change(session, analysis_id, failed, *gone) else None
+    reason = f"waits again: the process that ran it is gone (begun {tried} of {MOST_TRIES} times)"
+    back = _change(session, analysis_id, {**_WAITING, "message": reason}, *gone)
+    return AnalysisStatus.QUEUED if back else None
 
 
 def record_heartbeat(
@@ -96,8 +143,7 @@ def record_heartbeat(
         session,
         analysis_id,
         {"beats": AnalysisRow.beats + 1, "progress": progress, "message": message},
-        AnalysisRow.status == AnalysisStatus.RUNNING,
-        AnalysisRow.owner == owner,
+        *_runs_by(owner),
     )
 
 
@@ -115,23 +161,19 @@ def finish_analysis(
             "result": result,
             "finished_at": now,
         },
-        AnalysisRow.status == AnalysisStatus.RUNNING,
-        AnalysisRow.owner == owner,
+        *_runs_by(owner),
     )
 
 
 def fail_analysis(
-    session: Session, analysis_id: int, owner: str, beats: int | None, reason: str, now: datetime
+    session: Session, analysis_id: int, owner: str, reason: str, now: datetime
 ) -> bool:
-    """Say why a job has no result; with `beats`, only if it has not beaten since."""
-    also = [] if beats is None else [AnalysisRow.beats == beats]
+    """Say why a job has no result; False where nobody waits for it any more."""
     return _change(
         session,
         analysis_id,
         {"status": AnalysisStatus.FAILED, "message": reason, "finished_at": now},
-        AnalysisRow.status == AnalysisStatus.RUNNING,
-        AnalysisRow.owner == owner,
-        *also,
+        *_runs_by(owner),
     )
 
 
@@ -176,10 +218,20 @@ def count_analyses(session: Session) -> dict[str, int]:
     return {row.status: row.counted for row in session.execute(query)}
 
 
-def has_queued(session: Session) -> bool:
-    """Whether anything waits."""
-    query = select(AnalysisRow.id).where(AnalysisRow.status == AnalysisStatus.QUEUED).limit(1)
-    return session.scalar(query) is not None
+def count_waiting(session: Session, machine_id: str) -> tuple[int, int]:
+    """Count the analyses that wait: of a machine, and of all."""
+    ours = func.count().filter(AnalysisRow.machine_id == machine_id)
+    query = select(ours, func.count()).where(AnalysisRow.status == AnalysisStatus.QUEUED)
+    here, all_of_them = session.execute(query).one()
+    return here, all_of_them
+
+
+def waiting_analyses(session: Session) -> dict[int, str]:
+    """Give all analyses that wait, in their order: number to machine."""
+    query = select(AnalysisRow.id, AnalysisRow.machine_id).where(
+        AnalysisRow.status == AnalysisStatus.QUEUED
+    )
+    return {row.id: row.machine_id for row in session.execute(query.order_by(AnalysisRow.id))}
 
 
 def stored_analysis(row: AnalysisRow) -> StoredAnalysis:
@@ -202,6 +254,20 @@ def stored_analysis(row: AnalysisRow) -> StoredAnalysis:
         finished_at=row.finished_at,
         adopted_version=row.adopted_version,
     )
+
+
+_WAITING: Final[Mapping[str, Any]] = {
+    "status": AnalysisStatus.QUEUED,
+    "owner": None,
+    "started_at": None,
+    "progress": 0.0,
+}
+"""What a job has that is back in the queue."""
+
+
+def _runs_by(owner: str) -> list[Any]:
+    """Say that a try runs, as conditions."""
+    return [AnalysisRow.status == AnalysisStatus.RUNNING, AnalysisRow.owner == owner]
 
 
 def _change(

@@ -14,6 +14,7 @@ from sqlalchemy import Connection, text
 import app
 from app.errors import StorageTooNew
 from app.storage.database import Database
+from app.storage.job_queue import prepare_queue
 
 UPGRADE_LOCK = 7_483_621
 """PostgreSQL advisory lock: two servers that start together upgrade one after the other."""
@@ -46,6 +47,8 @@ def upgrade(database: Database) -> Upgraded:
         found = check_not_newer(connection, f"the database {database.name}")
         if found != newest:
             command.upgrade(alembic_config(connection), "head")
+        if connection.dialect.name == "postgresql":
+            prepare_queue(connection)
     return Upgraded(found, newest)
 
 

@@ -39,6 +39,9 @@ IDLE_S: Final = 120.0
 POOL_SIZE: Final = 10
 MOST_CONNECTIONS: Final = 40
 
+DriverError: Final = psycopg.Error
+"""Whatever the driver says went wrong, where SQLAlchemy is not between."""
+
 _GIVE_UP: Final = {
     "connect_timeout": CONNECT_TIMEOUT_S,
     "tcp_user_timeout": CONNECT_TIMEOUT_S * 1000,

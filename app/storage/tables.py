@@ -278,12 +278,22 @@ class VerificationRow(Base):
 class AnalysisRow(Base):
     """One analysis as a job: what was asked, how far it is, and its result as JSON text.
 
-    While it runs, `owner` names the process that runs it and `beats` grows: where it no
-    longer does, that process is gone.
+    While it runs, `owner` names the try and `beats` grows: where it no longer does, the process
+    that ran it is gone. `tries` counts how often it was begun. Of a machine's analyses one runs
+    at a time.
     """
 
     __tablename__ = "analysis"
-    __table_args__ = ({"sqlite_autoincrement": True},)
+    __table_args__ = (
+        Index(
+            "uq_analysis_running_machine",
+            "machine_id",
+            unique=True,
+            sqlite_where=text("status = 'running'"),
+            postgresql_where=text("status = 'running'"),
+        ),
+        {"sqlite_autoincrement": True},
+    )
 
     id: Mapped[int] = mapped_column(primary_key=True)
     machine_id: Mapped[str] = mapped_column(ForeignKey("machine.id", ondelete="CASCADE"))
@@ -300,6 +310,7 @@ class AnalysisRow(Base):
     finished_at: Mapped[datetime | None]
     owner: Mapped[str | None] = mapped_column(String(64))
     beats: Mapped[int]
+    tries: Mapped[int] = mapped_column(default=0, server_default=text("0"))
     adopted_version: Mapped[int | None]
     result: Mapped[str | None] = mapped_column(Text, deferred=True)
 

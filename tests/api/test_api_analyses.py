@@ -12,7 +12,7 @@ from app.effects.effect import Effect
 from app.effects.registry import explain, kind_of
 from app.effects.shape import Everywhere
 from app.effects.term import Term
-from app.storage.analyses import claim_analysis, finish_analysis, insert_analysis
+from app.storage.analyses import begin_analysis, finish_analysis, insert_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.records import AnalysisTask
 from tests.campaign_examples import LATER, ROOM, campaign_database
@@ -218,7 +218,7 @@ def store_done(service, *effects):
     result = RESULTS.read_text(json.dumps(NOTHING | {"effects": list(effects)}))
     with service.state.context.database.writing() as session:
         number = insert_analysis(session, "mcfv5050", AnalysisTask(3, [1], 0.3, None, 0), LATER).id
-        assert claim_analysis(session, "somebody", LATER) == number
+        assert begin_analysis(session, number, "somebody", LATER)
         assert finish_analysis(session, number, "somebody", RESULTS.text(result), LATER)
     return number
 
@@ -287,3 +287,28 @@ def _to_come(observation):
 async def test_plans_that_are_none(campaign, stated, status, words):
     found = problem(await campaign.post(f"{PATH}/plan", json=stated), status)
     assert words in found["detail"]
+
+
+async def test_more_than_may_wait_is_refused_until_there_is_room(databases):
+    url = databases.prepared("sqlite", campaign_database)
+    limits = {"waiting_analyses_of_machine": 2, "waiting_analyses": 2}
+
+    async def ask(status, **changed):
+        with running(url, Clock(LATER), analyses=False, **limits | changed) as service:
+            async with client_of(service) as client:
+                answer = await client.post(PATH, json={"verifications": [1]})
+        assert answer.status_code == status, answer.text
+        if status != 202:
+            assert int(answer.headers["Retry-After"]) > 0
+            return problem(answer, status)["detail"]
+        return ""
+
+    await ask(202)
+    await ask(202)
+    assert "at most 2 analyses of machine 'campaign'" in await ask(429)
+    assert "at most 2 analyses that wait" in await ask(503, waiting_analyses_of_machine=20)
+    with running(url, Clock(LATER), analyses=False) as service:
+        async with client_of(service) as client:
+            assert (await client.post(f"{PATH}/1/cancel")).status_code == 200
+    await ask(202)
+    databases.give_back(url)

@@ -6,7 +6,7 @@ from datetime import timedelta
 import pytest
 
 from app.pages.report_parts.words import sentence
-from app.storage.analyses import claim_analysis, fail_analysis, finish_analysis, insert_analysis
+from app.storage.analyses import begin_analysis, fail_analysis, finish_analysis, insert_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.records import AnalysisTask
 from tests.api.test_api_dashboard import EVIL, Texts, shown
@@ -30,7 +30,7 @@ def asked(app, version=3):
     with app.state.context.database.writing() as session:
         task = AnalysisTask(version, [1], 0.3, None, 0)
         number = insert_analysis(session, "mcfv5050", task, START).id
-        assert claim_analysis(session, "somebody", START) == number
+        assert begin_analysis(session, number, "somebody", START)
     return number
 
 
@@ -73,7 +73,7 @@ async def test_before_anything_is_found_it_says_what_to_do_next(client, empty, a
     assert "Cancel analysis" in page.text
     with app.state.context.database.writing() as session:
         why = "the service was stopped while it ran"
-        assert fail_analysis(session, analysis, "somebody", None, why, START)
+        assert fail_analysis(session, analysis, "somebody", why, START)
     page = await shown(client, PAGE)
     assert f"Analysis {analysis} failed: the service was stopped while it ran" in page.text
     assert "Nothing was adopted; the table is not affected." in page.text

@@ -11,19 +11,26 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.services import run_analyses as module
+from app.errors import StorageUnavailable
+from app.services import carry_analyses as module
 from app.services.analysis_process import JobUpdate
-from app.services.run_analyses import STOPPED, AnalysisRunner
+from app.services.carry_analyses import PATIENCE_S, AbandonedAnalyses, AnalysisCarrier, Carried
+from app.services.context import Context
 from app.storage.analyses import (
-    claim_analysis,
+    MOST_TRIES,
+    begin_analysis,
     fail_analysis,
     finish_analysis,
+    give_back,
+    give_up,
     insert_analysis,
+    next_analysis,
     read_analysis,
     record_heartbeat,
 )
 from app.storage.database import Database
 from app.storage.records import AnalysisStatus, AnalysisTask
+from app.storage.tables import MachineRow
 from tests.campaign_examples import LATER, MACHINE_ID, ROOM, campaign_database
 from tests.databases import KINDS, reachable
 from tests.service_examples import Clock, client_of, running
@@ -137,50 +144,110 @@ async def test_deleting_ends_the_process_and_the_next_one_gets_its_turn(client):
 
 
 @pytest.mark.slow
-async def test_a_service_that_stops_fails_its_job_and_leaves_the_queue_to_the_next(url):
+async def test_a_service_that_stops_gives_its_job_back_to_the_next(url):
     with running(url, Clock(LATER)) as service:
         async with client_of(service) as client:
             number, _ = await begun(client)
             waiting = (await client.post(PATH, json=BODY)).json()["id"]
             service.state.runner.stop()
             assert processes() == []
-            found = (await client.get(f"{PATH}/{number}")).json()
-            assert (found["status"], found["message"]) == ("failed", STOPPED)
-            assert await status_of(client, waiting) == "queued"
+            assert [await status_of(client, i) for i in (number, waiting)] == ["queued"] * 2
     with running(url, Clock(LATER)) as service:
         async with client_of(service) as client:
             service.state.runner.start()
 
             async def runs():
-                return await status_of(client, waiting) == "running"
+                return await status_of(client, number) == "running"
 
             await until(runs)
 
 
-@pytest.mark.slow
-async def test_what_another_service_ran_fails_once_it_no_longer_beats(
-    client, app, database, monkeypatch
-):
-    # Time passes with the beats of the one that lives: however slow the machine is, it beats.
-    passed_s = [0.0]
-    monkeypatch.setattr(module, "monotonic", lambda: passed_s[0])
-    monkeypatch.setattr(module, "QUEUE_POLL_S", 0.05)
+@pytest.fixture
+def two_machines(database):
+    """One analysis of the machine that waits, and one of a sister that waits."""
     with database.writing() as session:
-        numbers = [insert_analysis(session, MACHINE_ID, TASK, LATER).id for _ in range(2)]
-        assert [claim_analysis(session, owner, LATER) for owner in ("gone", "lives")] == numbers
-    abandoned, alive = numbers
-    app.state.runner.start()
+        row = session.get(MachineRow, MACHINE_ID)
+        values = {c.name: getattr(row, c.name) for c in MachineRow.__table__.columns}
+        session.add(MachineRow(**values | {"id": "sister"}))
+        session.flush()
+        return [insert_analysis(session, m, TASK, LATER).id for m in (MACHINE_ID, "sister")]
 
-    async def failed():
+
+def begin(database, number, owner):
+    with database.writing() as session:
+        return begin_analysis(session, number, owner, LATER)
+
+
+def read(database, number):
+    with database.reading() as session:
+        return read_analysis(session, number)
+
+
+def test_what_no_longer_beats_is_tried_again_and_fails_the_third_time(database, two_machines):
+    abandoned, alive = two_machines
+    passed_s = [0.0]
+    watch = AbandonedAnalyses(Context(database, now=Clock(LATER)), lambda: passed_s[0])
+    assert begin(database, alive, "lives")
+    for tried in range(1, MOST_TRIES + 1):
+        assert begin(database, abandoned, f"try {tried}")
+        for _ in range(4):
+            watch.look()
+            assert read(database, abandoned).status is AnalysisStatus.RUNNING
+            with database.writing() as session:
+                assert record_heartbeat(session, alive, "lives", 0.5, "searching")
+            passed_s[0] += PATIENCE_S / 3.5
+        watch.look()
+        found = read(database, abandoned)
+        if tried < MOST_TRIES:
+            assert (found.status, found.progress) == (AnalysisStatus.QUEUED, 0.0)
+            assert f"begun {tried} of {MOST_TRIES} times" in found.message
+            assert found.started_at is None
+    assert (found.status, found.finished_at) == (AnalysisStatus.FAILED, LATER)
+    assert "gone" in found.message
+    assert read(database, alive).status is AnalysisStatus.RUNNING
+
+
+def test_nobody_is_given_up_for_not_beating_while_the_database_was_away(
+    database, two_machines, monkeypatch
+):
+    passed_s = [0.0]
+    watch = AbandonedAnalyses(Context(database, now=Clock(LATER)), lambda: passed_s[0])
+    assert begin(database, two_machines[0], "lives")
+    watch.look()
+
+    def away(_session):
+        raise StorageUnavailable("the database is away")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "running_analyses", away)
+        passed_s[0] += 10.0 * PATIENCE_S
+        with pytest.raises(StorageUnavailable):
+            watch.look()
+    watch.look()
+    assert read(database, two_machines[0]).status is AnalysisStatus.RUNNING
+
+
+def test_of_one_machine_one_analysis_runs_at_a_time(database, two_machines):
+    with database.writing() as session:
+        second = insert_analysis(session, MACHINE_ID, TASK, LATER).id
+    carrier = AnalysisCarrier(Context(database, now=Clock(LATER)))
+    assert begin(database, two_machines[0], "another")
+    assert carrier.carry_out(second) is Carried.BUSY
+    assert read(database, second).status is AnalysisStatus.QUEUED
+    with database.reading() as session:
+        assert next_analysis(session) == two_machines[1]
+
+
+def test_what_is_given_back_was_not_tried(database, two_machines):
+    number = two_machines[0]
+    for tried in range(2 * MOST_TRIES):
+        assert begin(database, number, f"try {tried}")
         with database.writing() as session:
-            assert record_heartbeat(session, alive, "lives", 0.5, "searching")
-        passed_s[0] += module.PATIENCE_S / 10.0
-        return await status_of(client, abandoned) == "failed"
-
-    await until(failed)
-    found = (await client.get(f"{PATH}/{abandoned}")).json()
-    assert found["message"] == STOPPED
-    assert await status_of(client, alive) == "running"
+            assert not give_back(session, number, "another")
+            assert give_back(session, number, f"try {tried}")
+    assert begin(database, number, "last")
+    with database.writing() as session:
+        assert give_up(session, number, "last", 0, LATER) is AnalysisStatus.QUEUED
 
 
 def is_running(pid):
@@ -212,18 +279,10 @@ def test_the_process_ends_with_a_service_that_is_killed(databases):
     databases.give_back(url)
 
 
-def test_every_job_is_claimed_by_one_service_only(database):
-    with database.writing() as session:
-        numbers = {insert_analysis(session, MACHINE_ID, TASK, LATER).id for _ in range(6)}
-
-    def claim(owner):
-        with database.writing() as session:
-            return claim_analysis(session, str(owner), LATER)
-
+def test_every_job_is_begun_by_one_process_only(database, two_machines):
     with ThreadPoolExecutor(8) as pool:
-        claimed = list(pool.map(claim, range(8)))
-    assert {i for i in claimed if i is not None} == numbers
-    assert claimed.count(None) == 2
+        begun = list(pool.map(lambda owner: begin(database, two_machines[0], str(owner)), range(8)))
+    assert begun.count(True) == 1
 
 
 def test_what_is_not_the_owners_any_more_is_not_changed(database):
@@ -233,32 +292,30 @@ def test_what_is_not_the_owners_any_more_is_not_changed(database):
 
     number = change(insert_analysis, MACHINE_ID, TASK, LATER).id
     assert not change(record_heartbeat, number, "one", 0.5, "")
-    assert change(claim_analysis, "one", LATER) == number
+    assert change(begin_analysis, number, "one", LATER)
     assert not change(record_heartbeat, number, "other", 0.5, "")
     assert not change(finish_analysis, number, "other", "{}", LATER)
     assert change(record_heartbeat, number, "one", 0.5, "half")
-    assert not change(fail_analysis, number, "one", 0, "it has beaten since", LATER)
+    assert change(give_up, number, "one", 0, LATER) is None  # it has beaten since
     assert change(finish_analysis, number, "one", "{}", LATER)
-    assert not change(fail_analysis, number, "one", None, "too late", LATER)
-    with database.reading() as session:
-        found = read_analysis(session, number)
+    assert not change(fail_analysis, number, "one", "too late", LATER)
+    found = read(database, number)
     assert (found.status, found.progress, found.task) == (AnalysisStatus.DONE, 1.0, TASK)
 
 
 def test_a_result_waits_for_a_database_that_is_away(database, app, monkeypatch):
     monkeypatch.setattr(module, "HEARTBEAT_S", 0.01)
-    runner = AnalysisRunner(app.state.context)
+    carrier = AnalysisCarrier(app.state.context)
     with database.writing() as session:
         number = insert_analysis(session, MACHINE_ID, TASK, LATER).id
-        claim_analysis(session, runner._owner, LATER)
+        begin_analysis(session, number, "one", LATER)
     away = [True, True, False]
 
     def finish(*arguments):
         if away.pop(0):
-            raise module.StorageUnavailable("the database is away")
+            raise StorageUnavailable("the database is away")
         return finish_analysis(*arguments)
 
     monkeypatch.setattr(module, "finish_analysis", finish)
-    runner._store(number, JobUpdate("done", "{}"))
-    with database.reading() as session:
-        assert read_analysis(session, number).status is AnalysisStatus.DONE
+    carrier._store(number, "one", JobUpdate("done", "{}"))
+    assert read(database, number).status is AnalysisStatus.DONE

@@ -56,6 +56,7 @@ from thermap.answers import (
     StoredReadings,
     StoredVerificationAnswer,
     ThermalDriftAnswer,
+    TriedEffectAnswer,
     VerificationAnswer,
     WaitingAssignmentAnswer,
     WatchAnswer,
@@ -576,6 +577,10 @@ class ThermapClient:
     def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
         """Say what the observations of a `PlanRequest` could see, before anyone measures."""
         return self.send(loop_calls.plan_analysis(machine, plan))
+
+    def try_effect(self, question: Content) -> TriedEffectAnswer:
+        """Hold an effect that was found on one machine, as it stands, against another one."""
+        return self.send(loop_calls.try_effect(question))
 
     def analyses(self, machine: str) -> list[AnalysisHead]:
         """List analyses without their results, oldest first."""

@@ -100,6 +100,34 @@ class PlanRequest(Schema):
         return found
 
 
+class TriedEffectRequest(Schema):
+    """An effect that an analysis found, and the machine on which it is tried."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "machine": "vmc-1",
+                "analysis": 3,
+                "effect": 0,
+                "on": "vmc-2",
+                "verifications": [1, 2, 3],
+                "tried_together": 4,
+            }
+        }
+    )
+
+    machine: Name = Field(description="The machine on which it was found")
+    analysis: Integer = Field(description="Number of the analysis that found it")
+    effect: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(
+        description="Which of its effects, from 0"
+    )
+    on: Name = Field(description="The machine on which it is tried; its active model serves")
+    verifications: VerificationIds = Field(description="Numbers of that machine's verifications")
+    tried_together: Annotated[Integer, Field(ge=1, le=LARGEST_INTEGER)] = Field(
+        1, description="On how many machines effects are tried in all: thresholds rise with it"
+    )
+
+
 class AnalysisHead(Schema):
     """An analysis as a job, without its result."""
 

@@ -1,0 +1,100 @@
+"""thermap worker: analyses for the services on a database, without a service."""
+
+from __future__ import annotations
+
+import logging
+from threading import Event
+from typing import Annotated, Final, Literal
+
+import typer
+
+import app as package
+from app.cli.backup import DatabaseOption
+from app.cli.listening import exiting_on_signals
+from app.cli.logs import LogFormat, write_log_as
+from app.errors import InvalidContent, counted
+from app.services.context import Context
+from app.services.run_analyses import make_runner
+from app.storage.database import Database
+from app.storage.migrate import upgrade
+
+FINISH_S: Final = 10.0
+"""How long what runs may still take when a worker ends [s]."""
+
+
+def worker(
+    *,
+    database_url: DatabaseOption,
+    concurrency: Annotated[
+        int,
+        typer.Option(
+            envvar="THERMAP_CONCURRENCY",
+            metavar="N",
+            min=1,
+            max=64,
+            help="Analyses at the same time, each a process that uses one core.",
+        ),
+    ] = 1,
+    finish_s: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_FINISH_S",
+            metavar="SECONDS",
+            min=0.0,
+            max=86_400.0,
+            help="How long what runs may still take after Ctrl-C or SIGTERM, in s; then it goes "
+            "back to the queue. The second signal does not wait.",
+        ),
+    ] = FINISH_S,
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error", "critical"],
+        typer.Option(
+            envvar="THERMAP_LOG_LEVEL",
+            metavar="LEVEL",
+            help="debug, info, warning, error or critical.",
+        ),
+    ] = "info",
+    log_format: Annotated[
+        LogFormat,
+        typer.Option(
+            envvar="THERMAP_LOG_FORMAT",
+            metavar="FORM",
+            help="text for people, json for programs that gather logs.",
+        ),
+    ] = "text",
+) -> None:
+    """Run the analyses that services are asked for, until Ctrl-C or SIGTERM.
+
+    Any number of workers, on any hosts that reach the database, share its queue. With SQLite it
+    is a process beside the service, on the same computer.
+
+    Example: `thermap worker --database-url postgresql://thermap@db/thermap --concurrency 4`
+    """
+    write_log_as(log_format)
+    logging.getLogger("thermap").setLevel(log_level.upper())
+    database = _opened(database_url)
+    runner = make_runner(Context(database), concurrency=concurrency)
+    try:
+        upgrade(database)
+        with exiting_on_signals():
+            runner.start()
+            jobs = counted(concurrency, "analysis", "analyses")
+            typer.echo(f"thermap {package.__version__} runs {jobs} at a time")
+            typer.echo(f"  database          {database.name}")
+            typer.echo("  Ctrl-C stops it")
+            try:
+                Event().wait()
+            finally:
+                runner.stop(finish_s=finish_s)  # a second signal leaves this
+    finally:
+        runner.stop()
+        database.close()
+
+
+def _opened(database_url: str) -> Database:
+    """Open a database that is there; a URL that is none is wrong usage."""
+    try:
+        return Database(database_url, may_be_new=False)
+    except InvalidContent as error:
+        words = error.detail.removeprefix("database_url: ")
+        raise typer.BadParameter(words, param_hint="--database-url") from None

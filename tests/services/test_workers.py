@@ -1,0 +1,159 @@
+"""Workers as processes of their own: killed, told to end, several at a time."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from app.storage.database import Database
+from app.storage.records import AnalysisStatus
+from app.storage.tables import AnalysisRow
+from tests.campaign_examples import LATER, ROOM, campaign_database
+from tests.databases import KINDS, reachable
+from tests.service_examples import Clock, client_of, running
+
+pytestmark = [
+    pytest.mark.anyio,
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not Path("/proc/self/task").exists(), reason="needs Linux' list of processes"
+    ),
+]
+
+PATH = f"{ROOM}/analyses"
+BODY = {"verifications": list(range(1, 9)), "effects": ["backlash"]}
+PACKAGE_FOLDER = Path(__file__).parents[2]
+DEADLINE_S = 240.0
+"""On a machine that does much else a process alone takes tens of seconds to begin."""
+
+
+@pytest.fixture(params=KINDS)
+def url(request, databases):
+    made = reachable(lambda kind: databases.prepared(kind, campaign_database), request.param)
+    yield made
+    databases.give_back(made)
+
+
+@pytest.fixture
+def database(url):
+    opened = Database(url)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+async def client(url):
+    """A service that leaves analyses to workers."""
+    with running(url, Clock(LATER), analyses=False) as service:
+        async with client_of(service) as client:
+            yield client
+
+
+@contextmanager
+def worker(url, *options):
+    """A worker in a process of its own, killed at the end where it still runs."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app", "worker", "--log-level", "warning", *options],
+        cwd=PACKAGE_FOLDER,
+        env=os.environ | {"THERMAP_DATABASE_URL": url},
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def children(process):
+    """The analyses' processes that a worker has, and not what Python runs beside them."""
+    listed = Path(f"/proc/{process.pid}/task").glob("*/children")
+    pids = {p for one in listed for p in one.read_text().split()}
+    return {p for p in pids if "spawn_main" in words_of(p)}
+
+
+def words_of(pid):
+    """The words of a process' command; none where it is gone."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
+
+
+async def until(question):
+    deadline = time.monotonic() + DEADLINE_S
+    while not (found := question()):
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.05)
+    return found
+
+
+def statuses(database):
+    """Each analysis' status, in their order; of a machine never more than one that runs."""
+    with database.reading() as session:
+        found = session.scalars(select(AnalysisRow.status).order_by(AnalysisRow.id)).all()
+    assert found.count(AnalysisStatus.RUNNING) <= 1
+    return list(found)
+
+
+async def ask(client, times):
+    for _ in range(times):
+        answer = await client.post(PATH, json=BODY)
+        assert answer.status_code == 202, answer.text
+
+
+async def test_what_a_killed_worker_ran_another_one_takes_up(url, database, client):
+    with worker(url) as first, worker(url) as second:
+        await ask(client, 2)
+
+        def who_works():
+            statuses(database)
+            return next((one for one in (first, second) if children(one)), None)
+
+        victim = await until(who_works)
+        victim.send_signal(signal.SIGKILL)
+        victim.wait()
+        await until(lambda: statuses(database) == ["done"] * 2)
+    with database.reading() as session:
+        tries = session.scalars(select(AnalysisRow.tries).order_by(AnalysisRow.id)).all()
+    assert sorted(tries) == [1, 2]
+
+
+async def test_a_worker_that_is_told_to_end_gives_back_what_it_runs(url, database, client):
+    await ask(client, 1)
+    with worker(url, "--finish-s", "0") as told:
+        await until(lambda: children(told))
+        told.terminate()
+        await until(lambda: told.poll() is not None)
+        assert told.returncode == 0
+        with database.reading() as session:
+            row = session.get(AnalysisRow, 1)
+            assert (row.status, row.tries, row.owner) == ("queued", 0, None)
+    with worker(url):
+        await until(lambda: statuses(database) == ["done"])
+
+
+async def test_a_worker_that_is_told_to_end_may_finish_what_it_runs(url, database, client):
+    await ask(client, 2)
+    with worker(url, "--finish-s", "600") as told:
+        await until(lambda: children(told))
+        told.terminate()
+        await until(lambda: told.poll() is not None)
+    assert statuses(database) == ["done", "queued"]
+
+
+async def test_cancelling_reaches_a_worker(url, database, client):
+    await ask(client, 2)
+    with worker(url) as one:
+        before = await until(lambda: children(one))
+        answer = await client.post(f"{PATH}/1/cancel")
+        assert answer.json()["status"] == "cancelled"
+        await until(lambda: not before & children(one))
+        await until(lambda: statuses(database) == ["cancelled", "done"])
