@@ -6,6 +6,7 @@ import hashlib
 import re
 import secrets
 from collections.abc import Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -71,6 +72,16 @@ class AccessKey:
     def sees(self, machine_id: str) -> bool:
         """Whether it is for this machine."""
         return self.machines is None or machine_id in self.machines
+
+
+asking: ContextVar[AccessKey | None] = ContextVar("asking", default=None)
+"""The key of the request that is answered; None where none is asked for."""
+
+
+def may_write() -> bool:
+    """Whether who asks may change anything, so that a page offers nobody what is refused him."""
+    key = asking.get()
+    return key is None or key.role.includes(Role.METROLOGIST)
 
 
 def new_secret() -> str:

@@ -21,7 +21,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.types import Scope
 
 from app.access.failures import Failures
-from app.access.keys import AccessKey, Role
+from app.access.keys import AccessKey, Role, asking
 from app.api.error_responses import problem
 from app.api.gate import SAFE_METHODS
 from app.events.event import LONGEST_NAME, acting
@@ -33,7 +33,7 @@ COOKIE: Final = "thermap-session"
 
 LOGIN: Final = "/login"
 
-_OPEN: Final = re.compile(r"/(healthz|readyz|login|logout|(docs-)?assets/.*)")
+_OPEN: Final = re.compile(r"/(healthz|readyz|login|logout|favicon\.ico|(docs-)?assets/.*)")
 """Whether the service lives, and what a page needs on which a key is stated."""
 
 _OF_MACHINE: Final = re.compile(r"/(?:v1/)?machines/([^/]+)(?:/.*)?")
@@ -116,6 +116,7 @@ class AccessControl:
             return _forbidden("expected a key for all machines, got one for some")
         scope.setdefault("state", {})["access_key"] = key
         scope["state"]["access_secret"] = secret
+        asking.set(key)
         return None
 
     async def find(self, secret: str) -> AccessKey | None:

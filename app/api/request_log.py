@@ -20,7 +20,7 @@ request_id: ContextVar[str] = ContextVar("request_id", default="")
 """Of the request that is answered; empty outside of any."""
 
 _USABLE: Final = re.compile(rb"[A-Za-z0-9._-]{1,64}")
-_QUIET: Final = re.compile(r"/(healthz|readyz|metrics|(docs-)?assets/.*)")
+_QUIET: Final = re.compile(r"/(healthz|readyz|metrics|favicon\.ico|(docs-)?assets/.*)")
 """What is asked every few seconds by those who watch, and what pages are made of."""
 
 _LONGEST_PATH: Final = 200

@@ -94,9 +94,9 @@ async def test_each_role_may_do_what_it_is_for_and_nothing_else(guarded, role):
 
 async def test_without_a_key_there_is_the_service_s_health_and_nothing_else(guarded):
     async with with_key(guarded) as client:
-        for path in ("/healthz", "/readyz", "/login", "/assets/dashboard.css"):
+        for path in ("/healthz", "/readyz", "/login", "/favicon.ico", "/assets/dashboard.css"):
             # A service that has not begun is not ready: that is no matter of keys.
-            assert (await client.get(path)).status_code in (200, 503), path
+            assert (await client.get(path)).status_code in (200, 204, 503), path
         for method, path, content in REQUESTS.values():
             answer = await client.request(method, path, json=content)
             assert answer.status_code == 401
@@ -320,3 +320,24 @@ def test_every_route_that_writes_needs_more_than_a_viewer(sqlite_url):
     assert "DELETE /v1/machines/{machine}/readings" in changing
     assert not [n for n in changing if n.startswith("GET ")]
     assert {n for n, role in needed.items() if role is None} == {"GET /healthz", "GET /readyz"}
+
+
+async def test_a_page_offers_nobody_what_is_refused_him(guarded):
+    writing = {
+        "/machines/mcfv5050/maps": ("data-activate", 'id="choose"'),
+        "/machines/mcfv5050/loop": ('id="file"',),
+    }
+    shown = {}
+    async with with_key(guarded, key(guarded, "metrologist")) as client:
+        for label, t_c in (("again", 41.0), ("and again", 43.0)):
+            stored = await client.post(f"{ROOM}/error-maps", json=error_map(label, t_c))
+            assert stored.status_code == 201
+    for role in ("viewer", "metrologist"):
+        async with with_key(guarded, key(guarded, role)) as client:
+            shown[role] = {path: (await client.get(path)).text for path in writing}
+    for path, marks in writing.items():
+        for mark in marks:
+            assert mark in shown["metrologist"][path], (path, mark)
+            assert mark not in shown["viewer"][path], (path, mark)
+        assert "shows, changes nothing" in shown["viewer"][path]
+        assert "Log out" in shown["viewer"][path]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
@@ -52,6 +53,12 @@ def get_machine(
     view = show_machine_view(context, machine)
     chosen = {"x": x, "y": y, "z": z}
     return Page(machine_page(view, context.now(), chosen), scripts=0, headers=_HEADERS)
+
+
+@router.get("/favicon.ico")
+async def get_icon() -> Response:
+    """Say that there is no icon: browsers ask for one beside pages that name none."""
+    return Response(status_code=204, headers={"Cache-Control": "max-age=86400"})
 
 
 VersionNumber = Annotated[int | None, Query(ge=1, le=2**31 - 1)]

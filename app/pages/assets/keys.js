@@ -41,6 +41,10 @@ listed.querySelector("input").addEventListener("change", (event) => {
 });
 listed.querySelector("button").addEventListener("click", () => listed.close());
 document.getElementById("keys").addEventListener("click", show);
+document.getElementById("logout")?.addEventListener("click", async () => {
+  await fetch("/logout", { method: "POST", redirect: "manual" }).catch(() => null);
+  location.assign("/login");
+});
 
 document.addEventListener("keydown", (event) => {
   if (listed.open || areOff() || event.ctrlKey || event.metaKey || event.altKey) return;
