@@ -107,6 +107,9 @@ def write_blocking() -> dict[str, str]:
         "AsyncClient": "Client",
         "AsyncBaseTransport": "BaseTransport",
         "aclose": "close",
+        "aread": "read",
+        "aiter_lines": "iter_lines",
+        "asyncio": "time",
     }
     found = {}
     with tempfile.TemporaryDirectory() as folder:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         UnexpectedAnswerError,
         UnknownThingError,
     )
+    from thermap.following import Told
 
 __version__ = "0.1.0"
 
@@ -54,6 +55,7 @@ __all__ = [
     "TaggedTable",
     "ThermapClient",
     "ThermapClientError",
+    "Told",
     "TooLargeError",
     "TooManyRequestsError",
     "UnexpectedAnswerError",
@@ -67,6 +69,7 @@ _HOMES: Final = {
     "ThermapClient": "_sync.client",
     "TaggedTable": "calls",
     "VolumetricErrors": "calls",
+    "Told": "following",
 } | dict.fromkeys((name for name in __all__ if name.endswith("Error")), "errors")
 
 

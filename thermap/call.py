@@ -83,6 +83,12 @@ def reader_of(kind: type[Answer]) -> Callable[[httpx.Response], Answer]:
     return read
 
 
+def parsed(kind: type[Answer], data: str) -> Answer:
+    """Read JSON as an answer is read that comes alone."""
+    found: Answer = _adapter(cast("Any", kind)).validate_json(data, extra="ignore")
+    return found
+
+
 def nothing(_response: httpx.Response) -> None:
     """Read an answer that has no content."""
 

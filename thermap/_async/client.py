@@ -5,14 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import asyncio
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from datetime import datetime
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
-from thermap import calls, loop_calls
+from thermap import calls, following, loop_calls
 from thermap.answers import (
     AccuracyAnswer,
     AnalysisAnswer,
@@ -67,6 +68,8 @@ from thermap.answers import (
 from thermap.call import Answer, Call, Content
 from thermap.calls import TaggedTable, VolumetricErrors
 from thermap.connection import explaining, httpx_options, service_url, without_password
+from thermap.errors import ServiceUnavailableError, error_of
+from thermap.following import EventReader, Told
 
 
 class AsyncThermapClient:
@@ -641,6 +644,26 @@ class AsyncThermapClient:
             loop_calls.preview_adoption(machine, analysis_id, effects, onto_active)
         )
 
+    def follow(
+        self, machine: str, *, min_change_um: float = 0.1, max_step_um: float | None = None
+    ) -> AsyncIterator[Told]:
+        """Follow a machine's table and verdict as they change, for as long as one iterates.
+
+        A table comes when a value has changed by more than `min_change_um`; with `max_step_um`
+        a larger change comes in several tables, one a second [both µm; angular components µrad,
+        squareness µm/m]. Once it has begun, a service that is gone is told as `lost`, and asked
+        again until it is back; a machine that is deleted ends it with UnknownThingError.
+        """
+        query = following.query_of(min_change_um, max_step_um)
+        return self._follow(calls.of_machine(machine, "compensation/stream"), query)
+
+    def follow_all(
+        self, *, min_change_um: float = 0.1, max_step_um: float | None = None
+    ) -> AsyncIterator[Told]:
+        """Follow all machines, also those that are made later; as `follow` does one."""
+        query = following.query_of(min_change_um, max_step_um)
+        return self._follow("/v1/stream", query)
+
     async def send(self, call: Call[Answer]) -> Answer:
         """Send a call that `thermap.calls` describes, and read its answer."""
         return call.answer(await self._exchange(call))
@@ -665,6 +688,40 @@ class AsyncThermapClient:
     ) -> None:
         """Close at the end of a `with` block."""
         await self.aclose()
+
+    async def _follow(self, path: str, query: Mapping[str, float]) -> AsyncIterator[Told]:
+        reader = EventReader()
+        while True:
+            asked = self._http.build_request(
+                "GET",
+                path,
+                params=dict(query),
+                headers=dict(reader.headers),
+                timeout=following.timeout_of(self._timeout_s),
+            )
+            try:
+                with explaining(self._url, following.SILENT_S):
+                    response = await self._http.send(asked, stream=True)
+                    try:
+                        if not response.is_success:
+                            await response.aread()
+                            raise error_of(response)
+                        reader.begin()
+                        async for line in response.aiter_lines():
+                            told = reader.take(line)
+                            if told is not None:
+                                yield told
+                    finally:
+                        await response.aclose()
+                why = f"{self.base_url} ended the stream"
+            except ServiceUnavailableError as error:
+                if not reader.has_begun:
+                    raise
+                why = error.detail
+            lost = reader.lost(why)
+            if lost is not None:
+                yield lost
+            await asyncio.sleep(reader.pause_s())
 
     async def _exchange(self, call: Call[Any]) -> httpx.Response:
         with explaining(self._url, call.waits_s(self._timeout_s)):
