@@ -1,7 +1,10 @@
 """PostgreSQL goes away, stands still or has no disk left: what was answered stays, tables go on."""
 
 import os
+import shutil
+import tempfile
 import time
+from pathlib import Path
 
 import httpx
 import pytest
@@ -24,20 +27,22 @@ TABLE = {"temperatures_c": temperatures(21.0)}
 
 
 @pytest.fixture
-def new_cluster(tmp_path):
+def new_cluster():
     made = []
+    # Not below pytest's own folder, into which no other user may look.
+    folder = Path(tempfile.mkdtemp(prefix="thermap-cluster-"))
+    folder.chmod(0o755)
 
     def new(small_mib=None):
         if programs() is None:
             pytest.skip("there is no PostgreSQL here to be started")
-        for folder in (tmp_path, *tmp_path.parents[:2]):  # what pytest makes is closed to others
-            folder.chmod(folder.stat().st_mode | 0o011)
-        made.append(Cluster(tmp_path, small_mib))
+        made.append(Cluster(folder, small_mib))
         return made[-1]
 
     yield new
     for cluster in made:
         cluster.stop()
+    shutil.rmtree(folder)
 
 
 @pytest.fixture
@@ -86,7 +91,7 @@ def test_a_server_that_goes_and_comes_back(new_cluster, new_service, how):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="a small disk takes root")
 def test_a_disk_that_is_full_and_then_is_not(new_cluster, new_service):
-    cluster = new_cluster(small_mib=24)
+    cluster = new_cluster(small_mib=40)
     service = new_service(cluster.url)
     writers = Writers(service.url, 0, maps=False)
     writers.run_until(maps=0, batches=5)
