@@ -1,1 +1,1 @@
-"""What must not happen, tried: killing, stopping, pausing and filling what thermap runs on."""
+"""What must not happen, tried: killing, stopping and pausing what thermap runs on."""

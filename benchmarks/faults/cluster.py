@@ -1,4 +1,4 @@
-"""A PostgreSQL server of our own in a folder, to be stopped, paused and starved of disk."""
+"""A PostgreSQL server of our own in a folder, to be stopped and paused."""
 
 from __future__ import annotations
 
@@ -32,22 +32,17 @@ class Cluster:
     ----------
     folder
         An empty folder that everybody may look into.
-    small_mib
-        Where given, a disk of this size holds the database's tables [MiB]; that takes root.
     """
 
-    def __init__(self, folder: Path, small_mib: int | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         found = programs()
         if found is None:
             raise RuntimeError("there is no PostgreSQL here to be started")
         self._programs = found
         self._folder = folder / "cluster"
-        self._disk = folder / "disk"
-        self._small_mib = small_mib
-        for made in (self._folder, self._disk):
-            made.mkdir()
-            if os.geteuid() == 0:
-                shutil.chown(made, "postgres", "postgres")
+        self._folder.mkdir()
+        if os.geteuid() == 0:
+            shutil.chown(self._folder, "postgres", "postgres")
         subprocess.run(
             [*_as_postgres(), found / "initdb", "-D", self._folder, "-A", "trust", "-U", "thermap"],
             check=True,
@@ -59,23 +54,16 @@ class Cluster:
             self.port: int = free.getsockname()[1]
         self._server: subprocess.Popen[bytes] | None = None
         self.start()
-        if small_mib is not None:
-            self.execute(f"CREATE TABLESPACE small LOCATION '{self._disk}'")
-        place = " TABLESPACE small" if small_mib is not None else ""
-        self.execute(f"CREATE DATABASE thermap{place}")
+        self.execute("CREATE DATABASE thermap")
         self.url = f"postgresql://thermap@127.0.0.1:{self.port}/thermap"
 
     def start(self) -> None:
         """Start it and wait until it answers."""
-        owned = "uid=postgres,gid=postgres,mode=700"
-        mount = f"mount -t tmpfs -o size={self._small_mib}m,{owned} small {self._disk}; "
         words = [
             *_as_postgres(),
             *(self._programs / "postgres", "-D", self._folder, "-k", "", "-p", self.port),
             *("-c", "listen_addresses=127.0.0.1"),
         ]
-        if self._small_mib is not None:
-            words = ["unshare", "--mount", "sh", "-c", f'{mount}exec "$@"', "sh", *words]
         deadline = time.monotonic() + PATIENCE_S
         while True:
             # It ends at once while something of the one before is still there.
@@ -104,13 +92,6 @@ class Cluster:
     def resume(self) -> None:
         """Let them go on."""
         self._signal(signal.SIGCONT)
-
-    def grow(self, mib: int) -> None:
-        """Give the small disk another size [MiB]."""
-        assert self._server is not None
-        remount = ["mount", "-o", f"remount,size={mib}m", self._disk]
-        enter = ["nsenter", "--mount", f"--target={self._server.pid}"]
-        subprocess.run([*enter, *remount], check=True)
 
     def execute(self, statement: Any) -> None:
         with psycopg.connect(
