@@ -20,7 +20,7 @@ from app.errors import FieldError, InvalidContent
 class IntakeTable(Table):
     """`[intake]`: how values become readings."""
 
-    collect_s: float = Field(1.0, gt=0.0, le=60.0)
+    collect_s: float = Field(0.2, gt=0.0, le=60.0)
     most_kept: int = Field(10_000, ge=1, le=1_000_000)
 
     @property

@@ -86,7 +86,7 @@ class Limits:
         Before the database is tried again [s]; twice as long each time.
     """
 
-    collect_s: float = 1.0
+    collect_s: float = 0.2
     most_kept: int = 10_000
     clock_tolerance_s: float = 5.0
     first_pause_s: float = 1.0
