@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -54,7 +55,14 @@ def upgrade(database: Database) -> Upgraded:
 
 def newest_revision() -> str:
     """Name the newest revision that this version knows."""
-    return ScriptDirectory.from_config(alembic_config()).get_current_head() or ""
+    return _known_revisions()[0]
+
+
+@cache
+def _known_revisions() -> tuple[str, ...]:
+    """Name the revisions that this version knows, the newest first; Alembic compiles each anew."""
+    scripts = ScriptDirectory.from_config(alembic_config())
+    return tuple(script.revision for script in scripts.walk_revisions())
 
 
 def check_not_newer(connection: Connection, what: str) -> str | None:
@@ -65,9 +73,8 @@ def check_not_newer(connection: Connection, what: str) -> str | None:
     StorageTooNew
         If this version does not know it.
     """
-    scripts = ScriptDirectory.from_config(alembic_config())
     found = current_revision(connection)
-    if found is not None and found not in {script.revision for script in scripts.walk_revisions()}:
+    if found is not None and found not in _known_revisions():
         raise StorageTooNew(
             f"{what} was written by a newer thermap (its revision is {found}, the newest known "
             f"here is {newest_revision()}): install that version, or give another one"
