@@ -58,6 +58,7 @@ async def ended(client, number):
         await asyncio.sleep(0.05)
 
 
+@pytest.mark.slow
 async def test_from_the_request_to_the_adopted_effect(campaign):
     answer = await campaign.post(PATH, json=QUICK)
     assert answer.status_code == 202, answer.text
