@@ -124,6 +124,55 @@ async def test_a_key_for_one_machine_sees_and_changes_that_one_only(guarded):
         assert (await client.get("/v1/machines/second")).status_code == 200
 
 
+async def test_no_way_of_writing_a_path_leads_past_what_a_key_may(guarded):
+    """What routes take for one of theirs must not be another path to the keys."""
+    async with with_key(guarded, key(guarded, "admin")) as client:
+        made = await client.post("/v1/machines", json=MACHINE | {"id": "another"})
+        assert made.status_code == 201, made.text
+    own = key(guarded, "metrologist", "another")
+    everywhere = key(guarded, "metrologist")
+    async with with_key(guarded, own) as client:
+        for way in (f"{ROOM}/error-maps", f"{ROOM}/compensation", "/metrics", "/machines/mcfv5050"):
+            for end in ("%0A", "%0D%0A", "%0A%0A", "/%0A", "%00", "%7F"):
+                problem(await client.get(way + end), 400)
+            for other in (f"/{way}", way.upper(), f"{way}/", f"/x/..{way}", f"/%2e%2e{way}"):
+                answer = await client.get(f"http://localhost{other}", follow_redirects=True)
+                assert answer.status_code in (403, 404), other
+        asked = await client.post(f"{ROOM}/compensation%0A", json=CONTENT)
+        problem(asked, 400)
+    async with with_key(guarded, everywhere) as client:
+        problem(await client.post("/v1/machines%0A", json=MACHINE | {"id": "mine"}), 400)
+        problem(await client.post("/v1/machines", json=MACHINE | {"id": "mine"}), 403)
+        for method in ("DELETE", "PATCH", "delete", "Delete", "TRACE", "PROPFIND"):
+            answer = await client.request(method, f"{ROOM}?access_token={own}", json={})
+            assert answer.status_code in (400, 403, 405), method
+    async with with_key(guarded) as client:
+        told = await client.options(ROOM)
+        assert (told.status_code, told.content) == (204, b"")
+        for path in ("/openapi.json", "/docs", "/metrics", "/", "/assets%2f..%2fv1/machines"):
+            for query in ("", f"?key={everywhere}", f"?access_token={everywhere}"):
+                assert (await client.get(path + query)).status_code in (401, 404), path
+                assert (await client.head(path + query)).status_code in (401, 404), path
+
+
+async def test_cookies_and_credentials_of_others_do_not_hide_a_session(guarded):
+    """Cookies are a computer's, whatever port they came from; a proxy may ask for a password."""
+    secret = key(guarded, "viewer")
+    async with with_key(guarded) as client:
+        answer = await client.post("/login", data={"key": secret})
+        assert answer.status_code == 303
+        session = client.cookies[COOKIE]
+    for cookies in (
+        f'state={{"a": 1, "b": [2]}}; {COOKIE}={session}',
+        f'bad[name]=x; {COOKIE}="{session}"; other',
+        f"{COOKIE}={session}; a=b=c",
+    ):
+        for more in ({}, {"Authorization": "Basic c2hvcDpzaG9w"}):
+            async with with_key(guarded) as client:
+                answer = await client.get(f"{ROOM}/error-maps", headers={"Cookie": cookies} | more)
+                assert answer.status_code == 200, (cookies, more)
+
+
 async def test_a_revoked_key_is_none_any_more_and_uses_are_noted(guarded, clock):
     secret = key(guarded, "viewer")
     database = guarded.state.context.database
