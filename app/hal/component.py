@@ -11,6 +11,7 @@ import argparse
 import base64
 import json
 import math
+import os
 import signal
 import sys
 import time
@@ -38,6 +39,9 @@ from app.hal.wiring import CLOCK, COMPONENT, curve_name, sensor_pin
 UM_PER_MM = 1000.0
 MM_PER_INCH = 25.4
 
+KEY_VARIABLE = "THERMAP_KEY"
+"""The variable of the environment that has the key, where the service asks for one."""
+
 HTTP_NOT_MODIFIED = 304
 TIMEOUT_S = 5.0
 
@@ -62,6 +66,8 @@ class Service:
         if parts.username is not None:
             known = f"{parts.username}:{parts.password or ''}".encode()
             self._headers["Authorization"] = f"Basic {base64.b64encode(known).decode()}"
+        if key := os.environ.get(KEY_VARIABLE):
+            self._headers["Authorization"] = f"Bearer {key}"
         place = parts.netloc.rpartition("@")[2]
         self._room = urlunsplit(
             parts._replace(netloc=place, path=f"{parts.path}/v1/machines/{quote(machine)}")

@@ -4,8 +4,14 @@ import sys
 
 import pytest
 
-from app.hal.component import Service, main
+from app.access.keys import Role
+from app.cli.listening import listening, serving, url_of
+from app.hal.component import KEY_VARIABLE, Service, main
 from app.hal.curves import table_of
+from app.main import create_app
+from app.services.access_keys import create_key
+from app.settings import Settings
+from tests.service_examples import START, furnish_database
 
 AT = {"x-middle": 24.0, "y-front": 23.0, "z-column": 26.0, "spindle": 29.0}
 
@@ -121,6 +127,23 @@ def test_the_component_sends_readings_and_has_the_service_s_table(service_url, c
     assert service.table() is None
     service.forget()
     assert service.table() is not None
+
+
+def test_the_component_states_its_key(databases, monkeypatch):
+    database_url = databases.prepared("sqlite", furnish_database)
+    service = create_app(Settings(database_url=database_url, require_keys=True))
+    database = service.state.context.database
+    _, secret = create_key(database, "mill", Role.METROLOGIST, ["mcfv5050"], lambda: START)
+    with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
+        url = url_of(opened)
+        monkeypatch.delenv(KEY_VARIABLE, raising=False)
+        with pytest.raises(ValueError, match="expected a key"):
+            Service(url, "mcfv5050", 5.0).table()
+        monkeypatch.setenv(KEY_VARIABLE, secret)
+        with_key = Service(url, "mcfv5050", 5.0)
+        with_key.store_reading(AT, {})
+        assert with_key.table() is not None
+    databases.give_back(database_url)
 
 
 def test_a_refusal_has_the_service_s_sentence(service_url):
