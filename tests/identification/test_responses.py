@@ -301,3 +301,13 @@ def test_few_set_ups_are_said():
     found = find_responses(campaign(3, runs=7, drives=1.0))
     assert not found.offered
     assert "needs 8 set-ups" in found.not_testable[0].reason
+
+
+def test_a_component_of_which_no_observation_can_be_used_is_said():
+    one = campaign(3, runs=8)
+    early = Observation(START_S - 30 * DAY_S, (1.0,), "EYY", 0.0)
+    lone = Verification("before the record", [early], Datum.FIRST)
+    found = find_responses(replace(one, verifications=[*one.verifications, lone]))
+    assert {"EYY": "none of its observations can be used"}.items() <= {
+        refused.on: refused.reason for refused in found.not_testable
+    }.items()

@@ -178,6 +178,8 @@ def find_responses(campaign: Campaign, progress: Progress | None = None) -> Resp
 def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offered | str:
     """Find the response of one component, or say why there is none."""
     own = residuals.rows.of_channel(code)
+    if not residuals.rows.times_s[own].size:
+        return "none of its observations can be used"
     before = [e for e in campaign.effects if e.kind == Response.kind and code in e.components]
     if any(_has_learnt_from(effect, residuals.rows.times_s[own]) for effect in before):
         return ""
