@@ -1,16 +1,16 @@
 """What was answered with 201 is there after the service ended in any way; nothing is there by half.
 
-`python -m benchmarks.faults ending` does the same a hundred times.
+`python -m tests.faults ending` does the same a hundred times.
 """
 
 import signal
 
 import pytest
 
-from benchmarks.faults.ending import end_under_load
-from benchmarks.faults.service import Service
-from benchmarks.faults.writers import Lost, Writers, expect_all, make_machine
 from tests.databases import reachable
+from tests.faults.ending import end_under_load
+from tests.faults.service import Service
+from tests.faults.writers import Lost, Writers, expect_all, make_machine
 
 
 @pytest.mark.slow

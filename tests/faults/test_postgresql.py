@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.faults.cluster import Cluster, programs
-from benchmarks.faults.service import Service
-from benchmarks.faults.writers import (
+from tests.faults.cluster import Cluster, programs
+from tests.faults.service import Service
+from tests.faults.writers import (
     ROOM,
     Writers,
     big_map,

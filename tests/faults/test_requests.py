@@ -1,11 +1,11 @@
 """No request that schemathesis makes of the OpenAPI document is answered as it does not say.
 
-`python -m benchmarks.faults requests` sends ten thousand.
+`python -m tests.faults requests` sends ten thousand.
 """
 
 import pytest
 
-from benchmarks.faults.requests import send_cases
+from tests.faults.requests import send_cases
 
 
 @pytest.mark.slow

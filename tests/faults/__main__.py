@@ -1,7 +1,7 @@
 """What must not happen, tried as often as it takes; the tests do the same in small.
 
-    python -m benchmarks.faults ending [--times 100]
-    python -m benchmarks.faults requests [--cases 10000]
+    python -m tests.faults ending [--times 100]
+    python -m tests.faults requests [--cases 10000]
 
 `ending` kills the service with -9 under load, and looks for everything that was answered.
 `requests` sends what schemathesis makes of the OpenAPI document: no 5xx, and no answer that the
@@ -17,9 +17,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.faults.ending import end_under_load
-from benchmarks.faults.requests import send_cases
-from benchmarks.faults.writers import ROUNDS
+from tests.faults.ending import end_under_load
+from tests.faults.requests import send_cases
+from tests.faults.writers import ROUNDS
 
 
 def main() -> None:

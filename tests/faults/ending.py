@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from sqlalchemy import make_url
 
-from benchmarks.faults.service import Service
-from benchmarks.faults.writers import Lost, Writers, expect_all, make_machine
+from tests.faults.service import Service
+from tests.faults.writers import Lost, Writers, expect_all, make_machine
 
 
 @dataclass(frozen=True)

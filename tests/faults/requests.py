@@ -8,8 +8,8 @@ import tempfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from benchmarks.faults.service import Service
-from benchmarks.faults.writers import ROOM, big_map, client_of, make_machine, temperatures
+from tests.faults.service import Service
+from tests.faults.writers import ROOM, big_map, client_of, make_machine, temperatures
 
 CHECKS = (
     "not_a_server_error",

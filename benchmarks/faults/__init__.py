@@ -1,1 +1,0 @@
-"""What must not happen, tried: killing, stopping and pausing what thermap runs on."""
