@@ -1733,7 +1733,7 @@ class TriedEffectAnswer(Shape):
     """How much of the effect this machine shows: 1 is all of it, 0 nothing"""
 
     share_interval: list[float] | None
-    """Its interval; it is the wider the more machines are tried together"""
+    """Interval of `share`; the wider the more machines are tried together"""
 
 
 class UnexplainedAnswer(Shape):

@@ -14,7 +14,7 @@ NO_UNIT = {
     *("calibration_slope_error", "forward_slope", "found_again_share"),
     *("evidence", "behind", "alias_share", "leverage", "overlap", "limit", "false_alarm"),
     *("parameters", "standard_errors", "made_of", "change"),
-    *("share", "factor", "extrapolation_error_ratio", "direction"),
+    *("share", "share_interval", "factor", "extrapolation_error_ratio", "direction"),
 }
 """Numbers without a unit: shares, correlations, probabilities and ratios; or with their unit
 in each one's own name."""

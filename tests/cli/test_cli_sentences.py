@@ -12,7 +12,7 @@ PACKAGE = Path(app.__file__).parent
 OF_HTTP = re.compile(r"/v1\b|…/|\b(GET|POST|PUT|PATCH|DELETE)\b")
 """What only somebody who speaks HTTP understands."""
 
-OF_SQL = re.compile(r"PRAGMA |DELETE FROM ")
+OF_SQL = re.compile(r"PRAGMA |DELETE FROM |WITH moved AS ")
 """What only a database is told begins so."""
 
 DOCUMENTS = ("api/routes", "api/openapi.py")

@@ -68,7 +68,7 @@ class TriedEffect(Answer, published_as="TriedEffectAnswer"):
     """How much of the effect this machine shows: 1 is all of it, 0 nothing"""
 
     share_interval: Range | None
-    """Its interval; it is the wider the more machines are tried together"""
+    """Interval of `share`; the wider the more machines are tried together"""
 
     @property
     def gain(self) -> float | None:
