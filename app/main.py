@@ -43,6 +43,7 @@ from app.api.routes import (
     residuals,
     status,
     streams,
+    verification_files,
     verifications,
 )
 from app.api.short_way import ThermapService
@@ -78,6 +79,7 @@ ROOMS = (
     models,
     readings,
     verifications,
+    verification_files,
     residuals,
     analyses,
     fleet,

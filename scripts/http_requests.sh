@@ -360,6 +360,13 @@ curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/analyses/1
 # 204
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/verifications/1
 
+# 201: what stands in a CSV file
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/verifications/from-file?name=night.csv" \
+     -H "Content-Type: text/csv" \
+     -d '     # label: second night
+     time,component,position_mm,direction,measured_um
+     2026-03-01T12:00:00Z,EXX,250,+,4.31'
+
 # 200: what a map in a CSV file would change
 curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?preview=true&name=hot.csv" \
      -H "Content-Type: text/csv" \

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import ValidationError
-
-from app.api.field_errors import field_error
+from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile
 from app.api.files.instrument_files import instrument_format
-from app.api.schemas.analyses import PlannedVerification
-from app.api.schemas.verifications import VerificationRequest
+from app.api.files.verification_check import check_verification, complain_of_fields
 from app.cli.contract_json import read_json
-from app.cli.csv_verification import read_csv_verification
 from app.cli.import_checks import choose_machine
-from app.errors import InvalidContent
 from app.geometry.components import parse_component
 from thermap import FieldError
 
 _VALUE: Final = "measured_"
 """Fields that begin so hold what was measured."""
-
-_PLACE: Final = re.compile(r"observations\.(\d+)\.?(.*)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +49,7 @@ class VerificationFile:
     def complaints(self, errors: Iterable[FieldError]) -> list[str]:
         """Write what the service refuses with file, line and column; `errors` name its fields."""
         problems = Problems(self.file)
-        for one in errors:
-            _complain(problems, self.lines, one.field, one.message)
+        complain_of_fields(problems, self.lines, ((e.field, e.message) for e in errors))
         return problems.listed()
 
 
@@ -105,11 +96,11 @@ def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:
         body = read_json(file, problems)
         if is_planned:
             body = _without_values(body)
-        _check(body, problems, (), is_planned)
+        check_verification(body, problems, is_planned=is_planned)
         return VerificationFile(file, body)
     read = read_csv_verification(file, is_planned=is_planned)
     choose_machine(file, read.machine, machine, stated_as="MACHINE")
-    _check(read.body, problems, read.lines, is_planned)
+    check_verification(read.body, problems, read.lines, is_planned=is_planned)
     return VerificationFile(file, read.body, read.remarks, read.lines)
 
 
@@ -122,28 +113,3 @@ def _without_values(body: Any) -> Any:
         for o in body["observations"]
     ]
     return {**body, "observations": planned}
-
-
-def _check(body: Any, problems: Problems, lines: Sequence[int], is_planned: bool) -> None:
-    """Make of a body what the service would, so that what it would refuse is known here."""
-    try:
-        if is_planned:
-            PlannedVerification.model_validate(body).to_verification()
-        else:
-            VerificationRequest.model_validate(body).to_verification()
-    except ValidationError as error:
-        for found in map(field_error, error.errors()):
-            _complain(problems, lines, found.field, found.message)
-    except InvalidContent as error:
-        for one in error.errors:
-            _complain(problems, lines, one.field, one.message)
-    problems.raise_if_any()
-
-
-def _complain(problems: Problems, lines: Sequence[int], field: str, message: str) -> None:
-    """Name the line of an observation where there are lines, else the field."""
-    place = _PLACE.fullmatch(field)
-    if place and lines:
-        problems.add(message, lines[int(place[1])], place[2])
-    else:
-        problems.add(f"{field}: {message}")

@@ -70,6 +70,26 @@ def test_what_is_refused_is_said_where_it_was_asked(chromium, shop):
         expect(page.locator("#checks-said [role=alert]")).to_contain_text("observations")
 
 
+@pytest.mark.slow
+def test_a_check_is_stored_from_csv(chromium, shop):
+    heading = b"time,component,position_mm,measured_um\n"
+    good = heading + b"2026-03-01T06:00:00Z,EXX,0,1.5\n"
+
+    def csv(name, content):
+        return {"name": name, "mimeType": "text/csv", "buffer": content}
+
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        page.locator("#file").set_input_files(csv("night shift.csv", good))
+        expect(page.locator("#checks tbody")).to_contain_text("night shift")
+        assert wrong == []
+        page.locator("#file").set_input_files(csv("run-9.csv", good.replace(b"1.5", b"n/a")))
+        refused = page.locator("#checks-said [role=alert]")
+        expect(refused).to_contain_text("run-9.csv was not stored; nothing has changed.")
+        expect(refused).to_contain_text("line 2, column 4 (measured_um): expected a number in µm")
+        expect(page.locator("#checks tbody")).not_to_contain_text("run-9")
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile
-from app.cli.csv_verification import read_csv_verification
 
 PAGE = Path(__file__).parents[2] / "docs" / "closing-the-loop.md"
 EXAMPLES = re.findall(r"```csv\n(.*?)```", PAGE.read_text("utf-8"), re.S)

@@ -8,9 +8,9 @@ from openpyxl import Workbook
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.csv_measurements import read_csv_measurement
+from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile, read_text
 from app.cli.csv_recording import read_recording
-from app.cli.csv_verification import read_csv_verification
 
 STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.api.files.csv_verification import read_csv_verification
 from app.api.schemas.analyses import PlanRequest
 from app.api.schemas.campaigns import campaign_of_bodies
-from app.cli.csv_verification import read_csv_verification
 from app.cli.planned_visit import visit_csv, write_next_visit
 from app.effects.registry import KINDS, separating_measurement
 from app.identification.analysis.analyse import analyse

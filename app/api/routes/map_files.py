@@ -3,58 +3,22 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Final
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from starlette.exceptions import HTTPException
+from fastapi import APIRouter, Query, Response
 
-from app.api.bodies import MEGABYTE, body_of_at_most
 from app.api.dependencies import AcceptLossesQuery, ContextDep, MachinePath, PreviewQuery
 from app.api.files.csv_comments import Stated
 from app.api.files.uploaded_map import read_uploaded_map
-from app.api.media_types import CSV
 from app.api.pages import Page
 from app.api.routes.error_maps import NOTHING_NEW, answer_to_map
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.model_change import PreviewAnswer
+from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.pages.dashboard.maps import upload_preview
 from app.services.error_maps import preview_error_map
 
 router = APIRouter(tags=["error maps"])
-
-_LARGEST_MB: Final = 32
-_KINDS: Final = (CSV, "application/octet-stream")
-
-_BODY: dict[str, Any] = body_of_at_most(_LARGEST_MB) | {
-    "requestBody": {
-        "required": True,
-        "content": {
-            CSV: {"schema": {"type": "string"}},
-            _KINDS[1]: {"schema": {"type": "string", "format": "binary"}},
-        },
-    }
-}
-
-
-async def file_content(request: Request) -> bytes:
-    """Receive a file; a browser sends these kinds for no other site's page."""
-    got = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if got not in _KINDS:
-        raise HTTPException(415, f"expected {' or '.join(_KINDS)}, got {got[:80] or 'nothing'}")
-    most = min(_LARGEST_MB * MEGABYTE, request.app.state.max_body_bytes)
-    found = bytearray()
-    async for piece in request.stream():
-        found += piece
-        if len(found) > most:
-            raise HTTPException(413, f"expected a file of at most {most} bytes")
-    return bytes(found)
-
-
-FileContent = Annotated[bytes, Depends(file_content)]
-FileName = Annotated[
-    str,
-    Query(max_length=200, description="The file's name, for messages", examples=["run-9.csv"]),
-]
 
 
 @router.post(
@@ -63,7 +27,7 @@ FileName = Annotated[
     summary="Store an error map from a file",
     response_model_exclude_none=True,
     responses=NOTHING_NEW,
-    openapi_extra=_BODY,
+    openapi_extra=FILE_BODY,
 )
 def post_map_file(
     context: ContextDep,

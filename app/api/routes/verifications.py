@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
+from typing import Any, Final
 
 import orjson
 from fastapi import APIRouter, Response
@@ -19,6 +21,8 @@ from app.api.schemas.verifications import (
 )
 from app.api.schemas.watch import WatchAnswer
 from app.api.table_json import OPTIONS
+from app.effects.observations import Verification
+from app.services.context import Context
 from app.services.verifications import (
     delete_verification,
     not_compared,
@@ -33,17 +37,19 @@ router = APIRouter(
 )
 PATH = "/verifications"
 
+NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "model": StoredVerificationAnswer,
+        "description": "The verification, which is stored already",
+    }
+}
+
 
 @router.post(
     PATH,
     status_code=201,
     summary="Store a verification",
-    responses={
-        200: {
-            "model": StoredVerificationAnswer,
-            "description": "The verification, which is stored already",
-        }
-    },
+    responses=NOTHING_NEW,
     openapi_extra=body_of_at_most(32),
 )
 def post_verification(
@@ -55,13 +61,7 @@ def post_verification(
     the active model has no table for is stored too; `warnings` say that nothing is compared
     with it.
     """
-    found = store_verification(context, machine, body.to_verification())
-    response.status_code = 201 if found.is_new else 200
-    response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
-    warnings = not_compared(context, machine, found.stored.components)
-    return StoredVerificationAnswer(
-        **VerificationAnswer.of(found.stored).model_dump(), warnings=warnings
-    )
+    return answer_to_verification(context, machine, body.to_verification(), response)
 
 
 @router.get(PATH, summary="List verifications")
@@ -104,3 +104,20 @@ def get_watch(context: ContextDep, machine: MachinePath) -> WatchAnswer:
     however often it is looked at. Each model version has a test of its own.
     """
     return WatchAnswer.of(show_watch(context, machine))
+
+
+def answer_to_verification(
+    context: Context,
+    machine: str,
+    verification: Verification,
+    response: Response,
+    notes: Sequence[str] = (),
+) -> StoredVerificationAnswer:
+    """Store a verification, whichever way it came; `notes` are of its file."""
+    found = store_verification(context, machine, verification)
+    response.status_code = 201 if found.is_new else 200
+    response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
+    warnings = [*notes, *not_compared(context, machine, found.stored.components)]
+    return StoredVerificationAnswer(
+        **VerificationAnswer.of(found.stored).model_dump(), warnings=warnings
+    )

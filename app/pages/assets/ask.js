@@ -12,8 +12,9 @@ export class Refusal extends Error {
 export async function send(method, path, content, accept = "application/json") {
   const options = { method, headers: { Accept: accept }, cache: "no-store" };
   if (content !== undefined) {
-    options.headers["Content-Type"] = "application/json";
-    options.body = typeof content === "string" ? content : JSON.stringify(content);
+    const isFile = content instanceof ArrayBuffer;
+    options.headers["Content-Type"] = isFile ? "application/octet-stream" : "application/json";
+    options.body = isFile || typeof content === "string" ? content : JSON.stringify(content);
   }
   let answer;
   try {

@@ -197,7 +197,10 @@ on("file", "change", async () => {
   if (!file) return;
   by("file").value = "";
   try {
-    const stored = await send("POST", `${api}/verifications`, await file.text());
+    const isJson = file.name.toLowerCase().endsWith(".json");
+    const stored = isJson
+      ? await send("POST", `${api}/verifications`, await file.text())
+      : await send("POST", `${api}/verifications/from-file?name=${encodeURIComponent(file.name.slice(-200))}`, await file.arrayBuffer());
     const words = stored.judgement ? stored.judgement.summary : "";
     if (stored.warnings.length) {
       told(by("checks-said"), `Stored as check ${stored.id}: ${words}`);

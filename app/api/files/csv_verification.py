@@ -30,7 +30,7 @@ from app.api.files.csv_columns import (
 )
 from app.api.files.csv_comments import Comments, Stated, Statement, read_comments
 from app.api.files.csv_measurements.formats import REPEATABILITY, choice_among
-from app.api.files.delimited_text import DelimitedText, Row, read_delimited
+from app.api.files.delimited_text import DelimitedText, Row, parse_delimited, read_text
 from app.api.files.delimited_text import Problems as FileProblems
 from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.errors import UnknownComponent, list_names
@@ -97,7 +97,14 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
     UnreadableFile
         With line and column of everything that is wrong, what was expected and what came.
     """
-    text = read_delimited(file, FileProblems(file), MOST_OBSERVATIONS)
+    return parse_csv_verification(read_text(file), file, is_planned=is_planned)
+
+
+def parse_csv_verification(
+    written: str, file: Path, *, is_planned: bool = False
+) -> CsvVerification:
+    """Read a verification from a file's text, as `read_csv_verification` does."""
+    text = parse_delimited(written, FileProblems(file), MOST_OBSERVATIONS)
     remarks: list[str] = []
     comments = read_comments(text, Stated(), remarks, _STATEMENTS, complete=False)
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)

@@ -1,0 +1,79 @@
+"""A verification from a file that came over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.api.files.csv_verification import parse_csv_verification
+from app.api.files.delimited_text import Problems, UnreadableFile, text_of
+from app.api.files.instrument_files import format_of_text
+from app.api.files.verification_check import check_verification, complain_of_fields
+from app.effects.observations import Verification
+from app.errors import FieldError, InvalidContent
+
+
+@dataclass(frozen=True, slots=True)
+class UploadedVerification:
+    """What one file holds, checked, and where in it each observation stands.
+
+    Parameters
+    ----------
+    remarks
+        What of the file was not read.
+    lines
+        Line of each observation.
+    """
+
+    file: Path
+    verification: Verification
+    remarks: Sequence[str]
+    lines: Sequence[int]
+
+    def refusal(self, error: InvalidContent) -> InvalidContent:
+        """Say what is refused of the observations by the lines in which they stand."""
+        problems = Problems(self.file)
+        complain_of_fields(problems, self.lines, ((e.field, e.message) for e in error.errors))
+        return _of_lines(problems.listed())
+
+
+def read_uploaded_verification(content: bytes, name: str, machine: str) -> UploadedVerification:
+    """Read a verification from what is in a file, CSV or an Excel workbook.
+
+    Parameters
+    ----------
+    name
+        The file's name, under which complaints stand; without a label it is called so.
+    machine
+        The machine that was measured.
+
+    Raises
+    ------
+    InvalidContent
+        With an entry, under `file`, for everything that is wrong in the words of the command
+        line: line, column, what was expected and what came; if an instrument wrote it; if it
+        is another machine's.
+    """
+    file = Path(Path(name).name or "file.csv")
+    try:
+        text = text_of(content, file)
+        written = format_of_text(file, text)
+        if written is not None:
+            raise UnreadableFile(
+                f"{file}: expected a verification as CSV, got {written.name}: `thermap import "
+                f"--method {written.method} {file} --machine {machine}` makes an error map of it"
+            )
+        read = parse_csv_verification(text, file)
+        if read.machine not in (None, machine):
+            raise UnreadableFile(
+                f"{file} says that it belongs to {read.machine!r}, got {machine!r}"
+            )
+        found = check_verification(read.body, Problems(file), read.lines)
+    except UnreadableFile as error:
+        raise _of_lines(error.detail.splitlines()) from None
+    return UploadedVerification(file, found, read.remarks, read.lines)
+
+
+def _of_lines(lines: Sequence[str]) -> InvalidContent:
+    return InvalidContent("\n".join(lines), [FieldError("file", line) for line in lines])

@@ -1,0 +1,41 @@
+"""Verifications from files."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from app.api.dependencies import ContextDep, MachinePath
+from app.api.files.uploaded_verification import read_uploaded_verification
+from app.api.routes.verifications import NOTHING_NEW, answer_to_verification
+from app.api.schemas.verifications import StoredVerificationAnswer
+from app.api.uploads import FILE_BODY, FileContent, FileName
+from app.errors import InvalidContent
+
+router = APIRouter(tags=["closing the loop"])
+
+
+@router.post(
+    "/v1/machines/{machine}/verifications/from-file",
+    status_code=201,
+    summary="Store a verification from a file",
+    responses=NOTHING_NEW,
+    openapi_extra=FILE_BODY,
+)
+def post_verification_file(
+    context: ContextDep,
+    machine: MachinePath,
+    content: FileContent,
+    response: Response,
+    name: FileName = "file.csv",
+) -> StoredVerificationAnswer:
+    """Store a verification from a CSV file or an Excel workbook, as `thermap analyse` reads it.
+
+    What is wrong in it is answered with line and column. Without a label in it the verification
+    is called as the file. What of the file was not read stands in `warnings`. All else is as with
+    a verification in JSON.
+    """
+    found = read_uploaded_verification(content, name, machine)
+    try:
+        return answer_to_verification(context, machine, found.verification, response, found.remarks)
+    except InvalidContent as error:
+        raise found.refusal(error) from None
