@@ -138,6 +138,7 @@ async def of_fewer_visits(campaign):
     return number
 
 
+@pytest.mark.slow
 async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
     """All observations lie before the machine's first reading."""
     body = {

@@ -10,6 +10,7 @@ pytestmark = pytest.mark.anyio
 VOLUME = "/machines/mcfv5050/volume"
 
 
+@pytest.mark.slow
 async def test_the_largest_error_is_the_services_and_stands_first(client):
     await feed(client, reading(START, 27.0))
     asked = {"points_mm": [[500, 500, 500]], "missing_components": "zero"}

@@ -50,6 +50,7 @@ def test_pieces_read_what_the_whole_says(size, document, indent, ascii_only):
     assert in_pieces(text, size) == document
 
 
+@pytest.mark.slow
 @given(size=SIZES, document=DOCUMENTS, seed=st.integers(0, 2**32), changes=st.integers(1, 3))
 def test_damaged_text_is_refused_where_the_library_refuses_it(size, document, seed, changes):
     text = bytearray(json.dumps(document).encode())

@@ -150,6 +150,7 @@ def test_an_unknown_machine_lists_what_there_is(thermap):
 # -- what destroys asks --------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", [("machines", "delete", "mcfv5050"), ("maps", "delete", "1"),
               ("verifications", "delete", "1")],

@@ -34,6 +34,7 @@ def read_until(process, words, within_s=120.0):
     return text
 
 
+@pytest.mark.slow
 def test_a_table_in_a_pipe_and_a_service_behind_it(start, tmp_path):
     process = start("demo", "--port", "0")
     text = read_until(process, "minus the error")

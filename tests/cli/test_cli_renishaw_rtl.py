@@ -235,6 +235,7 @@ def test_no_line_that_counts_may_be_missing(dropped):
     refused("\n".join(lines[:dropped] + lines[dropped + 1 :]))
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(
     at=st.integers(0, len(BOTH_WAYS) - 1),

@@ -41,6 +41,7 @@ def proposals(campaign):
     return {code: one.proposed_sensor for code, one in judged(campaign).items() if not one.why_not}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("datum", ["absolute", "first", "free"])
 def test_a_wrong_assignment_is_found_and_the_right_one_proposed(datum):
     campaign = assigned(campaign_of(datum=datum), EXX="bed")

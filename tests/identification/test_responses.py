@@ -224,6 +224,7 @@ def test_variances_that_set_ups_held_out_belie_are_stated_larger():
     assert (np.abs(told.corrected) <= np.abs(sure.corrected) + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_maps_that_harm_are_not_what_is_fallen_back_on():
     """Maps of −10 µm/K over the bed, which the machine does not follow at all."""
     rows = response_rows(residuals_of(campaign(4, drives=1.0, slope=-10.0)), "EXX")
@@ -236,6 +237,7 @@ def test_maps_that_harm_are_not_what_is_fallen_back_on():
     assert (by_maps > raw).sum() >= 3
 
 
+@pytest.mark.slow
 def test_what_is_judged_of_maps_is_what_a_live_table_makes_of_them():
     asked = campaign(4, drives=1.0, slope=-10.0)
     rows = response_rows(residuals_of(asked), "EXX")

@@ -136,6 +136,7 @@ def test_a_change_is_dated_and_each_side_has_its_own_response():
         assert slope == pytest.approx(size, abs=0.8)
 
 
+@pytest.mark.slow
 def test_where_nothing_drives_little_is_corrected():
     """The caution leaves nearly nothing of what wander alone suggests."""
     sizes = []

@@ -178,6 +178,7 @@ async def test_the_table_says_that_the_database_does_not_answer(
         assert (await client.get("/readyz")).status_code == 200
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 async def test_a_look_that_fails_on_a_lock_is_said(new_app, postgresql_example, clock):
     service = new_app(postgresql_example)

@@ -45,6 +45,7 @@ def test_the_oracle_bears_with_an_unknown_zero(campaign_of, datum, one_verificat
     assert fit.holdout_rms_um == pytest.approx(fit.floor_um, rel=0.12)
 
 
+@pytest.mark.slow
 def test_the_oracle_leaves_outliers_out(campaign_of):
     campaign = campaign_of(2, "backlash", 2.0, outliers=0.03, frozen=1)
     fit = campaign.oracle(campaign.every_nth_visit())
