@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
+from app.api.collector import uncollected
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.files.uploaded_verification import read_uploaded_verification
 from app.api.routes.verifications import NOTHING_NEW, answer_to_verification
@@ -34,7 +35,8 @@ def post_verification_file(
     is called as the file. What of the file was not read stands in `warnings`. All else is as with
     a verification in JSON.
     """
-    found = read_uploaded_verification(content, name, machine)
+    with uncollected():
+        found = read_uploaded_verification(content, name, machine)
     try:
         return answer_to_verification(context, machine, found.verification, response, found.remarks)
     except InvalidContent as error:
