@@ -336,7 +336,8 @@ class Follower:
             return
         if feed.status_key != self._status_key:
             self._status_key = feed.status_key
-            yield "status", table.number, feed.status
+            # It stands before the table: who breaks off between the two has not had that one.
+            yield "status", 0 if self._told is None else self._told.number, feed.status
         if table.has_values and (self._has_changed(table) or self.is_stepping):
             if self.is_stepping and now_s < self._next_step_s:
                 return
