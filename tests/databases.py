@@ -154,7 +154,8 @@ class Refillable:
             "WHERE datname = current_database() AND pid <> pg_backend_pid();"
         )
         queue = (
-            f"DELETE FROM {SCHEMA}.procrastinate_jobs; DELETE FROM {SCHEMA}.procrastinate_workers;"
+            f"SET LOCAL search_path = {SCHEMA}, public;"  # what is deleted there looks for its own
+            "DELETE FROM procrastinate_jobs; DELETE FROM procrastinate_workers;"
         )
         self._connection.execute(f"BEGIN; {clear} {fill} {renumber} {queue} COMMIT;")
 
