@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
+
+from app.effects.hypothesis import IN_TURN
 
 Described = Mapping[str, Any]
+
+FORMS: Final = {"second-time-constant": ("thermal-lag", IN_TURN)}
+"""Effects of no kind that a kind has as another form: it names no such effect by itself, but says
+where the values cannot tell the two forms apart."""
 
 
 def judge(answer: Described, truth: Sequence[Described]) -> str:
@@ -34,6 +40,8 @@ def judge(answer: Described, truth: Sequence[Described]) -> str:
     if not all(e["in_library"] for e in truth):
         if is_open:
             return "proxy" if effects else "unexplained"
+        if effects and all(_is_tied_with_form(e, truth) for e in effects):
+            return "tie"
         return "wrong name" if effects else "missed"
     return _of_known(effects, truth) + (" (unexplained)" if is_open else "")
 
@@ -75,3 +83,13 @@ def _is_same(effect: Described, true: Described) -> bool:
     )
     states = parameters.get("state") in (None, *effect["states"])
     return effect["kind"] == true["kind"] and components and sensors and states
+
+
+def _is_tied_with_form(effect: Described, truth: Sequence[Described]) -> bool:
+    """Whether it is said that a found effect may as well be another form, which is the true one."""
+    tied = [(a["kind"], a["variant"]) for a in effect["alternatives"] if a["tied"]]
+    named = {e["kind"]: e for e in truth}
+    return any(
+        FORMS.get(kind) in tied and set(effect["components"]) <= set(true["components"])
+        for kind, true in named.items()
+    )

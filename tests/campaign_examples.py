@@ -47,3 +47,16 @@ def campaign_database(url):
 
     with running(url, Clock(LATER)) as service:
         asyncio.run(store())
+
+
+def store_sister(client, machine_id, checks=None):
+    """Store a sister of the campaign's machine, measured alike; of the first `checks` only."""
+    campaign = small_campaign()
+    room = f"/v1/machines/{machine_id}"
+    bodies = [("/v1/machines", campaign.machine | {"id": machine_id})]
+    bodies += [(f"{room}/error-maps", body) for body in campaign.error_maps]
+    bodies += [(f"{room}/readings", body) for body in campaign.reading_bodies]
+    bodies += [(f"{room}/verifications", body) for body in campaign.verifications[:checks]]
+    for path, body in bodies:
+        answer = client.post(path, json=body)
+        assert answer.status_code == 201, answer.text

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis
+from app.effects.hypothesis import IN_TURN, Hypothesis
 from app.effects.kind import EffectKind, Named, NotTested
 from app.effects.kinds.additional_sensor import AdditionalSensor
 from app.effects.kinds.ageing_sensor import AgeingSensor
@@ -35,8 +35,9 @@ from app.effects.kinds.step import Step
 from app.effects.kinds.temperature_curvature import TemperatureCurvature
 from app.effects.kinds.thermal_lag import ThermalLag
 from app.effects.kinds.tool_length import ToolLength
+from app.effects.projection import Projection
 from app.errors import InvalidContent, list_names
-from app.search.candidate import Candidate
+from app.search.candidate import Candidate, Form
 
 KINDS: Final[dict[str, EffectKind]] = {
     kind.kind: kind
@@ -87,6 +88,12 @@ class Repertoire:
     candidates: list[Candidate]
     not_testable: list[NotTested]
 
+    @property
+    def with_forms(self) -> dict[str, Hypothesis]:
+        """Key to hypothesis, of their other forms too: what a rival may be."""
+        forms = {form.key: form for h in self.hypotheses.values() for form in h.forms}
+        return {**self.hypotheses, **forms}
+
 
 def repertoire(view: CampaignView, kinds: Sequence[str] | None = None) -> Repertoire:
     """Ask every kind what can be tested.
@@ -102,8 +109,13 @@ def repertoire(view: CampaignView, kinds: Sequence[str] | None = None) -> Repert
         proposals = kind_of(name).candidates(view)
         hypotheses.update({h.key: h for h in proposals.hypotheses})
         not_testable.extend(proposals.not_testable)
-    candidates = [h.candidate(view.projection) for h in hypotheses.values()]
+    candidates = [_candidate(h, view.projection) for h in hypotheses.values()]
     return Repertoire(hypotheses, candidates, not_testable)
+
+
+def _candidate(hypothesis: Hypothesis, projection: Projection) -> Candidate:
+    forms = tuple(Form(f"it answers {IN_TURN}", f.candidate(projection)) for f in hypothesis.forms)
+    return replace(hypothesis.candidate(projection), forms=forms)
 
 
 def kind_of(name: str) -> EffectKind:

@@ -81,6 +81,13 @@ class Flexible(NamedTuple):
     parts: Sequence[Part]
 
 
+class Form(NamedTuple):
+    """Another form of a candidate's cause, and what is said of it where the values prefer it."""
+
+    words: str
+    candidate: Candidate
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One effect that the residuals may hold.
@@ -113,6 +120,9 @@ class Candidate:
     flexible
         Gives for the value of the nonlinear parameter what it would add if it were only about
         right; None: nothing can be said.
+    forms
+        The same cause with another course and as many parameters: never chosen, and held beside
+        it where it is.
     """
 
     key: str
@@ -126,8 +136,8 @@ class Candidate:
     only_once: bool = False
     generic: bool = False
     expected: Expected | None = None
-
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None
+    forms: tuple[Form, ...] = ()
 
     def __post_init__(self) -> None:
         if any(b <= a for a, b in zip(self.grid, self.grid[1:], strict=False)):

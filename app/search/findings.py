@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 from app.arrays import FloatArray
+
+FLEXIBLE: Final = "flexible"
+"""The test of a found term's flexible versions."""
 
 
 class Verdict(StrEnum):
@@ -170,8 +174,9 @@ class Unexplained:
     Parameters
     ----------
     test
-        `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family` or
-        `many-at-one-place`, `far-off`.
+        `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family`,
+        `many-at-one-place`, `far-off`, or `flexible`: what the values hold of a flexible version
+        of a found term is not in the term.
     channel
         Where; None: everywhere.
     moves_with

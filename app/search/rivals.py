@@ -52,10 +52,34 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
         behind = own - selector.evidence(rival, others, base)
         share = alias_share(selector, term, rival, others)
         found.append((_rival(rival, behind, share), rival))
-    found = _with_offset(selector, term, others, own, found)
+    found = _with_offset(selector, term, others, own, found) + _forms(selector, term, others)
     same = term.candidate.family
     kept = [f for f in _best_of_families(found) if f[0].tied or f[0].family != same]
     return sorted(kept, key=lambda f: f[0].behind)
+
+
+def better_forms(term: Term, rivals: Sequence[tuple[Rival, Term]]) -> tuple[str, ...]:
+    """Say which forms of a term the values prefer to it as clearly as they tell any two apart."""
+    words = {form.candidate.key: form.words for form in term.candidate.forms}
+    return tuple(
+        words[rival.key]
+        for rival, _ in rivals
+        if rival.key in words and not _is_tied(-rival.behind, rival.alias_share)
+    )
+
+
+def _forms(selector: Selector, term: Term, others: Sequence[Term]) -> list[tuple[Rival, Term]]:
+    """Hold a term's other forms beside it; they have as many parameters as the term itself."""
+    found = []
+    level = selector.fit([*others, term]).log_likelihood
+    for form in term.candidate.forms:
+        made = [selector.library.problem.term(form.candidate, t) for t in form.candidate.thetas]
+        best = max(made, key=lambda t: selector.fit([*others, t]).log_likelihood)
+        rival = selector.refined(best, others)
+        behind = 2.0 * (level - selector.fit([*others, rival]).log_likelihood)
+        share = alias_share(selector, term, rival, others)
+        found.append((_rival(rival, behind, share), rival))
+    return found
 
 
 def _with_offset(
@@ -145,11 +169,14 @@ def _candidates(selector: Selector, term: Term, score: np.ndarray, own: float) -
 
 
 def _rival(rival: Term, behind: float, share: float) -> Rival:
+    candidate, tied = rival.candidate, _is_tied(behind, share)
+    return Rival(candidate.key, candidate.family, rival.theta, behind, share, tied)
+
+
+def _is_tied(behind: float, share: float) -> bool:
     # Where the signals are almost one, 2 ln B rests on small differences between columns, which
     # a model that is a little wrong shifts as much: twice the evidence is asked for.
-    tied = behind < TIED_BELOW or (behind < 2 * TIED_BELOW and share > SAME_SIGNAL)
-    candidate = rival.candidate
-    return Rival(candidate.key, candidate.family, rival.theta, behind, share, tied)
+    return behind < TIED_BELOW or (behind < 2 * TIED_BELOW and share > SAME_SIGNAL)
 
 
 def _best_of_families(found: list[tuple[Rival, Term]]) -> list[tuple[Rival, Term]]:

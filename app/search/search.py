@@ -8,6 +8,7 @@ from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
@@ -16,6 +17,7 @@ from app.search.candidate import Candidate, Known
 from app.search.detectability import smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
+    FLEXIBLE,
     ChannelNoise,
     Detectable,
     Excluded,
@@ -32,11 +34,11 @@ from app.search.held_out import held_out_figures, typical_level
 from app.search.joint_fit import Fit
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
-from app.search.names import name_doubts
+from app.search.names import WANDERS_ALONE, name_doubts
 from app.search.noise import repeatability
 from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
-from app.search.rivals import find_rivals
+from app.search.rivals import better_forms, find_rivals
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.screening import screen
@@ -52,6 +54,9 @@ DRAWS: Final = 200
 
 MOST_TERMS: Final = 24
 """So many are named at most, so that an analysis ends: it says where that is why it did."""
+
+NOT_ZERO: Final = 0.05
+"""Probability with which a size that is zero is still taken for one that is not."""
 
 Progress = Callable[[float, str], None]
 
@@ -154,7 +159,11 @@ def search(
         find_rivals(selector, main.terms, i) if term.origin is None else []
         for i, term in enumerate(main.terms)
     ]
-    doubts = name_doubts(selector, main.terms, draws)
+    unlike = name_doubts(selector, main.terms, draws)
+    doubts = [
+        (*said, *better_forms(term, own))
+        for said, term, own in zip(unlike, main.terms, rivals, strict=True)
+    ]
     report(0.65, "holding visits out")
     checked = validate(
         library,
@@ -168,7 +177,14 @@ def search(
     fit = selector.fit(main.terms)
     typical = typical_level(selector.given(main.terms))
     held_out = held_out_figures(problem, fit, typical, checked, seed)
-    remains = adequacy(selector, main.terms, fit, use, draws, held_out)
+    remains = [
+        *adequacy(selector, main.terms, fit, use, draws, held_out),
+        *(
+            Unexplained(FLEXIBLE, term.channels[0], term.candidate.key)
+            for term, said in zip(main.terms, unlike, strict=True)
+            if set(said) - {WANDERS_ALONE}
+        ),
+    ]
     report(0.95, "summing up")
     outcome = _Outcome(selector, main, fit, rivals, doubts, checked)
     answer = _answer(outcome, use, excluded, held_out, remains)
@@ -259,9 +275,20 @@ def _beside(
     return found
 
 
-def _status(judged: Status, doubts: Sequence[str]) -> Status:
-    """Confirm no name of which a flexible version explains more."""
-    return Status.SUSPECTED if doubts and judged is Status.CONFIRMED else judged
+def _status(judged: Status, doubts: Sequence[str], *, is_sized: bool) -> Status:
+    """Confirm no name of which a flexible version explains more, nor one without a size."""
+    is_open = bool(doubts) or not is_sized
+    return Status.SUSPECTED if is_open and judged is Status.CONFIRMED else judged
+
+
+def _is_sized(amplitudes: FloatArray, covariance: FloatArray) -> bool:
+    """Whether a size is known to be other than zero, its nonlinear parameter's error included.
+
+    An effect may be sure and its size not: where a visit ends before anything has settled, only
+    size over time constant is known.
+    """
+    distance = float(amplitudes @ np.linalg.pinv(covariance) @ amplitudes)
+    return distance > float(chi2.isf(NOT_ZERO, len(amplitudes)))
 
 
 def _sizes(term: Term, fit: Fit, part: slice) -> tuple[FloatArray, FloatArray]:
@@ -387,7 +414,7 @@ def _found(outcome: _Outcome, number: int) -> FoundTerm:
         slope=slope,
         forward_slope=checked.forward[number],
         inclusion=inclusion,
-        status=_status(judged, doubts[number]),
+        status=_status(judged, doubts[number], is_sized=_is_sized(amplitudes, covariance)),
         strongest_visits=strongest,
         leverage=share,
         doubts=doubts[number],

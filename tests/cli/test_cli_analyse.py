@@ -7,13 +7,20 @@ import signal
 import time
 from io import StringIO
 
+import httpx
 import pytest
 from rich.console import Console
 
 from app.cli.analyse_view import analysis_view
 from app.cli.listening import listening, serving, url_of
 from app.storage.analysis_results import RESULTS
-from tests.campaign_examples import LATER, MACHINE_ID, campaign_database, small_campaign
+from tests.campaign_examples import (
+    LATER,
+    MACHINE_ID,
+    campaign_database,
+    small_campaign,
+    store_sister,
+)
 from tests.cli.conftest import ended
 from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, MOVED, NOTHING, UNEXPLAINED
@@ -394,3 +401,27 @@ def test_another_sensor_is_said_before_what_was_found():
     assert told.index(proposal) < told.index("RMS of residuals")
     assert "EXZ: no other sensor would leave markedly less of set-ups held out." in told
     assert "EYZ: not judged, needs 8 set-ups in which it shows, came 3." in told
+
+
+@pytest.mark.slow
+def test_a_fleet_is_judged_and_asked_again_it_serves(thermap, service_url, tmp_path):
+    """Sisters that both show an effect are said to; what was analysed is not analysed again."""
+    with httpx.Client(base_url=service_url, trust_env=False, timeout=60) as client:
+        store_sister(client, "sister")
+        store_sister(client, "unmeasured", 0)
+        report = tmp_path / "fleet.html"
+        found = thermap("analyse", "--fleet", *QUICK, "--json", "-o", report)
+        judged = json.loads(found.stdout)
+        by_id = {one["machine"]: one for one in judged["machines"]}
+        assert by_id["unmeasured"]["why_not"] == "nothing was measured to judge it by"
+        assert by_id[MACHINE_ID]["sisters"] == ["sister", "unmeasured"]
+        (effect,) = judged["effects"]
+        assert (effect["kind"], effect["components"]) == ("backlash", ["EZX"])
+        assert {one["machine"] for one in effect["found_on"]} == {MACHINE_ID, "sister"}
+        assert "EZX" in report.read_text()
+        again = json.loads(thermap("analyse", "--fleet", *QUICK, "--json").stdout)
+        assert again == judged
+        assert len(client.get(f"/v1/machines/{MACHINE_ID}/analyses").json()) == 1
+        page = client.get("/fleet", params={"effects": "backlash"}).text
+        assert judged["summary"] in page
+        assert "found on 2 of 3" in page

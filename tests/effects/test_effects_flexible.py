@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.effects.campaign_view import CampaignView
+from app.effects.low_pass import low_pass
 from app.effects.registry import repertoire
 from app.identification.campaign import residuals_of
 from app.search.candidate import OFFSET
@@ -56,3 +57,22 @@ def test_along_the_axis_are_powers_of_the_position(candidates):
         power = flexible.columns[shown] / own.columns[shown, :1]
         np.testing.assert_allclose(power[:, 1], power[:, 0] ** 2, atol=1e-12)
         assert np.abs(power).max() <= 1.0 + 1e-12
+
+
+def test_two_bodies_in_turn_are_a_low_pass_of_a_low_pass(candidates):
+    """By partial fractions from two low-passes of the sensor, exactly; against the filter twice."""
+    lag = candidates["thermal-lag"]
+    (form,) = lag.forms
+    assert form.words == "it answers through two bodies in turn"
+    assert candidates["backlash"].forms == ()
+    times_s = np.arange(0.0, 86400.0, 60.0)
+    room = 20.0 + 3.0 * np.sin(times_s / 9000.0)
+    once = low_pass(times_s, room, 2400.0).outputs
+    twice = low_pass(times_s, once, 1200.0).outputs
+    fast = low_pass(times_s, room, 1200.0).outputs
+    np.testing.assert_allclose(twice, 2.0 * once - fast, atol=1e-3)
+    pairs = zip(
+        form.candidate.columns(2400.0), lag.columns(2400.0), lag.columns(1200.0), strict=True
+    )
+    for own, slow, quick in pairs:
+        np.testing.assert_allclose(own.columns, 2.0 * slow.columns - quick.columns, atol=1e-9)

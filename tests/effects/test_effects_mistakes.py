@@ -325,23 +325,33 @@ def test_an_expected_amplitude_costs_what_it_misses_by():
 
 
 def test_an_instrument_settles_from_the_beginning_of_each_visit_in_its_own_channel(view):
-    """a (1 − exp(−t/τ)), t since the first row of the visit, whatever it measured."""
+    """1 − exp(−t/τ), t since the first row of the visit, whatever it measured; 1 in the longest."""
     tau_s = 600.0
     left = column(view, proposed(view, "instrument-warm-up", components=("EXX",)), tau_s)
     rows = view.rows
+    began_s = np.array([rows.times_s[rows.visit == v].min() for v in rows.visit])
+    longest_s = (rows.times_s - began_s)[rows.channel == 0].max()
+    whole = 1.0 - np.exp(-longest_s / tau_s)
     for visit in np.unique(rows.visit):
         own = rows.visit == visit
         since_s = rows.times_s[own] - rows.times_s[own].min()
-        expected = np.where(rows.channel[own] == 0, 1.0 - np.exp(-since_s / tau_s), 0.0)
+        expected = np.where(rows.channel[own] == 0, (1.0 - np.exp(-since_s / tau_s)) / whole, 0.0)
         assert rows.channels[0] == "EXX"
         np.testing.assert_allclose(left[own], expected, atol=1e-12)
 
 
 def test_an_instruments_time_constant_is_told_with_its_unit(view):
     hypothesis = proposed(view, "instrument-warm-up", components=("EXX",))
-    effect = hypothesis.fitted(Estimate(600.0, 120.0, np.array([-2.0]), np.eye(1) * 0.01))
-    told = "EXX settles in every visit by -2.00 ± 0.10 µm, with a time constant of 10 ± 2 min: "
-    assert explain(effect).startswith(told)
+    size = np.array([-2.0]), np.eye(1) * 0.01
+    effect = hypothesis.fitted(Estimate(600.0, 120.0, *size))
+    within = f"{effect.parameters['within_min']:.3g} min"
+    told = f"EXX settles in every visit by -2.00 ± 0.10 µm within {within}"
+    assert explain(effect).startswith(f"{told}, with a time constant of 10 ± 2 min: ")
+    # Of visits that end long before nobody knows how long it takes, nor what it comes to.
+    for error_s in (400.0, np.inf):
+        effect = hypothesis.fitted(Estimate(600.0, error_s, *size))
+        assert explain(effect).startswith(f"{told}: the instrument")
+        assert "until it no longer moves" in KINDS["instrument-warm-up"].what_to_do(effect)
 
 
 def test_directions_at_points_settle_by_themselves(view):

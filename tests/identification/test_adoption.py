@@ -49,7 +49,17 @@ def judged(true, *claimed, **stated):
     return judgement(true, *claimed, **stated).helps
 
 
-def judgement(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, seed=1, floor=1.0):
+def judgement(
+    true,
+    *claimed,
+    kinds=("backlash",),
+    terms=(term(),),
+    rows=None,
+    seed=1,
+    floor=1.0,
+    left=(),
+    predicted=None,
+):
     """Judge effects that claim what they say of rows where something is true."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
@@ -57,17 +67,24 @@ def judgement(true, *claimed, kinds=("backlash",), terms=(term(),), rows=None, s
     found = SimpleNamespace(
         residuals=SimpleNamespace(rows=rows),
         rows=SimpleNamespace(
-            values=values, visit=rows.visit, channel=rows.channel, datum=rows.datum()
+            values=values,
+            visit=rows.visit,
+            channel=rows.channel,
+            datum=rows.datum(),
+            tilt=rows.points_mm[:, :1],
         ),
         use=np.ones(len(rows), dtype=bool),
         explained=lambda effect: claimed[[effect is e for e in effects].index(True)],
+        is_unexplained_at=lambda channels, besides: bool(set(channels) & set(left)),
         findings=SimpleNamespace(
             known=None,
             refitted=(),
             terms=tuple(terms),
-            adopted=np.sum(claimed, axis=0),
-            noise={0: ChannelNoise(1.0, "declared", 1.0, rows.visits, len(rows))},
-            held_out={0: HeldOut(len(rows), rows.visits, Figure(1.0, 0.9, 1.1), floor)},
+            adopted=np.sum(claimed, axis=0) if predicted is None else predicted,
+            noise=dict.fromkeys((0, 1), ChannelNoise(1.0, "declared", 1.0, rows.visits, len(rows))),
+            held_out=dict.fromkeys(
+                (0, 1), HeldOut(len(rows), rows.visits, Figure(1.0, 0.9, 1.1), floor)
+            ),
         ),
     )
     return judge_help(found, effects)
@@ -186,3 +203,70 @@ def test_the_last_visits_can_refuse_a_trend():
     late = term(forward_slope=Slope(-0.5, 0.1, 100.0))
     (one,) = judged(right, right, kinds=("drift",), terms=(late,))
     assert one.why_not.startswith("the last visits show -0.50 ± 0.10")
+
+
+@pytest.mark.parametrize(("places", "sure"), [(3, True), (2, False)])
+def test_what_never_changes_at_few_places_may_be_anything_else(places, sure):
+    """Visits that were held out are at the same places: they confirm whatever differs there."""
+    rows = campaign()
+    at = np.minimum(rows.points_mm[:, 0] / 20.0, places - 1.0)
+    rows = replace(rows, points_mm=rows.points_mm * 0.0 + at[:, None])
+    found = judgement(4.0 * at + 1.0, 4.0 * at + 1.0, rows=rows)
+    assert found.unsure == (set() if sure else {0})
+    assert found.helps == [(True, None)]  # whatever it is
+    # What reverses there, or changes with time, shows at a single place.
+    turning = np.where(np.arange(len(rows)) % 2, 4.0, -4.0)
+    assert judgement(turning, turning, rows=rows).unsure == set()
+    assert judgement(swinging(rows), swinging(rows), rows=rows).unsure == set()
+
+
+def test_of_one_setup_shift_and_tilt_are_unknown_too():
+    rows = campaign(visits=1)
+    along = np.arange(EACH) ** 2 * 1.0
+    assert judgement(along, along, rows=rows).unsure == set()
+    four = np.minimum(rows.points_mm[:, 0], 60.0)
+    few = replace(rows, points_mm=rows.points_mm * 0.0 + four[:, None])
+    assert judgement(four, four, rows=few).unsure == {0}
+
+
+def test_what_makes_nothing_smaller_as_it_is_adopted_does_not_help():
+    """It was found beside maps that may be wrong; adopted are the maps as they are."""
+    claimed = swinging(campaign(), 0.4)
+    (one,) = judged(0.4 * claimed, claimed, seed=2)
+    assert one == (False, "EXX would get no smaller: it was fitted beside maps that may be wrong")
+
+
+@pytest.mark.parametrize("kind", ["step", "drift"])
+def test_nothing_goes_on_in_time_beside_what_nobody_understands(kind):
+    """What jumps to and fro was adopted as one step: the last of its states, for ever."""
+    rows = campaign()
+    late = np.where(rows.visit >= 12, 4.0, 0.0)
+    found = judgement(late, late, kinds=(kind,), left=(0,))
+    assert not found.helps[0].helps
+    assert "nobody knows that it lasts" in found.helps[0].why_not
+    assert found.unsure == {0}
+    assert judged(late, late, kinds=(kind,)) == [(True, None)]
+    # What is driven by something stays as true as it is.
+    assert judged(late, late, kinds=("thermal-lag",), left=(0,)) == [(True, None)]
+
+
+def two_channels():
+    """Visits of six observations of EXX, of which the last three are at points instead."""
+    rows = campaign()
+    at_points = np.tile(np.arange(EACH) > 2, VISITS)
+    return replace(
+        rows, channels=("EXX", "points x"), channel=np.where(at_points, 1, 0), replicate=-rows.visit
+    ), at_points
+
+
+@pytest.mark.parametrize(("shown", "helps"), [(1.0, True), (0.0, False)])
+def test_what_a_component_by_itself_does_not_show_is_not_its_own(shown, helps):
+    """At points another moves alike; a fold that has not found it holds nothing against it."""
+    rows, at_points = two_channels()
+    claimed = swinging(rows, 2.0) * np.where(at_points, 3.0, 1.0)
+    true = np.where(at_points, claimed, shown * claimed)
+    both = term(channels=(0, 1))
+    found = judgement(true, claimed, rows=rows, terms=(both,), predicted=claimed * at_points)
+    assert found.helps[0].helps == helps
+    if not helps:
+        assert found.helps[0].why_not.startswith("EXX, observed by itself, would get larger: ")

@@ -287,10 +287,8 @@ def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
     other = SimpleNamespace(kind="additional-sensor", components=("EXX",))
     found = SimpleNamespace(
         hypotheses={"clocks": clocks, "other": other},
-        findings=SimpleNamespace(
-            terms=[Named("clocks", status), Named("other")],
-            unexplained=[SimpleNamespace(channel=channel) for channel in unexplained],
-        ),
+        findings=SimpleNamespace(terms=[Named("clocks", status), Named("other")]),
+        is_unexplained_at=lambda channels: bool({*channels} & {*unexplained}),
     )
     offered = [
         SimpleNamespace(code=code, judged=SimpleNamespace(after_rms=5.0)) for code in ("EXX", "EZZ")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.search.candidate import OFFSET, Flexible, Part
+from app.search.candidate import OFFSET, Flexible, Form, Part
 from app.search.findings import Status
 from app.search.search import search
 from tests.search.search_campaigns import CHANNELS, fingerprint, make_campaign, single
@@ -88,3 +88,25 @@ def test_a_version_that_nearly_is_the_term_shows_though_several_channels_share_i
     (term,) = search(found.rows, (), [candidate], holdout_fraction=0.3, seed=1).terms
     assert term.key == "fingerprint"
     assert term.doubts == ((SIZE,) if beside else ())
+
+
+@pytest.mark.parametrize(
+    ("bend", "share", "tied", "prefers"), [(0.15, 0.0, 0, 0), (0.02, 0.0, 1, 0), (0.15, 1.0, 1, 1)]
+)
+def test_another_form_of_the_same_cause_is_a_tie_until_the_values_tell(bend, share, tied, prefers):
+    """Nearly the same columns: what is known is the cause, and not always its course."""
+    campaign = make_campaign(6, visits=VISITS)
+    bent = bend * np.random.default_rng(8).choice([-1.0, 1.0], VISITS)[campaign.rows.visit]
+
+    def late(more):
+        return (campaign.speed + more * bent) * campaign.position
+
+    itself = single(campaign, "late", "late", 0, lambda _: late(0.0))
+    other = single(campaign, "late in turn", "late", 0, lambda _: late(1.0))
+    candidate = replace(itself, forms=(Form("it is late in turn", other),))
+    found = campaign.plus(6.0 * late(share) * campaign.on(0))
+    (term,) = search(found.rows, (), [candidate], holdout_fraction=0.3, seed=1).terms
+    assert term.key == "late"
+    assert [rival.key for rival in term.rivals if rival.tied] == ["late in turn"] * tied
+    assert term.doubts == ("it is late in turn",) * prefers
+    assert term.status is (Status.SUSPECTED if prefers else Status.CONFIRMED)

@@ -8,11 +8,20 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
+from app.effects.hypothesis import (
+    Amplitude,
+    Estimate,
+    Hypothesis,
+    Nonlinear,
+    Reported,
+    no_terms,
+    reported_theta,
+)
 from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
 from app.effects.words import parameter
 from app.errors import list_names
@@ -25,11 +34,18 @@ FEWEST_VISITS: Final = 3
 TIME_CONSTANTS_S: Final = tuple(t * SECONDS_PER_MIN for t in (2.0, 4.0, 8.0, 16.0, 32.0))
 
 SETTLES_BY: Final = "settles_by"
+WITHIN: Final = "within_min"
 TIME_CONSTANT: Final = "time_constant_min"
+
+KNOWN: Final = 0.5
+"""Standard error of a time constant, as a share of it, up to which it is told."""
 
 
 class InstrumentWarmUp(EffectKind):
-    """Measured minus predicted grows by a (1 − exp(−t/τ)) in every visit, t since it began.
+    """Measured minus predicted grows as 1 − exp(−t/τ) in every visit, t since it began.
+
+    Its size is what it comes to in the longest visit: where visits end before it has settled,
+    nobody knows by how much it would settle in the end, only how fast it goes.
 
     Of one channel alone: what an instrument does to one component says nothing of another, nor
     of points. What the machine itself does whenever it is measured looks the same.
@@ -63,52 +79,88 @@ class InstrumentWarmUp(EffectKind):
                 reason = f"needs {FEWEST_VISITS} set-ups of {code}, got {visits}"
                 found.not_testable.append(self.refuse(code, reason))
                 continue
-            found.hypotheses.append(_hypothesis(code))
+            found.hypotheses.append(_hypothesis(code, _longest_s(view.rows, own)))
         return found
 
     def explain(self, effect: Effect) -> str:
         """Say what settles, by how much, how fast."""
         (code,) = effect.components
         (name,) = (name for name in effect.parameters if name.startswith(SETTLES_BY))
+        size = parameter(effect, name, _unit(code).symbol)
+        late = ""
+        if _is_settling(effect):
+            late = f", with a time constant of {parameter(effect, TIME_CONSTANT, 'min')}"
         return (
-            f"{code} settles in every visit by {parameter(effect, name, _unit(code).symbol)}, with "
-            f"a time constant of {parameter(effect, TIME_CONSTANT, 'min')}: the instrument warms "
-            "up, or measuring itself warms what it measures"
+            f"{code} settles in every visit by {size} within {effect.parameters[WITHIN]:.3g} min"
+            f"{late}: the instrument warms up, or measuring itself warms what it measures"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say how to measure without it."""
-        minutes = 3.0 * effect.parameters[TIME_CONSTANT]
+        how_long = "until it no longer moves"
+        if _is_settling(effect):
+            how_long = f"for {3.0 * effect.parameters[TIME_CONSTANT]:.2g} min after mounting it"
         return (
-            f"Leave the instrument on for {minutes:.2g} min after mounting it before "
-            f"{list_names(effect.components)} is measured, then measure and analyse again."
+            f"Leave the instrument on {how_long} before {list_names(effect.components)} is "
+            "measured, then measure and analyse again."
         )
 
 
-def _hypothesis(code: str) -> Hypothesis:
-    ends = (TIME_CONSTANTS_S[0], TIME_CONSTANTS_S[-1])
+def _is_settling(effect: Effect) -> bool:
+    """Whether its time constant is known: what visits do not last long enough for is not told."""
+    error = effect.standard_errors.get(TIME_CONSTANT, np.inf)
+    return error <= KNOWN * effect.parameters[TIME_CONSTANT]
+
+
+def _longest_s(rows: ObservationRows, own: IntArray) -> float:
+    """Say how long after a visit began one of its rows was observed, at most [s]."""
+    return max(float(np.max(_since_s(rows, own))), 1.0)
+
+
+def _since_s(rows: ObservationRows, own: IntArray) -> FloatArray:
+    """Say for each of some rows how long ago its visit began [s]."""
+    begun_s = np.full(int(rows.visit.max()) + 1, np.inf)
+    np.minimum.at(begun_s, rows.visit, rows.times_s)
+    return np.asarray(rows.times_s[own] - begun_s[rows.visit[own]])
+
+
+def _hypothesis(code: str, longest_s: float) -> Hypothesis:
     return Hypothesis(
         kind=InstrumentWarmUp.kind,
         components=(code,),
         unit_terms=no_terms,
         adopted_terms=no_terms,
         amplitudes=(Amplitude(f"{SETTLES_BY}_{_unit(code)}"),),
-        nonlinear=Nonlinear(TIME_CONSTANT, SECONDS_PER_MIN, TIME_CONSTANTS_S, ends),
-        supposed=partial(_supposed, code),
+        nonlinear=_nonlinear(),
+        report=partial(_reported, code, longest_s),
+        supposed=partial(_supposed, code, longest_s),
         is_within_visit=True,
     )
+
+
+def _nonlinear() -> Nonlinear:
+    ends = (TIME_CONSTANTS_S[0], TIME_CONSTANTS_S[-1])
+    return Nonlinear(TIME_CONSTANT, SECONDS_PER_MIN, TIME_CONSTANTS_S, ends)
 
 
 def _unit(channel: str) -> Unit:
     return COMPONENTS[channel].unit if channel in COMPONENTS else Unit.UM
 
 
-def _supposed(code: str, projection: Projection, theta: float | None) -> FloatArray:
-    rows = projection.rows
-    begun_s = np.full(int(rows.visit.max()) + 1, np.inf)
-    np.minimum.at(begun_s, rows.visit, rows.times_s)
+def _reported(code: str, longest_s: float, estimate: Estimate) -> Reported:
+    found = reported_theta(_nonlinear(), estimate)
+    name = f"{SETTLES_BY}_{_unit(code)}"
+    found.parameters[name] = float(estimate.coefficients[0])
+    found.standard_errors[name] = float(np.sqrt(estimate.covariance[0, 0]))
+    found.parameters[WITHIN] = longest_s / SECONDS_PER_MIN
+    return found
+
+
+def _supposed(
+    code: str, longest_s: float, projection: Projection, theta: float | None
+) -> FloatArray:
+    rows, tau_s = projection.rows, float(theta or TIME_CONSTANTS_S[0])
     found = np.zeros(len(rows))
     own = rows.of_channel(code)
-    since_s = rows.times_s[own] - begun_s[rows.visit[own]]
-    found[own] = -np.expm1(-since_s / float(theta or TIME_CONSTANTS_S[0]))
+    found[own] = np.expm1(-_since_s(rows, own) / tau_s) / np.expm1(-longest_s / tau_s)
     return found

@@ -16,13 +16,16 @@ from app.effects.effect import Effect
 from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.step import Step
+from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
 from app.errors import list_names
+from app.geometry.components import COMPONENTS
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import rms
-from app.search.findings import FoundTerm
+from app.search.findings import FLEXIBLE, FoundTerm
 from app.search.rows import Datum
+from app.search.scatter import FEWEST_SETUPS
 from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
 
 ONE_SIDED: Final = 0.01
@@ -40,12 +43,28 @@ MOST_CHANNELS: Final = 4
 SHOWN: Final = 0.05
 """Share of its largest size from which an effect shows in a visit."""
 
+HALF: Final = 0.5
+"""Share of what is predicted below which squares grow by it."""
+
+ITSELF: Final = 3.0
+"""Standard errors by which a component's own observations must show less than the whole."""
+
+CHANGES: Final = 0.1
+"""Share of an effect's squares from which it changes at its places."""
+
+SPARE_PLACES: Final = 2
+"""So many more places than unknowns."""
+
 GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
 """What grows with time."""
 
 EITHER: Final = frozenset({*GROWING, Step.kind})
 """What a machine and an instrument can do alike."""
 
+BESIDE_WHAT_NOBODY_KNOWS: Final = (
+    "something unexplained remains where it acts, which may take back later what it began: nobody "
+    "knows that it lasts"
+)
 OF_EITHER: Final = (
     "of the machine, or of the instrument in this channel: it is known from one set-up alone"
 )
@@ -63,7 +82,8 @@ class Judged(NamedTuple):
     """Which of the found effects help, and whether what is refitted beside them holds.
 
     Nobody is sure of the names of those that are `unsure`: with them a visit that was held out
-    gets markedly worse, or one set-up alone shows what an instrument does as well as a machine.
+    gets markedly worse, one set-up alone shows what an instrument does as well as a machine, or
+    they never change at any of a few places.
     """
 
     helps: list[Help]
@@ -103,8 +123,9 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
     own = [found.explained(effect) for effect in effects]
     unsure = {
         i
-        for i, effect in enumerate(effects)
-        if effect.kind in EITHER and _is_of_one_setup(found, effect)
+        for i, (effect, term) in enumerate(zip(effects, terms, strict=True))
+        if _why_not_lasting(found, effect, term) is not None
+        or _is_of_few_places(found, effect, term)
     }
     while chosen := [i for i, words in enumerate(said) if words is None]:
         dropped = [
@@ -125,7 +146,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         said[least] = _gets_worse(found, worse)
         unsure.add(least)
     if not found.findings.refitted:
-        _keep_what_stands_alone(found, own, said)
+        _keep_what_stands_alone(found, effects, own, said)
     helps = [Help(words is None, words) for words in said]
     if found.findings.known is None or not (found.findings.refitted or found.findings.dropped):
         return Judged(helps, unsure=frozenset(unsure))
@@ -138,34 +159,80 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
 
 
 def _keep_what_stands_alone(
-    found: FinishedSearch, own: Sequence[FloatArray], said: list[str | None]
+    found: FinishedSearch,
+    effects: Sequence[Effect],
+    own: Sequence[FloatArray],
+    said: list[str | None],
 ) -> None:
-    """Refuse what was fitted beside effects that are not adopted, and is wrong without them.
+    """Refuse what makes nothing smaller as it would be adopted: without what it was fitted beside.
 
     Effects that imitate something together, as sines imitate a notch, have sizes that hold
     together alone. What was held out was predicted with all of them, by what each part of the
-    visits had found: who was found again too rarely cannot be taken off there.
+    visits had found: who was found again too rarely cannot be taken off there. And all were
+    fitted beside maps that may be wrong, which are adopted as they are.
     """
     terms = found.findings.terms
 
     def is_torn(i: int) -> bool:
         mine = set(terms[i].channels)
         others = (j for j, words in enumerate(said) if words is not None)
-        return said[i] is None and any(mine.intersection(terms[j].channels) for j in others)
+        return any(mine.intersection(terms[j].channels) for j in others)
 
-    while torn := [i for i in range(len(terms)) if is_torn(i)]:
-        together = sum(
-            (own[i] for i, words in enumerate(said) if words is None), np.zeros(len(found.use))
-        )
-        worse = [i for i in torn if _gain(found, terms[i].channels, together) <= 0.0]
+    while chosen := [i for i, words in enumerate(said) if words is None]:
+        together = sum((own[i] for i in chosen), np.zeros(len(found.use)))
+        worse = [i for i in chosen if _gain(found, terms[i].channels, together) <= 0.0]
         if not worse:
-            break
+            unlike = {i: _why_not_itself(found, effects[i], own[i], together) for i in chosen}
+            denied = [i for i in chosen if unlike[i] is not None]
+            if not denied:
+                break
+            # The weakest first: those found before it may be right without it.
+            said[denied[-1]] = unlike[denied[-1]]
+            continue
         least = max(worse, key=lambda i: _gain(found, terms[i].channels, together - own[i]))
         names = [found.residuals.rows.channels[c] for c in terms[least].channels]
+        beside = "effects that are not adopted" if is_torn(least) else "maps that may be wrong"
         said[least] = (
             f"{list_names(names, MOST_CHANNELS)} would get no smaller: it was fitted beside "
-            "effects that are not adopted"
+            f"{beside}"
         )
+
+
+def _why_not_itself(
+    found: FinishedSearch, effect: Effect, own: FloatArray, together: FloatArray
+) -> str | None:
+    """Say that the effect's own components, observed by themselves, do not show it.
+
+    At points many components move alike: what the wrong one explains there, it spoils where it
+    is looked at alone. Held-out visits say nothing of it where their fold has not found it.
+    """
+    names = found.residuals.rows.channels
+    zero = np.zeros(len(own))
+    size = product = variance = 0.0
+    for c in (c for c, name in enumerate(names) if name in effect.components):
+        noise, shift = _scatter(found, c)
+        here = found.use & (found.rows.channel == c)
+        for visit in np.unique(found.rows.visit[here]):
+            rows = here & (found.rows.visit == visit)
+            # Of nothing predicted, what is left is minus what the rows hold.
+            claimed = _from_zero(found, zero, rows) - _from_zero(found, own, rows)
+            left = _from_zero(found, together - own, rows)
+            weight = 1.0 / (noise**2 + shift**2)
+            size += weight * float(claimed @ claimed)
+            product += weight * float(claimed @ left)
+            spread = noise**2 * float(claimed @ claimed) + shift**2 * float(claimed.sum()) ** 2
+            variance += weight**2 * spread
+    if size <= 0.0:
+        return None
+    share, error = product / size, float(np.sqrt(variance)) / size
+    if share >= HALF or 1.0 - share <= ITSELF * error:
+        return None
+    shown = [name for name in names if name in effect.components]
+    return (
+        f"{list_names(shown, MOST_CHANNELS)}, observed by "
+        f"{'itself' if len(shown) == 1 else 'themselves'}, would get larger: {share:.2f} ± "
+        f"{error:.2f} of what it predicts is there"
+    )
 
 
 def _gain(found: FinishedSearch, channels: Collection[int], predicted: FloatArray) -> float:
@@ -185,8 +252,8 @@ def _why_not(
     """Say why an effect by itself does not help; None where it does."""
     if not_adopted := kind_of(effect.kind).not_adopted:
         return not_adopted
-    if effect.kind in EITHER and _is_of_one_setup(found, effect):
-        return OF_EITHER
+    if not_lasting := _why_not_lasting(found, effect, term):
+        return not_lasting
     if not np.isfinite(found.findings.adopted[found.use]).any():
         return NOT_HELD_OUT
     forward = term.forward_slope
@@ -211,6 +278,48 @@ def _why_not(
         f"{when} show {slope.value:.2f} ± {slope.error:.2f} of what it predicts, which does not "
         "prove that it helps"
     )
+
+
+def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
+    """Say why nobody knows of what grows or begins with time that it will go on."""
+    if effect.kind not in EITHER:
+        return None
+    if _is_of_one_setup(found, effect):
+        return OF_EITHER
+    # What only differs in shape from what was found, is of the same cause as it.
+    is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
+    return BESIDE_WHAT_NOBODY_KNOWS if is_open else None
+
+
+def _is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether an effect may be anything else, as it never changes at any of its few places.
+
+    What changes with time or direction shows at one place. What is the same there always, shows
+    by how places differ: where they are hardly more than what is unknown of it and of its set-up,
+    whatever else differs from place to place looks the same, held-out moments included.
+    """
+    rows, size = found.residuals.rows, found.explained(effect)
+    for c in term.channels:
+        own = np.flatnonzero(found.use & (found.rows.channel == c))
+        has_places = rows.channels[c] in POINT_CHANNELS or COMPONENTS[rows.channels[c]].axis
+        if not has_places or not size[own].any():
+            return False
+        places = np.column_stack([rows.points_mm[own], rows.tool_offsets_mm[own]])
+        place = np.unique(np.nan_to_num(places), axis=0, return_inverse=True)[1].ravel()
+        counts = np.bincount(place)
+        means = np.bincount(place, weights=size[own]) / counts
+        if np.sum((size[own] - means[place]) ** 2) > CHANGES * np.sum(size[own] ** 2):
+            return False
+        setups = np.unique(found.rows.visit[own]).size
+        zeros = {found.rows.datum.get((int(v), c), Datum.ABSOLUTE) for v in found.rows.visit[own]}
+        unknown = term.degrees_of_freedom
+        if setups < FEWEST_SETUPS:
+            unknown += 1 + int((np.ptp(found.rows.tilt[own], axis=0) > 0.0).sum())
+        elif zeros != {Datum.ABSOLUTE}:
+            unknown += 1
+        if len(counts) >= unknown + SPARE_PLACES:
+            return False
+    return bool(term.channels)
 
 
 def _is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
@@ -268,12 +377,17 @@ def _markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[_W
             yield _Worse(own, c, before, after)
 
 
+def _scatter(found: FinishedSearch, channel: int) -> tuple[float, float]:
+    """Give the standard deviations of an observation and of a set-up as a whole."""
+    noise = max(found.findings.noise[channel].fitted, float(np.finfo(float).tiny))
+    return noise, float(np.sqrt(max(_floor(found, channel) ** 2 - noise**2, 0.0)))
+
+
 def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
     """Say how far a visit lies off as a whole by its set-up and its repeatability."""
-    noise = found.findings.noise[channel].fitted
-    setup = max(_floor(found, channel) ** 2 - noise**2, 0.0)
+    noise, setup = _scatter(found, channel)
     is_zeroed = found.rows.datum.get((visit, channel)) is Datum.FIRST
-    return float(np.sqrt(setup + noise**2 * (1.0 / count + is_zeroed)))
+    return float(np.sqrt(setup**2 + noise**2 * (1.0 / count + is_zeroed)))
 
 
 def _floor(found: FinishedSearch, channel: int) -> float:

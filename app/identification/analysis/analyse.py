@@ -50,7 +50,7 @@ from app.identification.analysis.found_effects import (
 )
 from app.identification.analysis.generic_candidates import generic_candidates, words_of
 from app.identification.analysis.next_visit import propose_visit
-from app.identification.analysis.not_judged import too_large, withhold
+from app.identification.analysis.not_judged import too_large, with_what_stays_large, withhold
 from app.identification.analysis.reading_faults import ReadingFaults, reading_faults
 from app.identification.analysis.refits import (
     AdoptedBefore,
@@ -146,7 +146,8 @@ def analyse(
         if learns:
             responses = find_responses(campaign, _part(progress, searched, 1.0))
     use = used_rows(findings, len(rows.values))
-    found = FinishedSearch(residuals, rows, findings, use, library.hypotheses, of_maps)
+    found = FinishedSearch(residuals, rows, findings, use, library.with_forms, of_maps)
+    found = with_what_stays_large(found, of_maps)
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
     found, responses = beside_search(found, responses, campaign.effects)
     answer = _answer(found, library, faulty, responses, campaign.effects, before, seed, known)

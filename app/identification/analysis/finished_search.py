@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -46,6 +46,11 @@ class FinishedSearch:
     def effects(self) -> list[Effect]:
         """Make the effects that adoption would store, in the order of the terms."""
         return [self.effect_of(term) for term in self.findings.terms]
+
+    def is_unexplained_at(self, channels: Collection[int], *, besides: str = "") -> bool:
+        """Say whether structure remains in any of some channels, whatever one test says."""
+        left = {one.channel for one in self.findings.unexplained if one.test != besides}
+        return None in left or bool(left.intersection(channels))
 
     def without_refits(self) -> FinishedSearch:
         """Leave the effects that the model has as they are, in what is predicted too."""

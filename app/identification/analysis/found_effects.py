@@ -10,7 +10,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.effects.adopted.held import use_until
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis
+from app.effects.hypothesis import Hypothesis, in_turn
 from app.effects.registry import explain, separating_measurement
 from app.identification.analysis.adoption import Help, Judged
 from app.identification.analysis.analysis import Alternative, Evidence, FoundEffect, StrongVisit
@@ -19,7 +19,7 @@ from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.reading_faults import ReadingFaults
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import rms
-from app.search.findings import Findings, FoundTerm, Rival, Status
+from app.search.findings import FoundTerm, Rival, Status
 from app.units import Unit, utc_time
 
 HIGH_LEVERAGE: Final = 0.6
@@ -91,17 +91,11 @@ def faults_of_readings(
     return described
 
 
-def is_unexplained_at(findings: Findings, channels: Sequence[int]) -> bool:
-    """Say whether structure remains in any of some channels."""
-    left = {one.channel for one in findings.unexplained}
-    return None in left or bool(left.intersection(channels))
-
-
 def _found_effect(
     found: FinishedSearch, effect: Effect, term: FoundTerm, helps: Help, *, is_unsure: bool
 ) -> FoundEffect:
     before, after, unit = _sizes(found, effect, term)
-    is_proxy = is_unexplained_at(found.findings, _own_channels(found, effect, term))
+    is_proxy = found.is_unexplained_at(_own_channels(found, effect, term))
     confirmed = term.status is Status.CONFIRMED
     alternatives = _alternatives(found, term)
     # Held-out visits show what a tied one would do as well: they say nothing of which it is.
@@ -119,11 +113,23 @@ def _found_effect(
         doubts=term.doubts,
         evidence=_evidence(term),
         alternatives=alternatives,
-        explanation=f"{PROXY if is_proxy else ''}{explain(effect)}",
+        explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}",
         strongest_visits=tuple(_visit(found, v) for v in term.strongest_visits),
         leverage=term.leverage,
         leverage_warning=_leverage_warning(found, term),
         measure_again=use_until(effect) or None,
+    )
+
+
+def _other_course(found: FinishedSearch, term: FoundTerm) -> str:
+    """Say how else the effect may come late, where these values do not tell."""
+    own = found.hypotheses[term.key]
+    keys = {form.key for form in own.forms}
+    tied = (rival for rival in term.rivals if rival.key in keys and rival.tied)
+    return "".join(
+        f"; as well {in_turn(own.nonlinear, rival.theta)}"
+        for rival in tied
+        if own.nonlinear is not None and rival.theta is not None
     )
 
 

@@ -18,7 +18,8 @@ from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
-from app.search.rows import Nuisance
+from app.search.findings import Unexplained, Verdict
+from app.search.rows import Datum, Nuisance
 from app.search.scatter import FEWEST_BLOCKS
 
 FAR_OFF: Final = "far-off"
@@ -48,7 +49,32 @@ class TooLarge(NamedTuple):
         )
 
 
-def too_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> FinishedSearch:
+    """Call what effects leave unexplained where it is still larger than the noise.
+
+    A set-up of which nobody knows how it scatters, and maps that may be wrong, take up whatever
+    is constant in it. Beside an effect that passes for an answer of which nothing is left.
+    """
+    effects = found.effects()
+    if not effects:
+        return found
+    explained = sum((found.explained(e) for e in effects), np.zeros(len(found.use)))
+    names = {one.name for one in too_large(found, maps, explained)}
+    channels = [c for c, name in enumerate(found.residuals.rows.channels) if name in names]
+    if not channels:
+        return found
+    left = tuple(Unexplained(FAR_OFF, c, None) for c in channels)
+    findings = replace(
+        found.findings,
+        verdict=Verdict.UNEXPLAINED,
+        unexplained=tuple(dict.fromkeys((*found.findings.unexplained, *left))),
+    )
+    return replace(found, findings=findings)
+
+
+def too_large(
+    found: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray | float = 0.0
+) -> list[TooLarge]:
     """List the channels of few set-ups whose residuals are larger than the noise.
 
     Zeros that nobody knows are taken off. A channel of eight set-ups or more says by itself how
@@ -56,6 +82,8 @@ def too_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]
 
     Parameters
     ----------
+    explained : ndarray, shape (n,) [the channels' units]
+        What effects say of each row.
     maps
         Change of each row for one standard error of each way in which the maps may be wrong.
 
@@ -65,7 +93,7 @@ def too_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]
         The one that exceeds most first.
     """
     rows, use = found.rows, found.use
-    values = without_zeros(found.zeros, np.where(use, rows.values, np.nan))
+    values = without_zeros(found.zeros, np.where(use, rows.values - explained, np.nan))
     variance = _of_maps(len(values), maps)
     large = []
     for channel, noise in found.findings.noise.items():
@@ -74,7 +102,11 @@ def too_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]
         if not own.any() or setups >= FEWEST_BLOCKS:
             continue
         size = float(np.sqrt(np.mean(values[own] ** 2)))
-        expected = float(np.sqrt(noise.fitted**2 + np.mean(variance[own])))
+        # Counted from a first observation, all of them have its noise too.
+        zeroed = np.mean(
+            [rows.datum.get((int(v), channel)) is Datum.FIRST for v in rows.visit[own]]
+        )
+        expected = float(np.sqrt(noise.fitted**2 * (1.0 + zeroed) + np.mean(variance[own])))
         if size > LARGER * expected:
             name = found.residuals.rows.channels[channel]
             large.append(TooLarge(name, size, expected, channel_unit(name).symbol, setups))

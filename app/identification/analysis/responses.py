@@ -33,7 +33,6 @@ from app.errors import list_names
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
 from app.identification.analysis.finished_search import FinishedSearch
-from app.identification.analysis.found_effects import is_unexplained_at
 from app.identification.analysis.response_causes import causes_of
 from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_rows import ResponseRows, courses, response_rows
@@ -302,9 +301,7 @@ def _named(found: FinishedSearch, code: str) -> list[FoundTerm]:
 def _goes(found: FinishedSearch, term: FoundTerm, codes: set[str]) -> bool:
     """Whether responses of some components may take the place of an effect."""
     hypothesis = found.hypotheses[term.key]
-    is_sure = term.status is Status.CONFIRMED and not is_unexplained_at(
-        found.findings, term.channels
-    )
+    is_sure = term.status is Status.CONFIRMED and not found.is_unexplained_at(term.channels)
     if is_sure and kind_of(hypothesis.kind).not_adopted:
         return False
     return codes >= set(hypothesis.components)

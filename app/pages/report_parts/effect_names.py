@@ -40,6 +40,7 @@ TESTS: Final = {
     "many-of-one-family": "several terms of one kind on one component: an imitation",
     "far-off": "further from the model than set-ups are, in too few visits to say why",
     "many-at-one-place": "several effects at one place: whatever fits a bit",
+    "flexible": "a found effect that goes otherwise than the library has it",
 }
 """Which test says that structure is left."""
 
