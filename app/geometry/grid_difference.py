@@ -14,6 +14,7 @@ cell contributes, because cells are cut in at least four.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray
+from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.error_field import ErrorField
 from app.geometry.grid import ErrorGrid, place_in_cells
@@ -31,6 +33,9 @@ from app.geometry.work_volume import points_of
 
 POINTS_AT_ONCE: Final = 200_000
 """Larger boxes are halved, so that memory stays small."""
+
+MOST_POINTS: Final = 20_000_000
+"""More are not looked at: some seconds of one processor."""
 
 Coordinates: TypeAlias = tuple[FloatArray, ...]
 """Along x, y and z [mm]."""
@@ -83,7 +88,8 @@ def grid_difference(
     Raises
     ------
     InvalidContent
-        If the field has several thermal states.
+        If the field has several thermal states, or the nodes of its tables and of the grid cut
+        the volume into too many pieces.
 
     Notes
     -----
@@ -96,6 +102,14 @@ def grid_difference(
         cut(nodes, field.nodes_mm(axis), degree)
         for axis, nodes, degree in zip(LINEAR_LETTERS, grid.nodes_mm, degrees, strict=True)
     ]
+    points = math.prod(coordinates.size for coordinates in pieces)
+    if points > MOST_POINTS:
+        raise InvalidContent.of_field(
+            "x_mm",
+            f"expected a grid and tables that have at most {MOST_POINTS} nodes, ends and middles "
+            f"together, where the largest difference is looked for, got {points}: ask for a part "
+            "of the volume",
+        )
     tool = np.asarray(tool_offset_mm, dtype=np.float64)
     largest = np.zeros((*(nodes.size - 1 for nodes in grid.nodes_mm), 8))
     for box in _boxes(tuple(pieces)):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app.errors import InvalidContent
 from app.geometry import grid_difference as module
 from app.geometry.chain import Chain
 from app.geometry.error_field import ErrorField
@@ -34,6 +35,12 @@ def test_a_kink_is_missed_by_its_height():
     assert found.attained_um.tolist() == found.bound_um.tolist()
     assert found.attained_length_um.tolist() == found.bound_length_um.tolist()
     assert found.largest_um == 4.0
+
+
+def test_tables_too_fine_to_be_looked_through_are_refused():
+    fine = (np.linspace(0.0, 100.0, 300), np.zeros(300))
+    with pytest.raises(InvalidContent, match="got 27000000: ask for a part"):
+        one_cell("FXYZ", {"EXX": fine, "EYY": fine, "EZZ": fine})
 
 
 def test_a_kinked_rotation_is_missed_most_at_the_longest_arm():
