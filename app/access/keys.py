@@ -12,6 +12,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Final
 
+from app.answer import Answer
 from app.errors import InvalidContent
 
 PREFIX: Final = "thermap_"
@@ -47,23 +48,21 @@ _INCLUDED: Final[Mapping[Role, frozenset[Role]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class AccessKey:
-    """One key as it is listed; the key itself is known to nobody but its holder.
-
-    Parameters
-    ----------
-    machines
-        Ids of the machines that it is for; None for all, also those that are made later.
-    last_used_at
-        To the minute; None before its first use.
-    """
+class AccessKey(Answer):
+    """One key as it is listed; the key itself is known to nobody but its holder."""
 
     id: int
+    """Number of the key"""
     name: str
+    """Whose it is: a person, a computer, a sensor"""
     role: Role
+    """What it may do"""
     machines: tuple[str, ...] | None
+    """Ids of the machines that it is for; null for all, also those that are made later"""
     created_at: datetime
-    last_used_at: datetime | None = None
+    """When it was made"""
+    last_used_at: datetime | None
+    """When it was used last, to the minute; null before its first use"""
 
     def may(self, needed: Role, machine_id: str | None = None) -> bool:
         """Whether it may do what a role is for, on this machine where it is about one."""
@@ -72,6 +71,16 @@ class AccessKey:
     def sees(self, machine_id: str) -> bool:
         """Whether it is for this machine."""
         return self.machines is None or machine_id in self.machines
+
+
+@dataclass(frozen=True, slots=True)
+class NewAccessKey(Answer):
+    """A key that was just made, with the key itself: it is shown this once."""
+
+    key: AccessKey
+    """The key as it is listed from now on"""
+    secret: str
+    """What its holder states as `Authorization: Bearer …`; it is stored nowhere"""
 
 
 asking: ContextVar[AccessKey | None] = ContextVar("asking", default=None)

@@ -21,8 +21,9 @@ from starlette.types import Scope
 
 from app.access.failures import Failures
 from app.access.keys import AccessKey, Role, asking
-from app.api.error_responses import problem
+from app.api.error_responses import problem, problem_for
 from app.api.gate import SAFE_METHODS
+from app.api.pages import wants_page
 from app.events.event import LONGEST_NAME, acting
 from app.services.access_keys import KeyRing
 
@@ -49,7 +50,9 @@ _READINGS: Final = re.compile(r"/v1/machines/[^/]+/readings")
 _MACHINE: Final = re.compile(r"/v1/machines(/[^/]+)?")
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f]")
 
-_ALL_MACHINES: Final = re.compile(r"/metrics|/v1/fleet/.*")
+_KEYS: Final = re.compile(r"/v1/keys(/.*)?")
+
+_ALL_MACHINES: Final = re.compile(r"/metrics|/fleet|/v1/fleet/.*|/v1/keys(/.*)?")
 """What is of all machines at once, and cannot be told in part."""
 
 
@@ -63,6 +66,8 @@ def role_needed(method: str, path: str) -> Role | None:
     """
     if _OPEN.fullmatch(path) or method == "OPTIONS":
         return None
+    if _KEYS.fullmatch(path):
+        return Role.ADMIN
     if method in SAFE_METHODS or (method == "POST" and _COMPUTES.fullmatch(path)):
         return Role.VIEWER
     if method == "POST" and _READINGS.fullmatch(path):
@@ -110,14 +115,16 @@ class AccessControl:
         if key is None:
             return self._unknown(scope, secret)
         if needed is not Role.SENSOR and key.role is Role.SENSOR:
-            return _forbidden(f"the key {key.name!r} is for sending readings only")
+            return _forbidden(scope, f"the key {key.name!r} is for sending readings only")
         if not key.role.includes(needed):
-            return _forbidden(f"expected a key of the role {needed}, got one of {key.role}")
+            return _forbidden(scope, f"expected a key of the role {needed}, got one of {key.role}")
         machine = machine_of(scope["path"])
         if machine is not None and not key.sees(machine):
-            return _forbidden(f"the key {key.name!r} is not for the machine {machine[:80]!r}")
+            return _forbidden(
+                scope, f"the key {key.name!r} is not for the machine {machine[:80]!r}"
+            )
         if key.machines is not None and _ALL_MACHINES.fullmatch(scope["path"]):
-            return _forbidden("expected a key for all machines, got one for some")
+            return _forbidden(scope, "expected a key for all machines, got one for some")
         scope.setdefault("state", {})["access_key"] = key
         scope["state"]["access_secret"] = secret
         asking.set(key)
@@ -150,14 +157,17 @@ class AccessControl:
 
     def _unknown(self, scope: Scope, secret: str | None) -> Response:
         if secret is not None and not self.ring.is_known:
-            return problem(
+            return problem_for(
+                scope,
                 503,
                 "The database is away",
                 "the keys cannot be read, so nobody can be known",
                 headers={"Retry-After": "5"},
             )
-        if _is_page(scope):
-            return RedirectResponse(f"{LOGIN}?next={quote(scope['path'])}", status_code=303)
+        if wants_page(scope):
+            query = scope["query_string"].decode("latin-1")
+            onward = scope["path"] + (f"?{query}" if query else "")
+            return RedirectResponse(f"{LOGIN}?next={quote(onward)}", status_code=303)
         if secret is not None and (wait_s := self.wait_s(scope)) > 0.0:
             return too_many(wait_s)
         what = "none" if secret is None else "one that is unknown, revoked or too old"
@@ -229,13 +239,5 @@ def _session_of(cookies: str) -> str | None:
     return None
 
 
-def _is_page(scope: Scope) -> bool:
-    """Whether a person's browser asks for a page."""
-    path = scope["path"]
-    accepts = dict(scope["headers"]).get(b"accept", b"")
-    is_page = path == "/" or path == "/docs" or path.startswith("/machines/")
-    return scope["method"] in ("GET", "HEAD") and is_page and b"text/html" in accepts
-
-
-def _forbidden(detail: str) -> Response:
-    return problem(403, "Not allowed", detail)
+def _forbidden(scope: Scope, detail: str) -> Response:
+    return problem_for(scope, 403, "Not allowed", detail)

@@ -13,8 +13,8 @@ import typer
 
 from app.access.keys import AccessKey, Role
 from app.cli.answers import listing, show_view, when
-from app.cli.backup import DatabaseOption
-from app.cli.options import JsonOption, YesOption, command_group, confirm
+from app.cli.options import DatabaseOption, JsonOption, YesOption, command_group, confirm
+from app.events.event import acting
 from app.services.access_keys import create_key, revoke_key, show_keys
 from app.settings import make_own_folder
 from app.storage.database import Database
@@ -28,8 +28,10 @@ NameArgument = Annotated[
 
 
 @keys.callback()
-def _describe() -> None:
+def _describe(context: typer.Context) -> None:
     """Make, list and revoke the keys that a service asks for."""
+    before = acting.set("thermap keys")
+    context.call_on_close(lambda: acting.reset(before))
 
 
 @keys.command("create")
@@ -41,7 +43,7 @@ def create(
         typer.Option(
             envvar="THERMAP_ROLE",
             help="sensor: sends readings. viewer: reads and computes. metrologist: both, and maps, "
-            "verifications, adoption. admin: machines too.",
+            "verifications, adoption. admin: machines and keys too.",
         ),
     ],
     machine: Annotated[
@@ -64,10 +66,11 @@ def create(
     database = Database(database_url)
     try:
         upgrade(database)
-        key, secret = create_key(database, name, role, machine or ())
+        made = create_key(database, name, role, machine or None)
     finally:
         database.close()
-    typer.echo(secret)
+    key = made.key
+    typer.echo(made.secret)
     typer.echo(
         f"key {key.name}, {key.role}, for {_machines(key)}. It is shown this once. Clients "
         "state it as `Authorization: Bearer KEY`, or read it from THERMAP_KEY",
@@ -99,17 +102,25 @@ def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption =
 
     Streams that were opened with it end within a heartbeat, browsers ask for another.
     """
-    confirm(
-        f"key {name!r} was not revoked",
-        f"Revoke the key {name!r}? Who uses it is refused from then on.",
-        yes=yes,
-    )
     database = Database(database_url, may_be_new=False)
     try:
-        revoke_key(database, name)
+        admins = [key.name for key in show_keys(database) if key.role is Role.ADMIN]
+        is_last = admins == [name]
+        named = f"key {name!r}" + (", the last one of an admin," if is_last else "")
+        confirm(
+            f"{named} was not revoked",
+            f"Revoke the {named.rstrip(',')}? Who uses it is refused from then on.",
+            yes=yes,
+        )
+        revoke_key(database, name, last_admin=is_last)
     finally:
         database.close()
     typer.echo(f"key {name} is revoked")
+    if is_last:
+        typer.echo(
+            "no key of an admin is left; `thermap keys create NAME --role admin` makes one",
+            err=True,
+        )
 
 
 def _machines(key: AccessKey) -> str:

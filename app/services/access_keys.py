@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from datetime import datetime, timedelta
 from threading import Lock
 from time import monotonic
 from typing import Final
 
-from app.access.keys import AccessKey, Role, checked_name, digest_of, new_secret
-from app.errors import InvalidContent, StorageUnavailable, list_names
+from app.access.keys import (
+    AccessKey,
+    NewAccessKey,
+    Role,
+    checked_name,
+    digest_of,
+    new_secret,
+)
+from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
 from app.events.event import EventKind
 from app.services.context import Context, repeated, utc_now
 from app.storage.access_keys import (
@@ -21,6 +28,7 @@ from app.storage.access_keys import (
     known_digests,
     note_uses,
     stored_keys,
+    turn_of_admins,
 )
 from app.storage.database import Database
 from app.storage.events import write_event
@@ -42,45 +50,57 @@ def create_key(
     database: Database,
     name: str,
     role: Role,
-    machines: Sequence[str] = (),
+    machines: Sequence[str] | None = None,
     now: Callable[[], datetime] = utc_now,
-) -> tuple[AccessKey, str]:
+) -> NewAccessKey:
     """Make a key.
 
     Parameters
     ----------
     machines
-        Ids of stored machines that it is for; none for all.
-
-    Returns
-    -------
-    tuple
-        The key as it is listed, and the key itself: it is stored nowhere.
+        Ids of stored machines that it is for, one or more; None for all.
 
     Raises
     ------
     InvalidContent
-        If the name cannot be one, a machine does not exist, or an admin is to be for some only.
+        If the name cannot be one, a machine does not exist, none is named where some are to be,
+        or an admin is to be for some only.
     Conflict
         If there is a key of this name.
     """
     checked_name(name)
-    if machines and role is Role.ADMIN:
-        raise InvalidContent.of_field(
-            "machine", "expected none for the role admin, which makes and deletes machines"
-        )
+    if machines is not None:
+        _check_limits(role, machines)
     secret = new_secret()
     with database.writing() as session:
-        known = [stored.machine.id for stored in list_machines(session)]
-        for machine in machines:
-            if machine not in known:
-                raise InvalidContent.of_field(
-                    "machine", f"expected one of {list_names(known)}, got {machine!r}"
-                )
-        chosen = tuple(dict.fromkeys(machines)) or None
+        chosen = None
+        if machines is not None:
+            chosen = tuple(dict.fromkeys(machines))
+            _check_machines(chosen, [stored.machine.id for stored in list_machines(session)])
         key = add_key(session, name, role, chosen, digest_of(secret), now())
-        write_event(session, None, EventKind.KEY, f"key {name!r} made: {role}", now())
-    return key, secret
+        whole = "all machines" if chosen is None else list_names(chosen)
+        text = f"key {name!r} made: {role}, for {whole}"
+        details = {"key": name, "role": str(role), "machines": chosen}
+        write_event(session, None, EventKind.KEY, text, now(), details)
+    return NewAccessKey(key, secret)
+
+
+def _check_limits(role: Role, machines: Sequence[str]) -> None:
+    if role is Role.ADMIN:
+        raise InvalidContent.of_field(
+            "machines", "expected none for the role admin, which makes and deletes machines"
+        )
+    if not machines:
+        # No machine must never be read as every machine.
+        raise InvalidContent.of_field("machines", "expected one or more ids, or null for all")
+
+
+def _check_machines(chosen: Sequence[str], known: Collection[str]) -> None:
+    for machine in chosen:
+        if machine not in known:
+            raise InvalidContent.of_field(
+                "machines", f"expected one of {list_names(known)}, got {machine[:80]!r}"
+            )
 
 
 def create_first_key(database: Database) -> str | None:
@@ -94,7 +114,7 @@ def create_first_key(database: Database) -> str | None:
     with database.reading() as session:
         if stored_keys(session):
             return None
-    return create_key(database, FIRST_KEY, Role.ADMIN)[1]
+    return create_key(database, FIRST_KEY, Role.ADMIN).secret
 
 
 def show_keys(database: Database) -> list[AccessKey]:
@@ -104,17 +124,38 @@ def show_keys(database: Database) -> list[AccessKey]:
 
 
 @repeated
-def revoke_key(database: Database, name: str, now: Callable[[], datetime] = utc_now) -> None:
+def revoke_key(
+    database: Database,
+    name: str,
+    now: Callable[[], datetime] = utc_now,
+    *,
+    last_admin: bool = False,
+) -> None:
     """Let a key be none any more; services know at once on PostgreSQL, else within `refresh_s`.
+
+    Parameters
+    ----------
+    last_admin
+        Whether it may be the last one of an admin: who asks knows that from then on only the
+        command line beside the database makes keys.
 
     Raises
     ------
     UnknownThing
         If there is none of this name.
+    Conflict
+        If it is the last one of an admin, unless `last_admin`.
     """
     with database.writing() as session:
+        admins = turn_of_admins(session)  # or two who revoke each other both succeed
+        if admins == [name] and not last_admin:
+            raise Conflict(
+                f"{name!r} is the last key of an admin: without it nobody makes or revokes keys, "
+                "nor machines, but by `thermap keys create` beside the database; make another "
+                "admin's key first, or say that it may be the last one (last_admin)"
+            )
         delete_key(session, name)
-        write_event(session, None, EventKind.KEY, f"key {name!r} revoked", now())
+        write_event(session, None, EventKind.KEY, f"key {name!r} revoked", now(), {"key": name})
 
 
 class KeyRing:

@@ -86,6 +86,17 @@ def delete_key(session: Session, name: str) -> None:
     tell(session, NewsKind.KEYS)
 
 
+def turn_of_admins(session: Session) -> list[str]:
+    """Name the keys of admins; whoever else asks waits until this transaction has ended."""
+    rows = (
+        select(AccessKeyRow.name)
+        .where(AccessKeyRow.role == str(Role.ADMIN))
+        .order_by(AccessKeyRow.id)
+        .with_for_update()
+    )
+    return list(session.scalars(rows))
+
+
 def note_uses(session: Session, used_at: Mapping[int, datetime]) -> None:
     """Note when keys were used last."""
     for number, time in used_at.items():

@@ -8,6 +8,7 @@ from datetime import timedelta
 import httpx
 import pytest
 from fastapi import Request
+from sqlalchemy import update
 
 from app.access.failures import AT_MOST, WITHIN_S, Failures
 from app.access.keys import Role
@@ -18,12 +19,14 @@ from app.main import create_app
 from app.services.access_keys import BROWSER_LASTS, create_key, revoke_key, show_keys
 from app.settings import Settings
 from app.storage.database import Database
+from app.storage.tables import AccessKeyRow
 from tests.service_examples import (
     MACHINE,
     ROOM,
     START,
     as_published,
     error_map,
+    iso,
     problem,
     reading,
     temperatures,
@@ -53,11 +56,11 @@ def with_key(service, secret=None, **more):
 
 
 def key(service, role, *machines):
-    database = service.state.context.database
-    name = f"{role}-{len(show_keys(database))}"
-    secret = create_key(database, name, Role(role), machines, service.state.context.now)[1]
+    context = service.state.context
+    name = f"{role}-{len(show_keys(context.database))}"
+    made = create_key(context.database, name, Role(role), machines or None, context.now)
     service.state.access.ring.refresh()
-    return secret
+    return made.secret
 
 
 def revoked(service, name):
@@ -71,6 +74,9 @@ REQUESTS = {
     "reading": ("POST", f"{ROOM}/readings", reading(START, 25.0)),
     "map": ("POST", f"{ROOM}/error-maps", error_map("Run #9", 33.0)),
     "machine": ("PATCH", ROOM, {"name": "Another name"}),
+    "keys": ("GET", "/v1/keys", None),
+    "new key": ("POST", "/v1/keys", {"name": "line-3", "role": "viewer"}),
+    "no key": ("DELETE", "/v1/keys/line-3", None),
 }
 MAY = {
     "sensor": {"reading"},
@@ -210,6 +216,102 @@ async def test_who_has_a_key_does_not_wait_for_a_database_that_hangs(new_app, fu
         held.set()
 
 
+# -- keys made over HTTP -------------------------------------------------------------------
+
+
+async def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded, clock):
+    async with with_key(guarded, key(guarded, "admin")) as admin:
+        stated = {"name": "line-3", "role": "viewer", "machines": ["mcfv5050", "mcfv5050"]}
+        made = await admin.post("/v1/keys", json=stated)
+        assert made.status_code == 201
+        assert made.headers["Cache-Control"] == "no-store"
+        assert made.headers["Location"] == "/v1/keys/line-3"
+        secret, listed = made.json()["secret"], made.json()["key"]
+        assert listed["machines"] == ["mcfv5050"]
+        assert listed["last_used_at"] is None
+        problem(await admin.post("/v1/keys", json=stated), 409)
+        async with with_key(guarded, secret) as client:  # known at once, without a new look
+            assert (await client.get(ROOM)).status_code == 200
+            clock.advance(60)
+            guarded.state.access.ring.refresh()
+            found = (await admin.get("/v1/keys")).json()
+            assert [one["name"] for one in found] == ["admin-0", "line-3"]
+            assert found[1]["last_used_at"] == iso(START)
+            assert secret not in str(found)
+            assert (await admin.delete("/v1/keys/line-3")).status_code == 204
+            assert (await client.get(ROOM)).status_code == 401
+        assert "there are: admin-0" in problem(await admin.delete("/v1/keys/line-3"), 404)["detail"]
+
+
+async def test_who_made_and_revoked_a_key_stands_in_the_log(guarded):
+    async with with_key(guarded, key(guarded, "admin")) as admin:
+        stated = {"name": "line-3", "role": "viewer", "machines": ["mcfv5050"]}
+        await admin.post("/v1/keys", json=stated)
+        await admin.delete("/v1/keys/line-3")
+        revoked, made = (await admin.get("/v1/events?kind=key&limit=2")).json()["events"]
+        assert made["who"].startswith("admin-0, ")
+        assert made["text"] == "key 'line-3' made: viewer, for mcfv5050"
+        assert made["details"] == {"key": "line-3", "role": "viewer", "machines": ["mcfv5050"]}
+        assert revoked["who"].startswith("admin-0, ")
+        assert revoked["details"] == {"key": "line-3"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"machines": []}, "one or more"),  # never to be read as all of them
+        ({"machines": ["vmc"]}, "expected one of mcfv5050, got 'vmc'"),
+        ({"role": "admin", "machines": ["mcfv5050"]}, "none for the role admin"),
+        ({"role": "owner"}, "'metrologist'"),
+        ({"name": "a/b"}, "1 to 64 letters"),
+        ({"secret": "thermap_mine"}, "secret"),
+    ],
+)
+async def test_a_key_that_cannot_be_is_not_made(guarded, changes, words):
+    async with with_key(guarded, key(guarded, "admin")) as admin:
+        answer = await admin.post("/v1/keys", json={"name": "b", "role": "viewer"} | changes)
+        assert words in problem(answer, 422)["detail"]
+        assert len((await admin.get("/v1/keys")).json()) == 1
+
+
+async def test_the_last_admin_locks_nobody_out_unasked(guarded):
+    async with with_key(guarded, key(guarded, "admin")) as admin:
+        await admin.post("/v1/keys", json={"name": "second", "role": "admin"})
+        await admin.post("/v1/keys", json={"name": "line-3", "role": "viewer"})
+        assert (await admin.delete("/v1/keys/second")).status_code == 204
+        refused = problem(await admin.delete("/v1/keys/admin-0"), 409)
+        assert "the last key of an admin" in refused["detail"]
+        assert "last_admin" in refused["detail"]
+        assert (await admin.get("/v1/keys")).status_code == 200
+        assert (await admin.delete("/v1/keys/admin-0?last_admin=true")).status_code == 204
+        assert (await admin.get("/v1/keys")).status_code == 401
+
+
+async def test_an_admin_s_key_for_one_machine_makes_no_wider_one(guarded):
+    """None is made by thermap; one may stand in the database all the same."""
+    limited = key(guarded, "admin")
+    with guarded.state.context.database.writing() as session:
+        session.execute(update(AccessKeyRow).values(machines=["mcfv5050"]))
+    guarded.state.access.ring.refresh()
+    async with with_key(guarded, limited) as client:
+        assert (await client.get(ROOM)).status_code == 200
+        for method, path, content in REQUESTS.values():
+            if path.startswith("/v1/keys"):
+                refused = problem(await client.request(method, path, json=content), 403)
+                assert refused["detail"] == "expected a key for all machines, got one for some"
+
+
+async def test_where_nobody_is_asked_for_a_key_nobody_makes_one(new_app, furnished_url):
+    """It would still be one when the service is no longer open."""
+    service = new_app(furnished_url)
+    async with with_key(service) as client:
+        for method, path, content in REQUESTS.values():
+            if path.startswith("/v1/keys"):
+                refused = problem(await client.request(method, path, json=content), 403)
+                assert "--require-keys" in refused["detail"]
+    assert show_keys(service.state.context.database) == []
+
+
 async def test_the_key_itself_is_stored_nowhere(guarded):
     secret = key(guarded, "viewer")
     with guarded.state.context.database.engine.connect() as connection:
@@ -258,7 +360,7 @@ async def test_a_browser_states_a_key_once(guarded, clock):
     async with with_key(guarded) as browser:
         answer = await browser.get("/machines/mcfv5050?x=EXX", headers={"Accept": "text/html"})
         assert answer.status_code == 303
-        assert answer.headers["Location"] == "/login?next=/machines/mcfv5050"
+        assert answer.headers["Location"] == "/login?next=/machines/mcfv5050%3Fx%3DEXX"
         wrong = await browser.post("/login", data={"key": "thermap_guess", "next": "/"})
         assert wrong.status_code == 403
         assert "This is no key" in wrong.text
@@ -364,6 +466,9 @@ def test_every_route_that_writes_needs_more_than_a_viewer(sqlite_url):
         "POST /v1/machines",
         "PATCH /v1/machines/{machine}",
         "DELETE /v1/machines/{machine}",
+        "GET /v1/keys",
+        "POST /v1/keys",
+        "DELETE /v1/keys/{name}",
     }
     changing = {n for n, role in needed.items() if role is Role.METROLOGIST}
     assert "DELETE /v1/machines/{machine}/readings" in changing

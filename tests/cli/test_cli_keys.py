@@ -4,6 +4,9 @@ import json
 
 import pytest
 
+from app.events.event import EventKind
+from app.storage.database import Database
+from app.storage.events import list_events
 from tests.service_examples import furnish_database
 
 
@@ -32,6 +35,21 @@ def test_a_key_is_made_listed_and_revoked(run, url):
     assert (key["name"], key["role"], key["machines"]) == ("line-3", "sensor", ["mcfv5050"])
     assert run("keys", "revoke", "line-3", "--yes", "--database-url", url).exit_code == 0
     assert json.loads(run("keys", "list", "--json", "--database-url", url).stdout) == []
+
+
+def test_who_revokes_the_last_key_of_an_admin_is_told(run, url):
+    run("keys", "create", "boss", "--role", "admin", "--database-url", url)
+    asked = run("keys", "revoke", "boss", "--database-url", url, columns=200)
+    assert asked.exit_code == 1
+    assert "the last one of an admin" in asked.stderr
+    done = run("keys", "revoke", "boss", "--yes", "--database-url", url, columns=200)
+    assert done.exit_code == 0
+    assert "no key of an admin is left" in done.stderr
+    database = Database(url)
+    with database.reading() as session:
+        revoked, made = list_events(session, None, kinds=[EventKind.KEY], limit=2)
+    database.close()
+    assert (made.who, revoked.who) == ("thermap keys", "thermap keys")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,77 @@
+"""Keys: who may ask for what. For admins, and only where keys are asked for."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+from fastapi import Depends, Path, Query, Request, Response
+from starlette.exceptions import HTTPException
+
+from app.access.keys import AccessKey, NewAccessKey
+from app.api.access import AccessControl
+from app.api.bodies import BodyRoute
+from app.api.dependencies import ContextDep
+from app.api.router import Router
+from app.api.schemas.keys import KeyRequest
+from app.services.access_keys import create_key, revoke_key, show_keys
+
+
+async def expect_keys(request: Request) -> AccessControl:
+    """Let nobody make a key where nobody is asked for one.
+
+    Who reaches an open service would else make an admin's key, and be let in by it when the
+    service is no longer open.
+    """
+    control: AccessControl = request.app.state.access
+    if not control.is_on:
+        raise HTTPException(
+            403,
+            "expected a service that asks for keys (`thermap serve --require-keys`), got one that "
+            "answers everybody; `thermap keys` works on its database all the same",
+        )
+    return control
+
+
+router = Router(route_class=BodyRoute, prefix="/v1/keys", tags=["keys"])
+
+ControlDep = Annotated[AccessControl, Depends(expect_keys)]
+KeyPath = Annotated[str, Path(description="The key's name", examples=["line-3"])]
+LastAdminQuery = Annotated[
+    bool,
+    Query(
+        description="Whether it may be the last key of an admin: after that only `thermap keys "
+        "create` beside the database makes keys"
+    ),
+]
+
+_STORED_NOWHERE: Final[dict[str, str]] = {"Cache-Control": "no-store"}
+
+
+@router.get("", summary="List keys")
+def get_keys(_control: ControlDep, context: ContextDep) -> list[AccessKey]:
+    """List all keys by name: role, machines, last use. The keys themselves are stored nowhere."""
+    return show_keys(context.database)
+
+
+@router.post("", status_code=201, summary="Make a key")
+def post_key(
+    control: ControlDep, context: ContextDep, body: KeyRequest, response: Response
+) -> NewAccessKey:
+    """Make a key; the answer's `secret` is shown this once, and stored nowhere."""
+    made = create_key(context.database, body.name, body.role, body.machines, context.now)
+    control.ring.refresh()
+    response.headers["Location"] = f"/v1/keys/{made.key.name}"
+    response.headers.update(_STORED_NOWHERE)
+    return made
+
+
+@router.delete("/{name}", status_code=204, summary="Revoke a key")
+def delete_key_route(
+    control: ControlDep, context: ContextDep, name: KeyPath, last_admin: LastAdminQuery = False
+) -> None:
+    """Let a key be none any more: streams opened with it end, browsers ask for another.
+
+    An admin's last key is kept (409) unless `last_admin` says that it may go.
+    """
+    revoke_key(context.database, name, context.now, last_admin=last_admin)
+    control.ring.refresh()
