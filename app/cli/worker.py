@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 from threading import Event
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
 
 import app as package
-from app.cli.backup import DatabaseOption
-from app.cli.listening import exiting_on_signals
+from app.cli.beat import Beat, check_beat
 from app.cli.logs import LogFormat, write_log_as
+from app.cli.options import DatabaseOption
 from app.errors import InvalidContent, counted
-from app.services.context import Context
-from app.services.run_analyses import make_runner
-from app.storage.database import Database
-from app.storage.migrate import upgrade
+
+if TYPE_CHECKING:
+    from app.storage.database import Database
 
 FINISH_S: Final = 10.0
 """How long what runs may still take when a worker ends [s]."""
@@ -62,6 +62,22 @@ def worker(
             help="text for people, json for programs that gather logs.",
         ),
     ] = "text",
+    beat_file: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="THERMAP_BEAT_FILE",
+            metavar="FILE",
+            help="Where the worker writes every few seconds that it lives, for --check.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Run nothing: say whether the worker that writes --beat-file lives; exit code 1 "
+            "where not.",
+        ),
+    ] = False,
 ) -> None:
     """Run the analyses that services are asked for, until Ctrl-C or SIGTERM.
 
@@ -70,13 +86,42 @@ def worker(
 
     Example: `thermap worker --database-url postgresql://thermap@db/thermap --concurrency 4`
     """
+    if check:
+        _check(beat_file)
+        return
     write_log_as(log_format)
     logging.getLogger("thermap").setLevel(log_level.upper())
     database = _opened(database_url)
-    runner = make_runner(Context(database), concurrency=concurrency)
+    try:
+        _work(database, concurrency, finish_s, Beat(beat_file))
+    finally:
+        database.close()
+
+
+def _check(beat_file: Path | None) -> None:
+    if beat_file is None:
+        raise typer.BadParameter(
+            "expected the file that the worker writes, got none", param_hint="--beat-file"
+        )
+    lives, words = check_beat(beat_file)
+    typer.echo(words, err=not lives)
+    if not lives:
+        raise typer.Exit(1)
+
+
+def _work(database: Database, concurrency: int, finish_s: float, beat: Beat) -> None:
+    """Run analyses until a signal."""
+    # A check is made every few seconds, and needs none of these.
+    from app.cli.listening import exiting_on_signals
+    from app.services.context import Context
+    from app.services.run_analyses import make_runner
+    from app.storage.migrate import upgrade
+
+    runner = make_runner(Context(database), concurrency=concurrency, looked=beat.write)
     try:
         upgrade(database)
         with exiting_on_signals():
+            beat.begin()
             runner.start()
             jobs = counted(concurrency, "analysis", "analyses")
             typer.echo(f"thermap {package.__version__} runs {jobs} at a time")
@@ -88,11 +133,13 @@ def worker(
                 runner.stop(finish_s=finish_s)  # a second signal leaves this
     finally:
         runner.stop()
-        database.close()
+        beat.end()
 
 
 def _opened(database_url: str) -> Database:
     """Open a database that is there; a URL that is none is wrong usage."""
+    from app.storage.database import Database
+
     try:
         return Database(database_url, may_be_new=False)
     except InvalidContent as error:

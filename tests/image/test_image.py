@@ -37,6 +37,14 @@ LOCKS = {name: (ROOT / name).read_text(encoding="utf-8") for name in (
     "requirements.lock", "requirements-build.lock",
 )}  # fmt: skip
 
+MADE_BY_WHO_STARTS_IT = {"./compose/prometheus.key", "./compose/mosquitto.passwd"}
+
+
+def environment_of(name):
+    """A service's variables as they are where nobody set any."""
+    stated = SERVICES["services"][name]["environment"]
+    return {key: re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", value) for key, value in stated.items()}
+
 
 def locked(lock, **environment):
     """The versions in a lock, by name, for this Python."""
@@ -102,12 +110,17 @@ def test_each_service_has_health_limits_and_comes_back():
             source = volume.split(":")[0]
             if not source.startswith("./"):
                 assert source in SERVICES["volumes"]
-            elif source != "./compose/prometheus.key":  # made by who starts it
+            elif source not in MADE_BY_WHO_STARTS_IT:
                 assert (ROOT / source).is_file(), source
         for needed in one.get("depends_on", {}):
             assert needed in SERVICES["services"]
     assert "--insecure" not in (ROOT / "docker-compose.yml").read_text(encoding="utf-8")
-    assert SERVICES["services"]["thermap"]["read_only"] is True
+    for name in ("thermap", "worker", "mosquitto"):
+        assert SERVICES["services"][name]["read_only"] is True
+    assert SERVICES["services"]["thermap"]["command"] == words_of(IMAGE.the("CMD"))
+    # Only who asks for it by a profile has more than the service and its database.
+    plain = {name for name, one in SERVICES["services"].items() if "profiles" not in one}
+    assert plain == {"thermap", "database"}
 
 
 def test_prometheus_asks_the_service_where_it_is_with_the_rules_that_it_has(tmp_path):
@@ -189,16 +202,18 @@ def new_volume(folder):
 
 
 class Started:
-    """A container of the service."""
+    """A container of the image, as one of the services that are named."""
 
-    def __init__(self, container, port, **environment):
+    def __init__(self, container, port, name="thermap", **environment):
         self.environment = IMAGE.environment | environment | {"THERMAP_PORT": str(port)}
         self._container = container
         self.url = f"http://127.0.0.1:{port}"
-        command = SERVICES["services"]["thermap"]["command"]
-        assert command == words_of(IMAGE.the("CMD"))
+        stated = SERVICES["services"][name]
+        self._health = stated.get("healthcheck", {}).get("test", ["CMD", *health_of(IMAGE)])[1:]
         self.process = container.start(
-            [*words_of(IMAGE.the("ENTRYPOINT")), *command], self.environment, **self._whose()
+            [*words_of(IMAGE.the("ENTRYPOINT")), *stated["command"]],
+            self.environment,
+            **self._whose(),
         )
 
     def _whose(self):
@@ -217,7 +232,13 @@ class Started:
 
     def run(self, *words):
         """Run a command in it, as `docker compose exec` does."""
-        return self._container.run(words, self.environment, **self._whose())
+        if self.process.poll() is not None:  # in another one, which sees the same volume
+            return self._container.run(words, self.environment, **self._whose())
+        return self._container.enter(self.process, words, self.environment, **self._whose())
+
+    def is_well(self):
+        """Whether its health command says so."""
+        return self.run(*self._health)[0] == 0
 
     def end(self):
         """Stop it as an engine does, and give its code and what it wrote."""
@@ -254,13 +275,19 @@ def test_it_is_built_and_starts_as_the_files_say(
     expect_service_that_asks_for_keys(service, host="127.0.0.1")
     assert (data / "thermap.db").stat().st_uid == int(IMAGE.the("USER").split(":")[0])
 
-    stated = SERVICES["services"]["thermap"]["environment"]
+    stated = environment_of("thermap")
     assert make_url(stated["THERMAP_DATABASE_URL"]).host in SERVICES["services"]
     url = reachable(databases.empty, "postgresql")
     data = new_volume(tmp_path / "beside-postgresql")
     service = started(image(data), free_tcp_port, **stated | {"THERMAP_DATABASE_URL": url})
     expect_service_that_asks_for_keys(service, host=stated["THERMAP_ALLOWED_HOSTS"])
     assert [file.name for file in data.iterdir()] == ["friday.thermap"]
+    expect_worker_that_says_whether_it_lives(
+        started(
+            image(new_volume(tmp_path / "worker")), free_tcp_port, "worker",
+            **environment_of("worker") | {"THERMAP_DATABASE_URL": url},
+        )
+    )  # fmt: skip
     databases.give_back(url)
 
 
@@ -283,9 +310,8 @@ def expect_what_is_locked(container):
 
 def expect_service_that_asks_for_keys(service, host):
     """It is well, keeps others out, writes nothing beside its volume, and ends when it is told."""
-    health = health_of(IMAGE)
     service.wait()
-    assert service.run(*health)[0] == 0
+    assert service.is_well()
     for elsewhere in ("/here", "/opt/thermap/here", "/usr/here"):
         assert service.run("touch", elsewhere)[0] != 0, elsewhere
     code, _, err = service.run("thermap", "backup", "/data/friday.thermap")
@@ -299,7 +325,20 @@ def expect_service_that_asks_for_keys(service, host):
     code, out, err = service.end()
     assert code == 0, err
     assert re.search(r"key \(admin\) +\S{20}", out), out
-    assert service.run(*health)[0] != 0
+    assert not service.is_well()
+
+
+def expect_worker_that_says_whether_it_lives(worker):
+    """It is well while it runs, ends when it is told, and is not well then."""
+    deadline = time.monotonic() + 120.0
+    while not worker.is_well():
+        assert worker.process.poll() is None, worker.process.communicate()
+        assert time.monotonic() < deadline, "it is never well"
+        time.sleep(0.1)
+    code, out, err = worker.end()
+    assert code == 0, err
+    assert "runs 1 analysis at a time" in out
+    assert not worker.is_well()
 
 
 def test_this_python_is_the_images():
