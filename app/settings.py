@@ -143,6 +143,18 @@ class Settings(BaseSettings):
         description="Age from which readings are deleted, but for those that verifications need "
         "[days]; without it they are kept for ever",
     )
+    thin_readings_after: int | None = Field(
+        None,
+        ge=31,
+        description="Age from which readings are thinned, but for those that maps, verifications "
+        "and adopted lags need [days]; without it they are left as they are",
+    )
+    thin_readings_to_s: float = Field(
+        60.0,
+        gt=0,
+        le=86_400,
+        description="Of each sensor one value in so long is left of what is thinned [s]",
+    )
     worker: int = Field(
         0, ge=0, description="Number among the workers of one host, which `thermap serve` gives"
     )

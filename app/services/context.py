@@ -5,16 +5,18 @@ A use case whose transaction another overtook begins anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import wraps
 from random import uniform
 from time import sleep
-from typing import Final, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 from app.errors import StorageOvertaken
+from app.identification.analysis.tried_effect import TriedEffect
 from app.live.registry import LiveRegistry
+from app.services.together import Together
 from app.storage.database import Database
 
 FUTURE_TOLERANCE: Final = timedelta(minutes=1)
@@ -49,12 +51,19 @@ class QueueLimits:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The database, the registry of live machines, the clock, and how much may wait."""
+    """The database, the registry of live machines, the clock, and how much may wait.
+
+    `tried` remembers what came of effects that were tried on sisters of a machine, by all that it
+    follows from: it is long work, and asked for again as long as somebody looks at it.
+    `reading_batches` are the readings that are being stored together.
+    """
 
     database: Database
     live: LiveRegistry = field(default_factory=LiveRegistry)
     now: Callable[[], datetime] = utc_now
     queue_limits: QueueLimits = QueueLimits()
+    tried: dict[Hashable, TriedEffect | None] = field(default_factory=dict)
+    reading_batches: Together[Any] = field(default_factory=Together)
 
     def usable_until(self) -> datetime:
         """Give the latest time at which a reading can have been measured now."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from datetime import datetime, timedelta
 from threading import Event, Thread
 from typing import Final
 
 from app.errors import StorageUnavailable, UnknownThing
 from app.services.context import Context
+from app.services.thin_readings import LOOKED_BACK_ON, ReadingThinner
 from app.storage.limits import LONG
 from app.storage.machines import RowLock, find_machine, machine_ids
 from app.storage.partitions import drop_months, make_months, months_made
@@ -16,12 +18,6 @@ from app.storage.readings import delete_some_readings
 from app.storage.verifications import first_observation
 
 log = logging.getLogger("thermap")
-
-LEAST_KEPT_DAYS: Final = 31
-"""Of readings [days]: adopted lags, and what an analysis looks back over, are far shorter."""
-
-BEFORE_A_CHECK: Final = timedelta(days=LEAST_KEPT_DAYS)
-"""What is kept before the oldest verification of a machine: analyses read it again."""
 
 LOOK_EVERY_S: Final = 3600.0
 
@@ -36,20 +32,33 @@ KEEPER_DUTY: Final = 7_483_623
 
 
 class ReadingKeeper:
-    """Makes months of readings ahead, and deletes what is older than it is to be kept.
+    """Makes months of readings ahead, and deletes or thins what is old.
 
     Nothing is deleted that a stored verification needs: of each machine all stays from
-    `BEFORE_A_CHECK` before its oldest one.
+    `LOOKED_BACK_ON` before its oldest one.
 
     Parameters
     ----------
     keep_days
         Age from which readings are deleted [days]; None keeps all.
+    thin_after_days
+        Age from which they are thinned [days]; None keeps all.
+    thin_to_s
+        To one value of each sensor in so long [s].
     """
 
-    def __init__(self, context: Context, keep_days: int | None) -> None:
+    def __init__(
+        self,
+        context: Context,
+        keep_days: int | None,
+        thin_after_days: int | None = None,
+        thin_to_s: float = 60.0,
+    ) -> None:
         self._context = context
         self._keep_days = keep_days
+        self._thinner = (
+            None if thin_after_days is None else ReadingThinner(context, thin_after_days, thin_to_s)
+        )
         self._duty = context.database.duty(KEEPER_DUTY)
         self._stop = Event()
         self._thread = Thread(target=self._run, name="reading-keeper", daemon=True)
@@ -72,6 +81,10 @@ class ReadingKeeper:
         if not context.database.is_sqlite:
             with context.database.writing() as session:
                 make_months(session.connection(), context.now())
+        return self._delete_old() + self._thin_old()
+
+    def _delete_old(self) -> int:
+        context = self._context
         if self._keep_days is None:
             return 0
         before = context.now() - timedelta(days=self._keep_days)
@@ -80,13 +93,31 @@ class ReadingKeeper:
             self._drop_months(min([before, *needed_from.values()]))
         return sum(self._delete(machine_id, until) for machine_id, until in needed_from.items())
 
+    def _thin_old(self) -> int:
+        if self._thinner is None:
+            return 0
+        with self._context.database.reading() as session:
+            machines = machine_ids(session)
+        return sum(self._thin(self._thinner, machine_id) for machine_id in machines)
+
+    def _thin(self, thinner: ReadingThinner, machine_id: str) -> int:
+        """Thin a machine's readings, in slices."""
+        total, more = 0, True
+        with suppress(UnknownThing):
+            while more and not self._stop.is_set():
+                count, more = thinner.thin_some(machine_id, SLICE)
+                total += count
+                if more:
+                    self._stop.wait(PAUSE_S)
+        return total
+
     def _needed_from(self, before: datetime) -> dict[str, datetime]:
         """Say for each machine until when readings go: those of verifications stay."""
         found = {}
         with self._context.database.reading(LONG) as session:
             for machine_id in machine_ids(session):
                 first = first_observation(session, machine_id)
-                needed = before if first is None else min(before, first - BEFORE_A_CHECK)
+                needed = before if first is None else min(before, first - LOOKED_BACK_ON)
                 found[machine_id] = needed
         return found
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -12,6 +13,8 @@ from app.errors import (
     Conflict,
     FieldError,
     InvalidContent,
+    StorageBusy,
+    StorageOvertaken,
     StorageUnavailable,
     UnknownThing,
     counted,
@@ -21,9 +24,16 @@ from app.live.registry import Arrived
 from app.services.context import CLOCKS_DIFFER, Context, repeated
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine, restore_past
+from app.storage.database import MOMENT
 from app.storage.events import write_event
-from app.storage.machines import RowLock, find_machine, stored_machine
-from app.storage.readings import find_readings, insert_readings, withdraw_stored
+from app.storage.machines import RowLock, find_machine, hold_machines, stored_machine
+from app.storage.readings import (
+    AddedReadings,
+    find_readings,
+    insert_readings,
+    withdraw_stored,
+)
+from app.storage.tables import MachineRow
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import check_temperatures
@@ -45,12 +55,24 @@ class StoreOutcome:
     warnings: Sequence[str]
 
 
-@repeated
+@dataclass(eq=False, slots=True)
+class ReadingBatch:
+    """Readings of one machine that somebody wants to have stored; once they are, `outcome`."""
+
+    machine_id: str
+    readings: Sequence[Reading]
+    outcome: StoreOutcome | None = None
+
+
 def store_readings(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
     """Store readings whole or not at all.
 
     Those that lie in the future are stored, said to be so, and used when their time comes;
     tables go on saying that they came early.
+
+    Readings that several want to have stored at the same time, of whatever machines, are stored
+    in one transaction: a commit costs more than a hundred readings. What is wrong, or not plainly
+    new, or would have to wait, goes into a transaction of its own, and holds up nobody.
 
     Raises
     ------
@@ -60,27 +82,129 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     Conflict
         If a time has a reading with other content.
     """
+    batch = ReadingBatch(machine_id, readings)
+    together = _Together(context)
+    context.reading_batches.run(batch, together.store, together.follow)
+    return batch.outcome or _store_alone(context, machine_id, readings)
+
+
+Written = dict[str, tuple[list[Reading], AddedReadings, int]]
+"""By machine: its readings, which of them are new, and how often it had had some withdrawn."""
+
+
+class _PartlyKnownError(Exception):
+    """Some readings of a batch were there already, others are new."""
+
+
+class _Together:
+    """Stores what is plainly new of several batches, and lets memory follow."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._written: Written = {}
+
+    def store(self, batches: Sequence[ReadingBatch]) -> None:
+        """Store batches in one transaction; those that are left have no outcome."""
+        try:
+            outcomes, self._written = _store_new(self._context, batches)
+        except StorageOvertaken:
+            raise  # it was tried often enough
+        except (_PartlyKnownError, StorageBusy):
+            return  # whoever met somebody else does so alone, and is told what is the matter
+        for batch, outcome in outcomes.items():
+            batch.outcome = outcome
+
+    def follow(self, _batches: Sequence[ReadingBatch]) -> None:
+        """Let memory follow what was stored."""
+        for machine_id, (readings, added, withdrawals) in self._written.items():
+            _follow(self._context, machine_id, readings, added, withdrawals)
+
+
+@repeated
+def _store_new(
+    context: Context, batches: Sequence[ReadingBatch]
+) -> tuple[dict[ReadingBatch, StoreOutcome], Written]:
+    """Store those batches that are right and all new, and leave the others.
+
+    Raises
+    ------
+    _PartlyKnownError
+        If only a part of one is new: then nothing is stored.
+    """
+    now = context.now()
+    # Where all writers share one lock, who waits for it waits alone.
+    limits = MOMENT if context.database.is_sqlite else None
+    with context.database.writing(limits) as session:
+        rows = hold_machines(session, {batch.machine_id for batch in batches})
+        taken: dict[str, dict[datetime, Reading]] = defaultdict(dict)
+        plain: dict[ReadingBatch, list[Reading]] = {}
+        for batch in batches:
+            row = rows.get(batch.machine_id)
+            once = None if row is None else _plainly_right(now, row, batch.readings)
+            if once and taken[batch.machine_id].keys().isdisjoint(r.time for r in once):
+                taken[batch.machine_id].update((r.time, r) for r in once)
+                plain[batch] = once
+        wanted = {m: _in_order(by_time.values()) for m, by_time in taken.items() if by_time}
+        added = insert_readings(session, wanted)
+        for batch, once in list(plain.items()):
+            times = added[batch.machine_id].times
+            if not all(r.time in times for r in once):
+                if any(r.time in times for r in once):
+                    raise _PartlyKnownError
+                del plain[batch]
+    until = context.usable_until()
+    outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in plain.items()}
+    return outcomes, {m: (wanted[m], a, rows[m].withdrawals) for m, a in added.items()}
+
+
+def _plainly_right(
+    now: datetime, row: MachineRow, readings: Sequence[Reading]
+) -> list[Reading] | None:
+    """Give readings as they are stored; None where something is wrong with them."""
+    try:
+        _check(now, stored_machine(row).machine, readings)
+        return [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
+    except (InvalidContent, Conflict):
+        return None
+
+
+@repeated
+def _store_alone(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
     now = context.now()
     with context.database.writing() as session:
         row = find_machine(session, machine_id, RowLock.KEPT)
         _check(now, stored_machine(row).machine, readings)
         once = [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
-        added = insert_readings(session, machine_id, once)
-        repeated = [r for r in once if r.time not in added]
+        added = insert_readings(session, {machine_id: once})[machine_id]
+        repeated = [r for r in once if r.time not in added.times]
         known = find_readings(session, machine_id, [r.time for r in repeated])
         for reading in repeated:
             # One that is not known any more was withdrawn in between.
             if known.get(reading.time, reading) != reading:
                 raise _other_content(known[reading.time], reading)
-    until = context.usable_until()
-    # They are stored: what goes wrong now is put right later.
+    _follow(context, machine_id, once, added, row.withdrawals)
+    return _outcome(len(added.numbers), len(readings), once, context.usable_until())
+
+
+def _follow(
+    context: Context,
+    machine_id: str,
+    readings: Sequence[Reading],
+    added: AddedReadings,
+    withdrawals: int,
+) -> None:
+    """Let memory follow what was stored; what goes wrong now is put right later."""
     with suppress(StorageUnavailable, UnknownThing):
         live = context.live.get(machine_id) or load_machine(context, machine_id)
-        live.add(Arrived([r for r in once if r.time in added], row.withdrawals), until)
+        new = [r for r in readings if r.time in added.times]
+        live.add(Arrived(new, withdrawals), context.usable_until())
+        context.live.stored_here.note(added.numbers)
         restore_past(context, live)
+
+
+def _outcome(stored: int, stated: int, once: Sequence[Reading], until: datetime) -> StoreOutcome:
     ahead = [reading for reading in once if reading.time > until]
-    warnings = ahead_warnings(ahead)
-    return StoreOutcome(len(added), len(readings) - len(added), len(ahead), warnings)
+    return StoreOutcome(stored, stated - stored, len(ahead), ahead_warnings(ahead))
 
 
 def _as_it_arrived(reading: Reading, now: datetime) -> Reading:
@@ -111,8 +235,12 @@ def _each_time_once(readings: Sequence[Reading]) -> list[Reading]:
         first = by_time.setdefault(reading.time, reading)
         if first != reading:
             raise _other_content(first, reading)
-    # In order of time, so that two writers of overlapping batches queue in one direction.
-    return sorted(by_time.values(), key=lambda reading: reading.time)
+    return _in_order(by_time.values())
+
+
+def _in_order(readings: Iterable[Reading]) -> list[Reading]:
+    """Sort by time, so that two writers of overlapping batches queue in one direction."""
+    return sorted(readings, key=lambda reading: reading.time)
 
 
 def _other_content(known: Reading, got: Reading) -> Conflict:

@@ -9,11 +9,10 @@ from typing import Final
 
 from app.errors import StorageUnavailable
 from app.services.context import Context
-from app.services.status import Stored, status_of
+from app.services.status import Stored, read_stored, status_of
 from app.status.machine_status import MachineStatus
-from app.storage.analyses import count_analyses, unfinished_analyses
+from app.storage.analyses import count_analyses
 from app.storage.limits import QUESTION
-from app.storage.watches import watched_machines
 
 MOST_MACHINES: Final = 1000
 """Machines whose values are told: each one is some twenty time series to whoever stores them."""
@@ -56,7 +55,6 @@ def _stored(context: Context) -> tuple[Stored, Mapping[str, int] | None]:
         return Stored(), None
     try:
         with context.database.reading(QUESTION) as session:
-            stored = Stored(watched_machines(session), unfinished_analyses(session))
-            return stored, count_analyses(session)
+            return read_stored(session), count_analyses(session)
     except StorageUnavailable:
         return Stored(), None

@@ -25,6 +25,7 @@ from app.errors import (
     Conflict,
     InvalidContent,
     StorageBusy,
+    StorageFull,
     StorageOvertaken,
     StorageUnavailable,
 )
@@ -309,6 +310,18 @@ _OVERTAKEN: Final = {"40P01", "40001"}
 """Of the one of several transactions that has to give way: deadlock, serialization failure."""
 
 
+_NO_ROOM: Final = {"53100", "53400"}
+"""Of PostgreSQL where there is none: disk full, configuration limit exceeded."""
+
+
+def _has_no_room(cause: BaseException, reason: str) -> bool:
+    """Whether something could not be stored because there is no place for it."""
+    state: str | None = getattr(cause, "sqlstate", None)
+    # SQLite cannot tell a disk that is full from one that fails where it reads its log's index.
+    name: str = getattr(cause, "sqlite_errorname", "")
+    return state in _NO_ROOM or name == "SQLITE_FULL" or "No space left on device" in reason
+
+
 @contextmanager
 def _as_storage_errors(lock_s: float | None = 0.0) -> Iterator[None]:
     """Turn the driver's many ways of being away into one.
@@ -324,6 +337,11 @@ def _as_storage_errors(lock_s: float | None = 0.0) -> Iterator[None]:
         lines = str(cause).strip().splitlines()
         reason = lines[0] if lines else type(error).__name__
         state = getattr(cause, "sqlstate", None)
+        if _has_no_room(cause, reason):
+            raise StorageFull(
+                f"the disk of the database is full, nothing was stored: {reason}; make room, and "
+                "send it again"
+            ) from error
         is_locked = "locked" in reason
         at_once = lock_s is None or monotonic() - began_at < lock_s
         if state in _OVERTAKEN or (is_locked and at_once):

@@ -165,3 +165,9 @@ def _bits_of_uncertainty(covariance: FloatArray | None) -> bytes:
         return b""
     shown = without_zeros(covariance)
     return (standard_errors_of(shown) if shown.ndim == 1 else shown).tobytes()
+
+
+def measured_times(session: Session, machine_id: str) -> list[datetime]:
+    """Give when each of a machine's maps was measured, withdrawn ones too."""
+    query = select(ErrorMapRow.measured_at).where(ErrorMapRow.machine_id == machine_id)
+    return list(session.scalars(query))

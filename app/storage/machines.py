@@ -61,6 +61,21 @@ def find_machine(session: Session, machine_id: str, held: RowLock | None = None)
     return row
 
 
+def hold_machines(session: Session, machine_ids: Collection[str]) -> dict[str, MachineRow]:
+    """Keep machines from being deleted until the transaction ends; wait for none of them.
+
+    Those are left out that are not there, or that somebody is deleting.
+    """
+    can_be = [machine_id for machine_id in machine_ids if "\0" not in machine_id]
+    query = (
+        select(MachineRow)
+        .where(MachineRow.id.in_(can_be))
+        .order_by(MachineRow.id)
+        .with_for_update(read=True, key_share=True, skip_locked=True)
+    )
+    return {row.id: row for row in session.scalars(query)}
+
+
 def list_machines(session: Session) -> list[StoredMachine]:
     """List all machines by id."""
     return [stored_machine(r) for r in session.scalars(select(MachineRow).order_by(MachineRow.id))]

@@ -353,11 +353,18 @@ class BrowserSessionRow(Base):
     expires_at: Mapped[datetime]
 
 
+_LASTS = text("until IS NULL AND subject <> ''")
+
+
 class EventRow(Base):
     """An event. It stays when its machine goes, and names it then still."""
 
     __tablename__ = "event"
-    __table_args__ = (Index("ix_event_machine_id", "machine_id", "id"), Index(None, "time"))
+    __table_args__ = (
+        Index("ix_event_machine_id", "machine_id", "id"),
+        Index(None, "time"),
+        Index("ix_event_lasting", "machine_id", postgresql_where=_LASTS, sqlite_where=_LASTS),
+    )
 
     id: Mapped[int] = mapped_column(
         BigInteger().with_variant(Integer(), "sqlite"), primary_key=True

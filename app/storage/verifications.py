@@ -91,6 +91,13 @@ def first_observation(session: Session, machine_id: str) -> datetime | None:
     return session.scalar(query.where(VerificationRow.machine_id == machine_id))
 
 
+def observed_spans(session: Session, machine_id: str) -> list[tuple[datetime, datetime]]:
+    """Give the first and the last time of each of a machine's verifications."""
+    query = select(VerificationRow.first_at, VerificationRow.last_at)
+    found = session.execute(query.where(VerificationRow.machine_id == machine_id))
+    return [(first, last) for first, last in found]
+
+
 def stored_verification(row: VerificationRow) -> StoredVerification:
     """Read what a row says beside the observations."""
     return StoredVerification(

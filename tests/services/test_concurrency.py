@@ -7,6 +7,8 @@ from datetime import timedelta
 
 import pytest
 
+from app.access.keys import Role
+from app.services.access_keys import create_key, show_keys
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -300,3 +302,19 @@ async def test_the_live_table_is_always_of_one_version(two):
         expected.setdefault(document["model_version"], document["components"])
         assert document["components"] == expected[document["model_version"]]
         assert document["warnings"] == []
+
+
+async def test_two_admins_who_revoke_each_other_at_once_leave_one(new_app, database_url):
+    services = [new_app(database_url, require_keys=True) for _ in range(2)]
+    database = services[0].state.context.database
+    secrets = [create_key(database, name, Role.ADMIN).secret for name in ("one", "other")]
+    asks = [{"Authorization": f"Bearer {secret}"} for secret in secrets]
+    async with client_of(services[0]) as one, client_of(services[1]) as other:
+        answers = await asyncio.gather(
+            one.delete("/v1/keys/other", headers=asks[0]),
+            other.delete("/v1/keys/one", headers=asks[1]),
+        )
+    # 401: the second was asked after the first was answered, and is no admin any more.
+    assert sum(answer.status_code == 204 for answer in answers) == 1
+    assert {answer.status_code for answer in answers} <= {204, 409, 401}
+    assert len(show_keys(database)) == 1

@@ -158,7 +158,7 @@ def test_a_map_comes_back_bit_for_bit(database):
 @given(st.dictionaries(st.sampled_from("abcdef"), FINITE, min_size=1))
 def test_numbers_of_readings_come_back_exactly(database, numbers):
     with undone(database) as session:
-        insert_readings(session, "m", [Reading(START, numbers, numbers)])
+        insert_readings(session, {"m": [Reading(START, numbers, numbers)]})
         session.expire_all()
         (found,) = list_readings(session, "m")
     expected = {name: bits([number]) for name, number in numbers.items()}
@@ -211,7 +211,7 @@ def times_come_back_as_utc(url):
     with database.writing() as session:
         insert_machine(session, Machine("m", "M", Chain.parse("XYFZ")), START)
         once = {time.astimezone(UTC): time for time in TIMES}
-        insert_readings(session, "m", [Reading(t, {"a": 1.0}, {}) for t in once.values()])
+        insert_readings(session, {"m": [Reading(t, {"a": 1.0}, {}) for t in once.values()]})
     with database.reading() as session:
         found = [reading.time for reading in list_readings(session, "m")]
         assert set(find_readings(session, "m", TIMES)) == set(found)

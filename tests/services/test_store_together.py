@@ -1,0 +1,150 @@
+"""Readings that several want to have stored at the same time."""
+
+import threading
+from datetime import timedelta
+
+import pytest
+
+from app.errors import StorageBusy, StorageUnavailable
+from app.live.unseen_numbers import UnseenNumbers
+from app.services.readings import ReadingBatch, _Together, store_readings
+from app.services.together import MOST_TOGETHER, Together
+from app.storage.readings import list_readings
+from app.thermal.reading import Reading
+from tests.service_examples import MACHINE, START
+
+MACHINE_ID = MACHINE["id"]
+BEGINNING = START - timedelta(hours=1)
+PATIENCE_S = 60.0
+
+
+def readings(first_s, count=3, spindle_c=20.0):
+    times = [BEGINNING + timedelta(seconds=first_s + i) for i in range(count)]
+    return [Reading(time, {"spindle": spindle_c}, {"rpm": 8000.0}) for time in times]
+
+
+def stored(context):
+    with context.database.reading() as session:
+        return list(list_readings(session, MACHINE_ID))
+
+
+def together(context, *batches):
+    """Store batches in one transaction; say of each whether it was."""
+    group = _Together(context)
+    group.store(batches)
+    group.follow(batches)
+    return [batch.outcome is not None for batch in batches]
+
+
+def test_what_is_plainly_new_is_stored_and_the_rest_left(app):
+    context = app.state.context
+    store_readings(context, MACHINE_ID, readings(0))
+    new, other = readings(100), readings(200)
+    unknown_sensor = [Reading(BEGINNING + timedelta(seconds=300), {"nose": 20.0}, {})]
+    done = together(
+        context,
+        ReadingBatch(MACHINE_ID, new),
+        ReadingBatch("nobody", readings(400)),
+        ReadingBatch(MACHINE_ID, unknown_sensor),
+        ReadingBatch(MACHINE_ID, readings(0)),
+        ReadingBatch(MACHINE_ID, readings(101)),
+        ReadingBatch(MACHINE_ID, readings(100, spindle_c=21.0)),
+        ReadingBatch(MACHINE_ID, other),
+    )
+    assert done == [True, False, False, False, False, False, True]
+    assert stored(context) == [*readings(0), *new, *other]
+    held = context.live.get(MACHINE_ID).readings.held.used
+    assert held[-1] == other[-1]
+
+
+def test_of_one_that_is_known_in_part_nothing_is_left(app):
+    context = app.state.context
+    store_readings(context, MACHINE_ID, readings(0))
+    partly = ReadingBatch(MACHINE_ID, readings(1, spindle_c=21.0))
+    assert together(context, ReadingBatch(MACHINE_ID, readings(100)), partly) == [False, False]
+    assert stored(context) == readings(0)
+
+
+def test_all_that_is_wanted_at_once_is_stored_once_and_in_memory(app):
+    context = app.state.context
+    wanted = [readings(10 * (i % 20)) for i in range(24)]
+    outcomes = []
+    threads = [
+        threading.Thread(target=lambda w=w: outcomes.append(store_readings(context, MACHINE_ID, w)))
+        for w in wanted
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    assert sum(o.stored for o in outcomes) == 60
+    assert sum(o.duplicates for o in outcomes) == 12
+    expected = [r for i in range(20) for r in readings(10 * i)]
+    assert stored(context) == expected
+    assert context.live.get(MACHINE_ID).readings.latest == expected[-1]
+
+
+def test_its_own_readings_are_not_read_again(app):
+    context = app.state.context
+    store_readings(context, MACHINE_ID, readings(0))
+    numbers = context.live.stored_here.take()
+    assert len(numbers) == 3
+    unseen = UnseenNumbers(min(numbers) - 1)
+    unseen.mark_known(numbers, START)
+    assert (unseen.highest, unseen.gaps) == (max(numbers), [])
+    assert context.live.stored_here.take() == []
+
+
+class Slow:
+    """Work that waits until it is let go, and remembers what was done together."""
+
+    def __init__(self, error=None):
+        self.began, self.goes_on = threading.Event(), threading.Event()
+        self.groups, self.error = [], error
+
+    def __call__(self, group):
+        self.groups.append(list(group))
+        self.began.set()
+        assert self.goes_on.wait(PATIENCE_S)
+        if self.error is not None:
+            raise self.error
+
+
+def run_many(work, count):
+    """Have one thing done, and meanwhile as many more; give what each came to."""
+    gathered, results = Together(), {}
+
+    def run(i):
+        try:
+            gathered.run(i, work, lambda _: None)
+            results[i] = "done"
+        except StorageUnavailable as error:
+            results[i] = type(error)
+
+    threads = [threading.Thread(target=run, args=(i,)) for i in range(count + 1)]
+    threads[0].start()
+    assert work.began.wait(PATIENCE_S)
+    for thread in threads[1:]:
+        thread.start()
+    while len(gathered._waiting) < count:
+        threading.Event().wait(0.005)
+    work.goes_on.set()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+    return results
+
+
+def test_what_comes_meanwhile_is_done_together():
+    work = Slow()
+    assert set(run_many(work, MOST_TOGETHER + 7).values()) == {"done"}
+    assert [len(group) for group in work.groups] == [1, MOST_TOGETHER, 7]
+
+
+@pytest.mark.parametrize(
+    ("error", "asked"), [(StorageUnavailable("away"), 1), (StorageBusy("busy"), 2)]
+)
+def test_where_the_database_is_away_nobody_waits_for_it_again(error, asked):
+    work = Slow(error)
+    assert set(run_many(work, 5).values()) == {type(error)}
+    assert len(work.groups) == asked
