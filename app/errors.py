@@ -10,6 +10,7 @@
      │   ├─ SensorUnavailable     no usable temperature, and no stand-in either
      │   └─ OutsideMaps           a temperature beyond what the machine's policy allows
      ├─ StorageUnavailable    the database is away
+     │   ├─ StorageFull           it is there, but has no room for more
      │   └─ StorageBusy           it is there, but others write for too long
      │       └─ StorageOvertaken      another's change came first: the same again may succeed
      ├─ QueueFull             too many analyses wait already
@@ -89,6 +90,10 @@ class OutsideMaps(InvalidContent):
 
 class StorageUnavailable(ThermapError):
     """The database cannot be reached."""
+
+
+class StorageFull(StorageUnavailable):
+    """The database is there, but has no room for more; what is stored can be read."""
 
 
 class StorageBusy(StorageUnavailable):

@@ -14,8 +14,10 @@ from sqlalchemy.exc import IntegrityError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import Match
+from starlette.types import Scope
 
 from app.api.field_errors import field_error
+from app.api.pages import Page, wants_page
 from app.api.request_log import request_id
 from app.api.schemas.in_pieces import ENOUGH_ERRORS
 from app.errors import (
@@ -26,11 +28,13 @@ from app.errors import (
     QueueFull,
     ServiceStopping,
     StorageBusy,
+    StorageFull,
     StorageUnavailable,
     ThermapError,
     UnknownThing,
     list_names,
 )
+from app.pages.environment import render_live
 
 log = logging.getLogger("thermap")
 
@@ -39,6 +43,7 @@ STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
     Conflict: (409, "Conflict"),
     InvalidContent: (422, "Invalid content"),
     StorageUnavailable: (503, "The database is away"),
+    StorageFull: (507, "The disk is full"),
     StorageBusy: (503, "The database is busy"),
     QueueFull: (503, "Too many analyses wait"),
     MachineQueueFull: (429, "Too many analyses of the machine wait"),
@@ -48,6 +53,7 @@ STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
 
 _TITLES = {
     400: "Bad request",
+    403: "Not allowed",
     404: "Unknown thing",
     405: "Method not allowed",
     408: "Request stopped half-way",
@@ -88,6 +94,28 @@ def problem(
     )
 
 
+def problem_for(
+    scope: Scope,
+    status: int,
+    title: str,
+    detail: str,
+    errors: Iterable[FieldError] = (),
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Write a problem as a page where a person's browser asked for one, else as `problem` does."""
+    if not wants_page(scope):
+        return problem(status, title, detail, errors, headers)
+    content = render_live(
+        "problem.html",
+        status=status,
+        title=title,
+        detail=_without_surrogates(detail),
+        passes=status == 503,
+    )
+    kept = {"Cache-Control": "no-store", **(headers or {})}
+    return Page(content, scripts=0, headers=kept, status=status)
+
+
 def install_error_responses(app: FastAPI) -> None:
     """Let an application answer every error as a problem."""
     app.add_exception_handler(ThermapError, _thermap_error)
@@ -98,20 +126,21 @@ def install_error_responses(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected)
 
 
-async def _thermap_error(_request: Request, error: Exception) -> Response:
+async def _thermap_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, ThermapError)
     status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
-    headers = {"Retry-After": "5"} if status in (429, 503) else None
-    return problem(status, title, error.detail[:_LONGEST], error.errors[:_SHOWN], headers)
+    headers = {"Retry-After": "5"} if status in (429, 503, 507) else None
+    detail = error.detail[:_LONGEST]
+    return problem_for(request.scope, status, title, detail, error.errors[:_SHOWN], headers)
 
 
-async def _invalid_request(_request: Request, error: Exception) -> Response:
+async def _invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError | ValidationError)
     found = [field_error(e) for e in error.errors()]
     least = "at least " if len(found) >= ENOUGH_ERRORS else ""
     more = f" (and {least}{len(found) - 3} more)" if len(found) > 3 else ""
     detail = "; ".join(f"{e.field}: {e.message}" for e in found[:3]) + more
-    return problem(422, "Invalid content", detail, found[:_SHOWN])
+    return problem_for(request.scope, 422, "Invalid content", detail, found[:_SHOWN])
 
 
 async def _http_error(request: Request, error: Exception) -> Response:
@@ -124,7 +153,7 @@ async def _http_error(request: Request, error: Exception) -> Response:
     detail = str(error.detail)
     if error.status_code == 404:
         detail = f"there is nothing at {request.url.path}; /docs lists what there is"
-    return problem(error.status_code, title, detail, headers=error.headers)
+    return problem_for(request.scope, error.status_code, title, detail, headers=error.headers)
 
 
 def _other_method(request: Request) -> Response:
@@ -162,7 +191,8 @@ async def _concurrent_change(_request: Request, _error: Exception) -> Response:
 async def _unexpected(request: Request, error: Exception) -> Response:
     log.error("unexpected error at %s", request.url.path, exc_info=error)
     where = f"the service's log has the details, at request {request_id.get()}"
-    return problem(500, "Unexpected error", f"{type(error).__name__}; {where}")
+    detail = f"{type(error).__name__}; {where}"
+    return problem_for(request.scope, 500, "Unexpected error", detail)
 
 
 def _without_surrogates(text: str) -> str:

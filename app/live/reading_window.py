@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from threading import Lock
 
+import numpy as np
+
+from app.arrays import IntArray
 from app.thermal.machine import Machine, Sensor
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import SensorState, assess_sensors, record_needed_s
@@ -159,21 +163,28 @@ def _thinned(ordered: Sequence[Reading], machine: Machine) -> tuple[Reading, ...
     each that overlaps the window is kept: the same readings leave the same ones in whatever order
     they came.
     """
+    if not ordered:
+        return ()
     span_s = record_needed_s(machine.sensors.values())
     spacing_s = kept_spacing_s(machine.sensors.values())
-    newest_s = ordered[-1].time.timestamp() if ordered else 0.0
+    times_s = np.array([reading.time.timestamp() for reading in ordered])
+    places = times_s // spacing_s if spacing_s else times_s
+    overlaps = times_s[-1] - (places + 1.0) * spacing_s < span_s
     needed: set[int] = set()
-    last_kept: dict[str, float] = {}
-    last_two: dict[str, tuple[int, int]] = {}
-    for i, reading in enumerate(ordered):
-        time_s = reading.time.timestamp()
-        for sensor in reading.temperatures_c:
-            last_two[sensor] = (last_two.get(sensor, (i, i))[1], i)
-            place = time_s // spacing_s if spacing_s else time_s
-            overlaps = newest_s - (place + 1.0) * spacing_s < span_s
-            if overlaps and place != last_kept.get(sensor):
-                last_kept[sensor] = place
-                needed.add(i)
-    for pair in last_two.values():
-        needed.update(pair)
+    for having in _indices_of_sensors(ordered):
+        begins = np.append(True, np.diff(places[having]) != 0)
+        needed.update(having[begins & overlaps[having]].tolist())
+        needed.update(having[-2:].tolist())
     return tuple(ordered[i] for i in sorted(needed))
+
+
+def _indices_of_sensors(ordered: Sequence[Reading]) -> list[IntArray]:
+    """Say for each sensor which readings have it; once for all of them where each has all."""
+    together = ordered[0].temperatures_c.keys()
+    if all(reading.temperatures_c.keys() == together for reading in ordered):
+        return [np.arange(len(ordered))]
+    found: dict[str, list[int]] = defaultdict(list)
+    for i, reading in enumerate(ordered):
+        for sensor in reading.temperatures_c:
+            found[sensor].append(i)
+    return [np.array(indices) for indices in found.values()]

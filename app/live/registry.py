@@ -19,6 +19,7 @@ from app.effects.past import Needed, needed_past
 from app.live.carried_past import CarriedPast
 from app.live.database_watch import DatabaseWatch
 from app.live.reading_window import MOST_AHEAD, ReadingWindow
+from app.live.unseen_numbers import StoredHere
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.reading import Reading
 
@@ -164,6 +165,7 @@ class LiveRegistry:
         self._machines: dict[str, LiveMachine] = {}
         self._lock = Lock()
         self.database = DatabaseWatch()
+        self.stored_here = StoredHere()
 
     def get(self, machine_id: str) -> LiveMachine | None:
         """Find a machine that is in memory."""

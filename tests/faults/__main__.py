@@ -2,10 +2,12 @@
 
     python -m tests.faults ending [--times 100]
     python -m tests.faults requests [--cases 10000]
+    python -m tests.faults full [--times 10]
 
 `ending` kills the service with -9 under load, and looks for everything that was answered.
 `requests` sends what schemathesis makes of the OpenAPI document: no 5xx, and no answer that the
-document does not have.
+document does not have. `full` fills the disk of the database, a small one of its own, under load:
+who stores is told, what was answered is there, and with room it goes on. It needs root.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests.faults.cluster import Cluster, programs
 from tests.faults.ending import end_under_load
+from tests.faults.full import database_on, fill_under_load, small_disk, why_not
 from tests.faults.requests import send_cases
 from tests.faults.writers import ROUNDS
 
@@ -33,10 +37,17 @@ def main() -> None:
     requests = faults.add_parser("requests")
     requests.add_argument("--cases", type=int, default=10_000)
     requests.add_argument("--seed", type=int, default=1)
+    full = faults.add_parser("full")
+    full.add_argument("--times", type=int, default=10)
     asked = parser.parse_args()
+    if asked.fault == "full" and (reason := why_not()):
+        parser.error(reason)
     with tempfile.TemporaryDirectory() as folder:
         if asked.fault == "ending":
             end(Path(folder), asked.times, signal.SIGTERM if asked.sigterm else signal.SIGKILL)
+        elif asked.fault == "full":
+            Path(folder).chmod(0o755)  # the server's user looks into it
+            fill(Path(folder), asked.times)
         else:
             url = f"sqlite:///{folder}/requests.db"
             sys.exit(send_cases(url, cases=asked.cases, seed=asked.seed))
@@ -59,6 +70,28 @@ def end(folder: Path, times: int, number: signal.Signals) -> None:
             f"{maps} maps and {readings} readings that were answered are there",
             flush=True,
         )
+
+
+def fill(folder: Path, times: int) -> None:
+    """Fill the disk some times below a file, and below a server's tablespace where there is one."""
+    for kind in ("SQLite", "PostgreSQL") if programs() else ("SQLite",):
+        for i in range(times):
+            place = folder / f"{kind}-{i}"
+            place.mkdir(mode=0o755)
+            cluster = Cluster(place) if kind == "PostgreSQL" else None
+            try:
+                with small_disk(4 if cluster is None else 32) as disk:
+                    filled = fill_under_load(disk, database_on(disk, cluster))
+                    if cluster is not None:
+                        cluster.stop()
+            finally:
+                if cluster is not None:
+                    cluster.stop()
+            print(
+                f"{kind} {i + 1}: {filled.no_room} times there was no room; all of "
+                f"{filled.before} batches before and {filled.after} after are there",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ def end_under_load(
         done[-1].join()
         if number is signal.SIGTERM and code != 0:
             raise Lost(f"expected exit code 0 after SIGTERM, got {code}")
-    _expect_whole(database_url)
+    expect_whole(database_url)
     service = Service(database_url)
     try:
         expect_all(service.url, done)
@@ -68,7 +68,8 @@ def end_under_load(
     )
 
 
-def _expect_whole(database_url: str) -> None:
+def expect_whole(database_url: str) -> None:
+    """Let SQLite check its file; Lost where something is wrong in it."""
     url = make_url(database_url)
     if url.get_backend_name() != "sqlite":
         return

@@ -74,6 +74,7 @@ class Writers:
         self.answered_maps: list[dict[str, object]] = []
         self.answered_batches: list[dict[str, float]] = []
         self.refused = 0
+        self.no_room = 0
         self._maps_sent = 0
         self.unexpected: list[str] = []
         self._stop = threading.Event()
@@ -102,12 +103,12 @@ class Writers:
             time.sleep(0.001)
 
     def join(self) -> None:
-        """Let them end, and see that nothing but 201 and 503 was answered."""
+        """Let them end, and see that nothing but 201, 503 and 507 was answered."""
         self._stop.set()
         for thread in self._threads:
             thread.join()
         if self.unexpected:
-            raise Lost(f"expected 201 or 503, got {self.unexpected[:3]}")
+            raise Lost(f"expected 201, 503 or 507, got {self.unexpected[:3]}")
 
     def _run(self, step: Callable[[httpx.Client, int], None]) -> None:
         with client_of(self._url) as client:
@@ -118,8 +119,9 @@ class Writers:
                     return
 
     def _is_stored(self, answer: httpx.Response) -> bool:
-        if answer.status_code == 503:
+        if answer.status_code in (503, 507):
             self.refused += 1
+            self.no_room += answer.status_code == 507
             self._stop.wait(0.05)
         elif answer.status_code != 201:
             self.unexpected.append(f"{answer.status_code} {answer.text[:300]}")
@@ -179,6 +181,8 @@ def _expect_maps(client: httpx.Client, answered: list[dict[str, object]]) -> Non
     versions = client.get(f"{ROOM}/models").json()
     if [len(v["maps"]) for v in versions] != list(range(1, len(stored) + 1)):
         raise Lost("the versions are not one for each map")
+    if versions and not versions[-1]["active"]:
+        raise Lost("the newest version is not the active one")
 
 
 def _expect_readings(client: httpx.Client, answered: list[dict[str, float]]) -> None:

@@ -65,3 +65,17 @@ def test_every_number_is_either_seen_or_still_asked_for(looks):
     waiting = {n for first, last in unseen.gaps for n in range(first, last + 1)}
     assert seen | waiting == set(range(1, unseen.highest + 1))
     assert not seen & waiting
+
+
+def test_known_numbers_leave_what_others_may_still_show():
+    unseen = UnseenNumbers(10)
+    unseen.mark_known([12, 13, 16], START)
+    assert (unseen.highest, unseen.gaps) == (16, [(11, 11), (14, 15)])
+    unseen.mark_seen([11, 17], START)
+    assert (unseen.highest, unseen.gaps) == (17, [(14, 15)])
+
+
+def test_known_numbers_with_too_much_between_are_asked_for_nevertheless():
+    unseen = UnseenNumbers(0)
+    unseen.mark_known(range(2, 10_000, 2), START)
+    assert (unseen.highest, unseen.gaps) == (0, [])

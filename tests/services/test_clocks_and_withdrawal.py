@@ -1,10 +1,13 @@
 """Readings that lie in the future wait for their time, and readings can be withdrawn."""
 
+import asyncio
+import re
 from datetime import timedelta
 
 import pytest
 from sqlalchemy import func, select
 
+from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
 from app.storage.tables import ReadingRow, WithdrawnReadingRow
 from tests.service_examples import (
@@ -233,6 +236,59 @@ async def test_a_reading_ahead_reaches_the_other_and_waits_there_too(
     assert (await current(other))["warnings"] == (await current(client))["warnings"]
     clock.advance(58)
     assert x_middle(await current(other)) == 27.0
+
+
+HOUR_S = 3600
+
+
+def backwards(found, now, at=""):
+    """List every age below zero, everything that lasts since later than now, and every end before
+    its beginning, in an answer at any depth."""
+    if isinstance(found, list):
+        for i, one in enumerate(found):
+            yield from backwards(one, now, f"{at}[{i}]")
+    if not isinstance(found, dict):
+        return
+    for name, value in found.items():
+        if name.endswith("age_s") and value is not None and value < 0.0:
+            yield f"{at}.{name} is {value}"
+        if name == "since" and value is not None and value > iso(now):
+            yield f"{at}.{name} is {value}, now is {iso(now)}"
+        yield from backwards(value, now, f"{at}.{name}")
+    if found.get("until") is not None and found["until"] < found["time"]:
+        yield f"{at} ends {found['until']}, before it began {found['time']}"
+
+
+async def test_nothing_is_older_than_now_or_ends_before_it_began_however_the_clock_jumps(
+    client, app, clock
+):
+    """Forward and back by parts of a second, an hour and a month, with and without a reading."""
+    alarms = AlarmLog(app.state.context)
+    await feed(client, *(at(s, 25.0) for s in range(-600, 1, 60)))
+    wrong, verdicts = [], set()
+    jumps = (0, 1.5, -1.5, HOUR_S, 0, -HOUR_S, MONTH_S, -HOUR_S, -MONTH_S, -10, HOUR_S + 10)
+    for i, jump in enumerate(jumps):
+        clock.advance(jump)
+        if i % 2:
+            # The sender's clock is a little ahead.
+            seconds = (clock() - START).total_seconds() + 1.9
+            await client.post(READINGS, json=[at(seconds, 25.0 + i)])
+        for _ in range(2):  # a state is written when it is there at two looks
+            await asyncio.to_thread(alarms.look)
+        for path in (f"{ROOM}/compensation", f"{ROOM}/status", "/v1/status", f"{ROOM}/events"):
+            answer = await client.get(path)
+            assert answer.status_code in (200, 409), answer.text
+            wrong += [f"jump {i}: {path}{one}" for one in backwards(answer.json(), clock())]
+            if path.endswith("/status") and "verdict" in answer.json():
+                verdicts.add(answer.json()["verdict"])
+        metrics = (await client.get("/metrics")).text
+        ages = re.findall(r"^(thermap_\w*age_seconds\S*) (-\S+)$", metrics, re.MULTILINE)
+        wrong += [f"jump {i}: {name} is {value}" for name, value in ages]
+        assert (await client.get("/machines/mcfv5050")).status_code == 200
+    assert wrong == []
+    assert len(verdicts) > 1
+    events = (await client.get(f"{ROOM}/events?kind=alarm")).json()["events"]
+    assert events
 
 
 # --- withdrawing ----------------------------------------------------------------------------
