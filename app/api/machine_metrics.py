@@ -100,6 +100,10 @@ def _of_machines(values: ShopValues) -> Iterator[Metric]:
     components = _family(
         "thermap_machine_components", "Components of a machine's table, 0 without one"
     )
+    complete = _family(
+        "thermap_machine_table_complete",
+        "1 where a machine's table lacks nothing and rests on nothing old, else 0",
+    )
     age = _family("thermap_reading_age_seconds", "Age of the latest reading in use [s]")
     lengths = _family(
         "thermap_largest_compensation_meters",
@@ -114,11 +118,12 @@ def _of_machines(values: ShopValues) -> Iterator[Metric]:
         verdict.add_metric(which, VERDICTS[machine.verdict])
         state.add_metric([*which, machine.state.value], 1.0)
         components.add_metric(which, machine.components)
+        complete.add_metric(which, float(machine.complete))
         if machine.reading_age_s is not None:
             age.add_metric(which, machine.reading_age_s)
         if machine.largest is not None:
             _add_largest(lengths, angles, which, machine.largest)
-    yield from (verdict, state, components, age, lengths, angles)
+    yield from (verdict, state, components, complete, age, lengths, angles)
 
 
 def _add_largest(

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
+from sqlalchemy.orm import Session
+
 from app.errors import InvalidContent, NoReading, StorageUnavailable
 from app.live.registry import LiveMachine
 from app.services.context import Context
@@ -17,9 +19,10 @@ from app.services.live_table import (
     table_of_state,
 )
 from app.services.load_machine import lacks_reading, load_machine, restore_past
-from app.status.judge import Situation, judge
+from app.status.judge import NOTHING_LOGGED, Logged, Situation, judge
 from app.status.machine_status import MachineStatus, RunningAnalysis
 from app.storage.analyses import unfinished_analyses
+from app.storage.events import lasting_since
 from app.storage.limits import QUESTION
 from app.storage.watches import NOT_WATCHED, Watched, watched_machines
 from app.thermal.sensor_health import Health, SensorState
@@ -28,10 +31,11 @@ from app.thermal.temperature_history import TemperatureHistory
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """What the database says of all machines' watches and analyses."""
+    """What the database says of all machines' watches, analyses and alarms."""
 
     watches: Mapping[str, Watched] = field(default_factory=dict)
     analyses: Mapping[str, RunningAnalysis] = field(default_factory=dict)
+    logged: Mapping[str, Logged] = field(default_factory=dict)
 
 
 def show_status(context: Context, machine_id: str) -> MachineStatus:
@@ -89,6 +93,7 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         notes=_notes(context, live),
         watch=watched.status,
         drifting_since=watched.beyond_since,
+        logged=stored.logged.get(machine.id, NOTHING_LOGGED),
         analysis=stored.analyses.get(machine.id),
     )
     try:
@@ -117,12 +122,17 @@ def _notes(context: Context, live: LiveMachine) -> list[str]:
     return [f"{words[0].upper()}{words[1:]}." for words in said]
 
 
+def read_stored(session: Session) -> Stored:
+    """Read what the database says of all machines."""
+    return Stored(watched_machines(session), unfinished_analyses(session), lasting_since(session))
+
+
 def stored_of_machines(context: Context) -> Stored:
     """Ask the database, unless it is known to be away: who judges goes on without it."""
     if context.live.database.trouble is not None:
         return Stored()
     try:
         with context.database.reading(QUESTION) as session:
-            return Stored(watched_machines(session), unfinished_analyses(session))
+            return read_stored(session)
     except StorageUnavailable:
         return Stored()

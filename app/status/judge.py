@@ -29,6 +29,7 @@ from app.status.machine_status import (
     State,
 )
 from app.thermal.bracket import Status
+from app.thermal.compile_model import NO_SENSOR
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Group, Member
 from app.thermal.group_state import GroupState
@@ -52,7 +53,20 @@ RATE_OVER_AT_LEAST_S: Final = 180.0
 _OUTSIDE: Final = frozenset({State.CLAMPED, State.EXTRAPOLATED})
 """Of these a sentence more may say how large it is; the first one says whom it touches."""
 
+MOST_CODES: Final = 6
+"""Components that a sentence names; of the others it says how many they are."""
+
 NOTHING_RESTS: Final = "no component rests on it"
+
+
+class Logged(NamedTuple):
+    """Since when each state and each sensor's failure lasts, by the event log."""
+
+    states: Mapping[str, datetime]
+    sensors: Mapping[str, datetime]
+
+
+NOTHING_LOGGED: Final = Logged({}, {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +91,8 @@ class Situation:
         What else a user should know, without effect on the verdict.
     watch, drifting_since
         What the sequential test of verifications says, and since when it is beyond its limits.
+    logged
+        What the event log says; it knows more than the latest readings of what began long ago.
     """
 
     model: CompiledModel
@@ -90,6 +106,7 @@ class Situation:
     notes: Sequence[str] = ()
     watch: str = "not-judged"
     drifting_since: datetime | None = None
+    logged: Logged = NOTHING_LOGGED
     analysis: RunningAnalysis | None = None
 
 
@@ -128,13 +145,14 @@ def judge(situation: Situation) -> MachineStatus:
         configuration=chain.text,
         verdict=state.verdict,
         state=state,
-        since=causes[0].since if causes else None,
+        since=_since(situation, causes[0]) if causes else None,
         sentences=(*_sentences(situation, causes, components), *situation.notes),
         computed_at=situation.judged_at,
         reading_time=situation.latest,
         reading_age_s=_age_s(situation),
         model_version=situation.model_version,
         components=len(components),
+        complete=not isinstance(table, ThermapError) and table.complete,
         largest=largest_of((c.component, c.positions_mm, c.compensation) for c in components),
         change_per_h=None if stands_still else _change_per_h(situation),
         beyond=tuple(beyond),
@@ -170,10 +188,7 @@ def largest_of(
 def _no_table(situation: Situation, why: ThermapError) -> Cause:
     """Say why there is no table."""
     if isinstance(why, NotEnoughMaps) or not situation.model.groups:
-        return Cause(
-            State.NO_MODEL,
-            "No component has maps of two thermal states: there is no compensation table.",
-        )
+        return Cause(State.NO_MODEL, _no_model(situation.model.omitted))
     if situation.latest is None:
         return Cause(State.NO_READING, "No reading has come yet: there is no compensation table.")
     if isinstance(why, OutsideMaps):
@@ -192,6 +207,17 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
             min((time for time in since if time), default=None),
         )
     return Cause(State.SENSOR_FAULT, f"There is no table: {why.detail}.")
+
+
+def _no_model(omitted: Mapping[str, str]) -> str:
+    """Say what a model lacks that has no component; the maps may be there."""
+    unassigned = [code for code, why in omitted.items() if why == NO_SENSOR]
+    if unassigned:
+        return (
+            "There is no compensation table: no sensor is assigned to "
+            f"{list_names(unassigned, MOST_CODES)}."
+        )
+    return "No component has maps of two thermal states: there is no compensation table."
 
 
 def _causes(
@@ -303,8 +329,14 @@ def _outside(
 
 def _incomplete(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     """Say what the table lacks although maps have it, and which clocks are wrong."""
+    alike: dict[str, list[str]] = {}
     for code, why in situation.model.omitted.items():
-        yield Cause(State.INCOMPLETE, f"{code} is not in the table: {why}.", touches=(code,))
+        alike.setdefault(why, []).append(code)
+    for why, (first, *others) in alike.items():
+        words = f"{first} is not in the table: {why}."
+        if others:
+            words += f" The same is true of {list_names(others, MOST_CODES)}."
+        yield Cause(State.INCOMPLETE, words, touches=(first, *others))
     corrected = {c.component.code for c in table.corrected}
     for group_state in table.states:
         for words in shortenings(group_state, corrected):
@@ -495,26 +527,43 @@ def _excess(values_c: FloatArray, ends_c: Sequence[float]) -> FloatArray:
     return found
 
 
+def _since(situation: Situation, cause: Cause) -> datetime | None:
+    """Since when the state of a cause lasts: by readings, or else by the event log."""
+    logged = situation.logged.states.get(cause.state)
+    # A clock that was set back leaves alarms of the future behind.
+    is_past = logged is not None and logged <= situation.judged_at
+    if cause.since is None:
+        return logged if is_past else None
+    return min(cause.since, situation.judged_at)  # a sender's clock may be ahead, ours go back
+
+
 def _outside_since(
     situation: Situation, table: CompensationTable, one: BeyondMaps
 ) -> datetime | None:
-    """Since when a sensor has been outside the maps, as far back as the readings reach."""
+    """Since when a sensor has been outside the maps, as far back as readings or log reach."""
     scale = next(s.scale for s in table.states if s.sensor == one.sensor)
     times, values = situation.history.known(one.sensor)
     inside = np.flatnonzero(_excess(values, scale.temperatures_c) == 0.0)
     first = int(inside[-1]) + 1 if inside.size else 0
-    return _time(times[first]) if first < times.size else situation.latest
+    if first >= times.size:
+        return situation.latest
+    if inside.size:
+        return _time(times[first])
+    state = State.EXTRAPOLATED if one.held_at is None else State.CLAMPED
+    return min(_time(times[0]), situation.logged.states.get(state, situation.judged_at))
 
 
 def _failed_since(situation: Situation, sensor: str) -> datetime | None:
-    """Since when a sensor has not been believed, as far back as the readings reach."""
+    """Since when a sensor has not been believed, as far back as readings or log reach."""
     machine = situation.model.machine
     times, _ = situation.history.known(sensor)
     verdicts = judge_record(machine, machine.sensors[sensor], situation.history)
     if not verdicts or verdicts[-1] is Health.OK:
         return None
     believed = [i for i, health in enumerate(verdicts) if health is Health.OK]
-    return _time(times[believed[-1] + 1 if believed else 0])
+    if believed:
+        return _time(times[believed[-1] + 1])
+    return min(_time(times[0]), situation.logged.sensors.get(sensor, situation.judged_at))
 
 
 def _resting_on(table: CompensationTable, sensor: str) -> list[str]:

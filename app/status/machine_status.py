@@ -155,7 +155,9 @@ class MachineStatus(Answer):
     state: State
     """The worst of what is the matter, `fresh` where nothing is. It goes 30 s after its cause"""
     since: datetime | None
-    """Since when, as far back as the readings in memory reach; null where that is not known"""
+    """Since when it is in this state: by the readings in memory, and where those do not reach back
+    so far, by the alarms of the event log, for which what it found before and after the service
+    was away is one; null where that is not known"""
     sentences: tuple[str, ...]
     """What is the matter, the worst first; then what can be trusted all the same"""
     computed_at: datetime
@@ -168,6 +170,8 @@ class MachineStatus(Answer):
     """Version of the active model"""
     components: int
     """How many components the table has; 0 without a table"""
+    complete: bool
+    """`complete` of `GET …/compensation`; false where there is no table"""
     largest: Largest | None
     """The largest compensation of the table: of a displacement where there is one"""
     change_per_h: Largest | None

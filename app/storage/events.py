@@ -6,14 +6,19 @@ from collections.abc import Collection, Mapping
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, literal_column, select
 from sqlalchemy.orm import Session
 
 from app.events.event import PASSING, SERVICE, Event, EventKind, acting
+from app.status.judge import Logged
 from app.storage.tables import EventRow
 
 COMES_AGAIN_WITHIN: Final = timedelta(minutes=10)
 """What comes again so soon after it went is the same row, counted."""
+
+_LASTS: Final = (EventRow.until.is_(None), EventRow.subject != literal_column("''"))
+"""What has come and not gone; changes have no subject. SQLite finds the index that holds these
+rows alone only where the empty text is written out."""
 
 ALARMS_KEPT: Final = timedelta(days=90)
 """Alarms and failures of sensors that went longer ago are deleted; changes are kept for ever."""
@@ -67,7 +72,7 @@ def end_passing(
     """Write that all alarms of a kind have gone but those of these subjects."""
     for row in session.scalars(_lasting(machine_id, kind)):
         if row.subject not in still:
-            row.until = now
+            row.until = max(now, row.time)  # the clock may have gone back meanwhile
 
 
 def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
@@ -79,19 +84,33 @@ def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
 def lasting_subjects(session: Session) -> dict[tuple[str, EventKind], set[str]]:
     """Give what has come and not gone, by machine and kind."""
     found: dict[tuple[str, EventKind], set[str]] = {}
-    kinds = [str(kind) for kind in PASSING]
-    query = select(EventRow).where(EventRow.until.is_(None), EventRow.kind.in_(kinds))
-    for row in session.scalars(query):
+    for row in session.scalars(select(EventRow).where(*_LASTS)):
         if row.machine_id is not None:
             found.setdefault((row.machine_id, EventKind(row.kind)), set()).add(row.subject)
     return found
 
 
+def lasting_since(session: Session) -> dict[str, Logged]:
+    """Say of each machine since when its alarms and failures last, where that is known.
+
+    Of what went and came back within ten minutes the log has when it came first, and how often:
+    since when it lasts now is not known.
+    """
+    columns = (EventRow.machine_id, EventRow.kind, EventRow.subject, EventRow.time)
+    found: dict[str, tuple[dict[str, datetime], dict[str, datetime]]] = {}
+    for machine_id, kind, subject, time in session.execute(
+        select(*columns).where(*_LASTS, EventRow.count == 1)
+    ):
+        if machine_id is not None:
+            states, sensors = found.setdefault(machine_id, ({}, {}))
+            (states if kind == EventKind.ALARM else sensors)[subject] = time
+    return {machine_id: Logged(*times) for machine_id, times in found.items()}
+
+
 def lasting_events(session: Session) -> list[Event]:
     """List what has come and not gone, of all machines, the oldest first."""
-    kinds = [str(kind) for kind in PASSING]
-    query = select(EventRow).where(EventRow.until.is_(None), EventRow.kind.in_(kinds))
-    return [_event(row) for row in session.scalars(query.order_by(EventRow.id))]
+    query = select(EventRow).where(*_LASTS).order_by(EventRow.id)
+    return [_event(row) for row in session.scalars(query)]
 
 
 def delete_old_alarms(session: Session, now: datetime) -> None:
@@ -139,7 +158,7 @@ def list_events(
 
 def _lasting(machine_id: str, kind: EventKind) -> Any:
     return select(EventRow).where(
-        EventRow.machine_id == machine_id, EventRow.kind == str(kind), EventRow.until.is_(None)
+        *_LASTS, EventRow.machine_id == machine_id, EventRow.kind == str(kind)
     )
 
 

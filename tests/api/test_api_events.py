@@ -47,7 +47,7 @@ async def test_a_long_name_of_who_asks_is_cut_and_stored(new_app, furnished_url)
     """On PostgreSQL too, which takes no letter more than a column has."""
     service = new_app(furnished_url, require_keys=True)
     database = service.state.context.database
-    secret = create_key(database, "k" * 64, Role.ADMIN)[1]
+    secret = create_key(database, "k" * 64, Role.ADMIN).secret
     client = httpx.AsyncClient(
         transport=httpx.ASGITransport(service, client=("2001:db8:" + "f" * 30, 1)),
         base_url="http://localhost",

@@ -48,13 +48,16 @@ async def test_a_machines_values_have_base_units(client, clock):
     assert found["thermap_sensor_health", ("health", "ok"), *x_middle] == 1.0
     assert found["thermap_machine_verdict", machine] == 0.0
     assert found["thermap_machine_state", machine, ("state", "fresh")] == 1.0
+    assert found["thermap_machine_table_complete", machine] == 1.0
     # EZZ is (t − 20)·z/50 µm: 20 µm at 500 mm, and its compensation the opposite.
     assert found["thermap_largest_compensation_meters", machine] == pytest.approx(-20e-6)
     assert found["thermap_reading_age_seconds", machine] == 5.0
     assert found["thermap_analyses", ("status", "queued")] == 0.0
     assert ("thermap_machine_watch_beyond", machine) not in found
     clock.advance(86400)
-    assert samples(await scraped(client))["thermap_machine_verdict", machine] == 2.0
+    found = samples(await scraped(client))
+    assert found["thermap_machine_verdict", machine] == 2.0
+    assert found["thermap_machine_table_complete", machine] == 0.0
 
 
 async def test_what_is_not_known_has_no_sample(app, client):

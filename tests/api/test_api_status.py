@@ -10,11 +10,21 @@ import pytest
 
 from app.errors import StorageUnavailable
 from app.identification.watch.watching import WatchState
+from app.services.events import AlarmLog
 from app.storage.analyses import insert_analysis
 from app.storage.records import AnalysisTask
 from app.storage.watches import write_watch
 from tests.effect_examples import SPEED, adopt, learnt
-from tests.service_examples import MACHINE, ROOM, START, error_map, iso, problem, reading
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    client_of,
+    error_map,
+    iso,
+    problem,
+    reading,
+)
 
 pytestmark = pytest.mark.anyio
 
@@ -31,6 +41,8 @@ async def status(client):
     assert answer.status_code == 200, answer.text
     (listed,) = (await client.get("/v1/status")).json()
     assert listed == answer.json()
+    table = await client.get(f"{ROOM}/compensation")
+    assert answer.json()["complete"] == (table.status_code == 200 and table.json()["complete"])
     return answer.json()
 
 
@@ -319,3 +331,79 @@ async def test_nothing_is_called_trusted_beside_what_may_touch_everything(client
     found = await status(client)
     assert verdict(found) == ("limited", "clamped")
     assert not any("can be trusted" in sentence for sentence in found["sentences"])
+
+
+@pytest.fixture
+def begun_anew(new_app, furnished_url, clock):
+    """Make the service that comes after one which saw a machine at these temperatures."""
+
+    async def begin(*hours):
+        before = new_app(furnished_url)
+        log = AlarmLog(before.state.context)
+        async with client_of(before) as client:
+            for hour, content in hours:
+                clock.time = START + timedelta(hours=hour)
+                await feed(client, reading(clock.time, 25.0) | content)
+                log.look()
+                log.look()
+        return new_app(furnished_url)
+
+    return begin
+
+
+def at_x_middle(t_c):
+    return {"temperatures_c": reading(START, 25.0)["temperatures_c"] | {"x-middle": t_c}}
+
+
+async def test_since_when_survives_the_service(begun_anew, clock):
+    after = await begun_anew(
+        (0, at_x_middle(25.0)), (2, at_x_middle(31.0)), (60, at_x_middle(31.0))
+    )
+    clock.advance(600)
+    async with client_of(after) as client:
+        await feed(client, reading(clock.time, 25.0) | at_x_middle(31.0))
+        assert len(after.state.context.live.get("mcfv5050").readings.held.used) == 2
+        found = await status(client)
+        assert verdict(found) == ("limited", "clamped")
+        assert found["since"] == iso(START + timedelta(hours=2))
+        # Where readings in memory say it, they say it better.
+        clock.advance(60)
+        await feed(client, reading(clock.time, 25.0))
+        clock.advance(60)
+        await feed(client, reading(clock.time, 25.0) | at_x_middle(31.0))
+        assert (await status(client))["since"] == iso(clock.time)
+
+
+async def test_since_when_a_sensor_has_failed_survives_the_service(begun_anew, clock):
+    lost = at_x_middle(99.0)
+    after = await begun_anew((0, at_x_middle(25.0)), (2, lost), (60, lost))
+    clock.advance(600)
+    async with client_of(after) as client:
+        await feed(client, reading(clock.time, 25.0) | lost)
+        found = await status(client)
+        assert verdict(found) == ("trusted", "stand-in")
+        assert found["since"] == iso(START + timedelta(hours=2))
+
+
+async def test_what_no_reading_tells_has_begun_when_it_was_seen_first(begun_anew, app, clock):
+    adopt(app, learnt(SPEED, state={"spindle_rpm": (0.0, 4000.0)}))
+    fast = {"state": {"spindle_rpm": 12000.0}}
+    after = await begun_anew((0, {}), (2, fast), (60, fast))
+    async with client_of(after) as client:
+        found = await status(client)
+        assert (found["state"], found["since"]) == ("held", iso(START + timedelta(hours=2)))
+        # The clock was set back: nobody has seen it yet.
+        clock.time = START + timedelta(hours=1)
+        await feed(client, reading(clock.time, 25.0) | fast)
+        assert (await status(client))["since"] is None
+
+
+async def test_since_when_is_not_known_of_what_comes_and_goes(begun_anew, clock):
+    after = await begun_anew(
+        *((hour, at_x_middle(t_c)) for hour, t_c in [(0, 31.0), (0.1, 25.0), (0.2, 31.0)])
+    )
+    clock.advance(86400)
+    async with client_of(after) as client:
+        await feed(client, reading(clock.time, 25.0) | at_x_middle(31.0))
+        found = await status(client)
+        assert (found["state"], found["since"]) == ("clamped", iso(clock.time))

@@ -73,7 +73,7 @@ def store_readings(url, first, number):
     database = Database(url)
     with database.writing() as session:
         times = [first + timedelta(seconds=s) for s in range(number)]
-        insert_readings(session, "mcfv5050", [Reading(t, {"spindle": 20.1}, {}) for t in times])
+        insert_readings(session, {"mcfv5050": [Reading(t, {"spindle": 20.1}, {}) for t in times]})
     database.close()
 
 

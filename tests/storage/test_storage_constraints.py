@@ -115,7 +115,7 @@ def fill(database, machine_id):
         row = find_machine(session, machine_id, RowLock.CHANGED)
         insert_version(session, row, [m.id for m in maps], {"EXX": "a"}, [], "test", START)
         readings = [Reading(START + timedelta(seconds=s), {"a": 1.0}, {}) for s in range(3)]
-        insert_readings(session, machine_id, readings)
+        insert_readings(session, {machine_id: readings})
         withdraw_stored(session, row, START, START, START)
         seen = Verification("seen", [Observation(START.timestamp(), (1.0,), "EXX", 5.0)])
         stored = insert_verification(session, machine_id, seen, not_judged(None, "no maps"), START)
@@ -158,9 +158,9 @@ def test_a_version_is_written_once(database):
 def test_a_time_has_one_reading(database):
     first = Reading(START, {"a": 1.0}, {})
     with database.writing() as session:
-        assert insert_readings(session, "m", [first]) == {START}
-        assert insert_readings(session, "m", [Reading(START, {"a": 2.0}, {})]) == set()
-        assert insert_readings(session, "n", [first]) == {START}
+        assert insert_readings(session, {"m": [first]})["m"].times == {START}
+        assert insert_readings(session, {"m": [Reading(START, {"a": 2.0}, {})]})["m"].times == set()
+        assert insert_readings(session, {"n": [first]})["n"].times == {START}
     with pytest.raises(IntegrityError), database.writing() as session:
         session.execute(
             insert(ReadingRow).values(machine_id="m", time=START, temperatures_c={}, state={})
@@ -175,6 +175,6 @@ def test_a_readings_number_is_never_used_again(database):
     with database.writing() as session:
         session.execute(delete(MachineRow).where(MachineRow.id == "m"))
     with database.writing() as session:
-        insert_readings(session, "n", [Reading(START, {"a": 1.0}, {})])
+        insert_readings(session, {"n": [Reading(START, {"a": 1.0}, {})]})
     with database.reading() as session:
         assert newest_id(session) > newest
