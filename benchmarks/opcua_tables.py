@@ -18,8 +18,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from asyncua import Server, ua
+from asyncua import Server
 
+from app.connections.opcua_nodes import Nodes
 from app.connections.opcua_server import NAMESPACE, TableServer
 from app.main import create_app
 from app.services.load_machine import load_machine
@@ -66,16 +67,17 @@ async def measure(folder: Path, n: int) -> None:
     tables = TableServer(lambda: context, "opc.tcp://127.0.0.1:0/thermap")
     server = Server()
     await server.init()
-    tables._index = await server.register_namespace(NAMESPACE)
-    machines = await server.nodes.objects.add_folder(
-        tables._id("Machines"), ua.QualifiedName("Machines", tables._index)
-    )
+    nodes = Nodes(server, await server.register_namespace(NAMESPACE))
+    await nodes.begin("Machines")
+    late_while_made: list[float] = []
+    waking = asyncio.create_task(note_lateness(late_while_made))
     started = time.perf_counter()
-    await tables._look(server, machines)
+    await tables._look(server, nodes)
     print(
         f"{n} machines: nodes made in {time.perf_counter() - started:.2f} s, "
-        f"{resident_mib() - before_mib:.0f} MiB"
+        f"{resident_mib() - before_mib:.0f} MiB; a task wakes {_lateness(late_while_made)}"
     )
+    waking.cancel()
     for what, some in (("nothing", []), ("every tenth", ids[::10]), ("every one", ids)):
         seconds: list[float] = []
         late_s: list[float] = []
@@ -86,16 +88,22 @@ async def measure(folder: Path, n: int) -> None:
             await asyncio.sleep(2 * WOKEN_EVERY_S)
             begun = len(late_s)  # what came before was late for the storing
             started = time.perf_counter()
-            await tables._look(server, machines)
+            await tables._look(server, nodes)
             seconds.append(time.perf_counter() - started)
             during += late_s[begun:]
         waking.cancel()
-        late = sorted(during)
         print(
             f"  {what} changed: round {statistics.median(seconds):.3f} s (longest "
-            f"{max(seconds):.3f}); a task wakes {1e3 * statistics.median(late):.1f} ms late, "
-            f"99 % within {1e3 * late[int(0.99 * len(late))]:.1f} ms"
+            f"{max(seconds):.3f}); a task wakes {_lateness(during)}"
         )
+
+
+def _lateness(late_s: Sequence[float]) -> str:
+    late = sorted(late_s)
+    return (
+        f"{1e3 * statistics.median(late):.1f} ms late, 99 % within "
+        f"{1e3 * late[int(0.99 * len(late))]:.1f} ms, longest {1e3 * late[-1]:.0f} ms"
+    )
 
 
 def main() -> None:

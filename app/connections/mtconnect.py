@@ -19,6 +19,7 @@ from app.connections.mtconnect_documents import (
     Observation,
 )
 from app.connections.mtconnect_sequence import Place
+from app.connections.sparing_log import SparingLog
 from app.units import TemperatureUnit
 
 log = logging.getLogger("thermap")
@@ -81,6 +82,7 @@ class AgentFollower:
     place: Place = field(init=False)
     _units: dict[str, TemperatureUnit] = field(default_factory=dict)
     _items: dict[str, str] = field(default_factory=dict)
+    _log: SparingLog = field(default_factory=SparingLog)
 
     def __post_init__(self) -> None:
         self.place = Place(say=lambda words: log.warning("MTConnect: %s", words))
@@ -186,7 +188,8 @@ class AgentFollower:
     def _value_of(self, name: str, observation: Observation) -> float | None:
         if observation.value is None and not observation.is_unavailable:
             self.unreadable += 1
-            self._say(f"{name}: expected a number, got {observation.text!r}")
+            self.trouble = f"{name}: expected a number, got {observation.text!r}"
+            self._log.warn(name, f"MTConnect: {self.trouble}")
         if observation.value is None or not self.followed[name].is_temperature:
             return observation.value
         return self._units[name].to_c(observation.value)

@@ -33,6 +33,7 @@ from app.connections.opcua_session import (
     read_nodes,
     session_with,
 )
+from app.connections.sparing_log import SparingLog
 from app.errors import counted
 from app.units import TemperatureUnit
 
@@ -140,6 +141,7 @@ class ServerFollower:
         """Subscriptions that were given up because they told too little."""
         self._pause_s = FIRST_PAUSE_S
         self._trouble = ""
+        self._log = SparingLog()
         self._matters: dict[str, str] = {}
         self._contradicted: dict[str, str] = {}
         self._forget()
@@ -448,7 +450,7 @@ class ServerFollower:
 
     def _say_of(self, name: str, words: str) -> None:
         if self._matters.get(name) != words:
-            log.warning("OPC UA %s: %s: %s", self._access.endpoint, name, words)
+            self._log.warn(name, f"OPC UA {self._access.endpoint}: {name}: {words}")
         self._matters[name] = words
 
     def _say(self, words: str) -> None:

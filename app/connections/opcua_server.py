@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from time import monotonic
 from typing import Any, Final
 
-from asyncua import Node, Server, ua
+from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 from starlette.concurrency import run_in_threadpool
 
+from app.connections.opcua_nodes import Nodes
 from app.connections.opcua_values import (
     NO_VALUE,
     Said,
@@ -65,8 +66,9 @@ class OnlyReaders:
 class _Machine:
     """A machine's nodes, and what they say now."""
 
-    object: Node
+    object: ua.NodeId
     layout: tuple[Any, ...]
+    objects: dict[str, ua.NodeId] = field(default_factory=dict)
     nodes: dict[str, ua.NodeId] = field(default_factory=dict)
     said: dict[str, Said] = field(default_factory=dict)
     seen: Hashable = None
@@ -86,7 +88,6 @@ class TableServer:
         self._endpoint = endpoint
         self._machines: dict[str, _Machine] = {}
         self._stored = Stored()
-        self._index = 0
         self.is_listening = False
         self.trouble = ""
 
@@ -109,18 +110,16 @@ class TableServer:
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         server.set_identity_tokens([ua.AnonymousIdentityToken])
         self._machines = {}
-        self._index = await server.register_namespace(NAMESPACE)
-        machines = await server.nodes.objects.add_folder(
-            self._id("Machines"), ua.QualifiedName("Machines", self._index)
-        )
-        await self._look(server, machines)
+        nodes = Nodes(server, await server.register_namespace(NAMESPACE))
+        await nodes.begin("Machines")
+        await self._look(server, nodes)
         asking = asyncio.create_task(self._ask())
         try:
             async with server:
                 self.is_listening, self.trouble = True, ""
                 while True:
                     await asyncio.sleep(LOOK_EVERY_S)
-                    await self._look(server, machines)
+                    await self._look(server, nodes)
         finally:
             self.is_listening = False
             asking.cancel()
@@ -134,23 +133,21 @@ class TableServer:
                 log.exception("OPC UA server: could not ask for watches and analyses")
             await asyncio.sleep(ASK_EVERY_S)
 
-    async def _look(self, server: Server, machines: Node) -> None:
+    async def _look(self, server: Server, nodes: Nodes) -> None:
         """Bring all nodes up to date; what goes wrong with a machine leaves it without values."""
         context = self._context()
         there = {live.current.model.machine.id: live for live in context.live.machines()}
         for gone in self._machines.keys() - there.keys():
-            await server.delete_nodes([self._machines.pop(gone).object], recursive=True)
+            _remove(nodes, self._machines.pop(gone))
         for machine_id, live in there.items():
             try:
-                await self._tell(server, machines, machine_id, live)
+                await self._tell(server, nodes, machine_id, live)
             except Exception:
                 log.exception("OPC UA server: could not tell of machine %r", machine_id)
                 await self._break(server, machine_id, context.now())
             await asyncio.sleep(0)
 
-    async def _tell(
-        self, server: Server, machines: Node, machine_id: str, live: LiveMachine
-    ) -> None:
+    async def _tell(self, server: Server, nodes: Nodes, machine_id: str, live: LiveMachine) -> None:
         context = self._context()
         machine = self._machines.get(machine_id)
         # Before the verdict: what changes meanwhile is seen as changed the next time.
@@ -160,18 +157,19 @@ class TableServer:
             await self._tell_time(server, machine, age_s, context.now())
             return
         snapshot = snapshot_of(context, live, self._stored)
+        said, now = dict(values_of(snapshot)), snapshot.status.computed_at
         layout = _layout(live, snapshot)
         if machine is None or machine.layout != layout:
             if machine is not None:
-                del self._machines[machine_id]
-                await server.delete_nodes([machine.object], recursive=True)
-            machine = await self._add(server, machines, machine_id, layout)
+                _remove(nodes, self._machines.pop(machine_id))
+            machine = await _add(nodes, machine_id, layout, said, now)
             self._machines[machine_id] = machine
-        said, now = dict(values_of(snapshot)), snapshot.status.computed_at
-        for path in machine.nodes:
-            if not path.endswith(_FIXED):
-                # A component that the table does not have keeps its nodes, without a value.
-                await _write(server, machine, path, said.get(path) or machine.nothing(path), now)
+        else:
+            for path in machine.nodes:
+                if not path.endswith(_FIXED):
+                    # A component that the table does not have keeps its nodes, without a value.
+                    told = said.get(path) or machine.nothing(path)
+                    await _write(server, machine, path, told, now)
         machine.seen, machine.judged_at_s = seen, monotonic()
 
     async def _tell_time(
@@ -190,44 +188,39 @@ class TableServer:
             if not path.endswith(_FIXED):
                 await _write(server, machine, path, machine.nothing(path, _BROKEN), now)
 
-    async def _add(
-        self, server: Server, machines: Node, machine_id: str, layout: tuple[Any, ...]
-    ) -> _Machine:
-        """Make a machine's nodes, all or none; only those that never change have values yet."""
-        top = await self._object(machines, machine_id, machine_id)
-        made = _Machine(top, layout)
-        try:
-            await self._furnish(server, made, machine_id)
-        except BaseException:
-            await server.delete_nodes([top], recursive=True)
-            raise
-        return made
 
-    async def _furnish(self, server: Server, made: _Machine, machine_id: str) -> None:
-        folders: dict[str, Node] = {}
-        for path, said in _nodes_of(made.layout):
-            parent, above, names = made.object, machine_id, path.split("/")
-            for name in names[:-1]:
-                above = f"{above}/{name}"
-                if above not in folders:
-                    folders[above] = await self._object(parent, above, name)
-                parent = folders[above]
-            node = await parent.add_variable(
-                self._id(f"{machine_id}/{path}"),
-                ua.QualifiedName(names[-1], self._index),
-                # The data type is taken from a value, which is replaced at once.
-                _example(said),
-                said.kind,
-            )
-            await asyncio.sleep(0)  # a node takes a millisecond: others go on between them
-            made.nodes[path] = node.nodeid
-            await _write(server, made, path, said, self._context().now())
+async def _add(
+    nodes: Nodes, machine_id: str, layout: tuple[Any, ...], said: Mapping[str, Said], now: datetime
+) -> _Machine:
+    """Make a machine's nodes, all or none, with what they say."""
+    top = await nodes.add(machine_id, machine_id, now=now)
+    made = _Machine(top, layout)
+    try:
+        await _furnish(nodes, made, machine_id, said, now)
+    except BaseException:
+        _remove(nodes, made)
+        raise
+    return made
 
-    async def _object(self, parent: Node, path: str, name: str) -> Node:
-        return await parent.add_object(self._id(path), ua.QualifiedName(name, self._index))
 
-    def _id(self, path: str) -> ua.NodeId:
-        return ua.NodeId(ua.String(path), ua.Int16(self._index))
+async def _furnish(
+    nodes: Nodes, made: _Machine, machine_id: str, said: Mapping[str, Said], now: datetime
+) -> None:
+    for path, nothing in _nodes_of(made.layout):
+        above, names = made.object, path.split("/")
+        for depth, name in enumerate(names[:-1], 1):
+            folder = "/".join(names[:depth])
+            if folder not in made.objects:
+                made.objects[folder] = await nodes.add(
+                    f"{machine_id}/{folder}", name, above, now=now
+                )
+            above = made.objects[folder]
+        told = made.said[path] = said.get(path, nothing)
+        made.nodes[path] = await nodes.add(f"{machine_id}/{path}", names[-1], above, told, now=now)
+
+
+def _remove(nodes: Nodes, machine: _Machine) -> None:
+    nodes.remove(machine.object, (*machine.nodes.values(), *machine.objects.values()))
 
 
 _FIXED: Final = ("/Unit", "/PositionAxis")
@@ -280,20 +273,6 @@ def _component_nodes(component: Component, *, has_backward: bool) -> Iterable[tu
     if has_backward:
         yield f"{above}/BackwardCompensation", Said(number, None, NO_VALUE, is_array=True)
     yield f"{above}/Status", Said(text, None, NO_VALUE)
-
-
-def _example(said: Said) -> Any:
-    """Give a value of a type, from which a node takes its own."""
-    one = {
-        ua.VariantType.String: "",
-        ua.VariantType.Boolean: False,
-        ua.VariantType.DateTime: datetime(2000, 1, 1),
-        ua.VariantType.UInt32: 0,
-        ua.VariantType.Double: 0.0,
-    }[said.kind]
-    if said.value is not None:
-        return said.value
-    return [one] if said.is_array else one
 
 
 async def _write(server: Server, machine: _Machine, path: str, said: Said, now: datetime) -> None:

@@ -228,9 +228,10 @@ async def test_readings_that_are_collected_are_bounded_too(service, monkeypatch)
 
 
 async def test_a_machine_that_was_deleted_is_asked_for_once(service, monkeypatch):
-    asked, store = [], module.store_readings
+    asked, deleted, store = [], threading.Event(), module.store_readings
 
     def counted(*arguments):
+        assert deleted.wait(60)
         asked.append(len(arguments[2]))
         return store(*arguments)
 
@@ -239,6 +240,7 @@ async def test_a_machine_that_was_deleted_is_asked_for_once(service, monkeypatch
         fates = [intake.offer(MACHINE, {"x-middle": 20.0 + i}) for i in range(20)]
         async with client_of(service) as client:
             assert (await client.delete(ROOM)).status_code == 204
+        deleted.set()
         assert set(await asyncio.gather(*fates)) == {Fate.REFUSED}
         assert intake.counts.refused == 20
     assert sum(asked) == 20

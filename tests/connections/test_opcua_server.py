@@ -21,10 +21,11 @@ from tests.service_examples import (
 
 pytest.importorskip("asyncua", reason="the extra opcua is not installed")
 
-from asyncua import Client, ua
+from asyncua import Client, Server, ua
 
+from app.connections.opcua_nodes import Nodes
 from app.connections.opcua_server import NAMESPACE, TableServer
-from app.connections.opcua_values import seen_of, snapshot_of, values_of
+from app.connections.opcua_values import Said, seen_of, snapshot_of, values_of
 from app.connections.serving_tables import expect_library
 from app.errors import InvalidContent
 from app.services.status import Stored
@@ -101,6 +102,81 @@ async def machine(service):
     async with client_of(service) as client:
         await client.get(f"{ROOM}/status")  # brings it to memory
         yield service, client
+
+
+async def test_nodes_are_what_asyncua_would_have_made_and_go_without_a_trace():
+    server = Server()
+    await server.init()
+    index = await server.register_namespace(NAMESPACE)
+    nodes, space = Nodes(server, index), server.iserver.aspace
+    before = set(space.keys())
+    await nodes.begin("Machines")
+    asked = {
+        "Text": Said(ua.VariantType.String, "µm"),
+        "Texts": Said(ua.VariantType.String, ["a", "b"], is_array=True),
+        "Number": Said(ua.VariantType.Double, 1.5),
+        "Numbers": Said(ua.VariantType.Double, [1.5], is_array=True),
+        "Count": Said(ua.VariantType.UInt32, 7),
+        "Flag": Said(ua.VariantType.Boolean, True),
+        "Time": Said(ua.VariantType.DateTime, START),
+    }
+    folder = server.get_node(ua.NodeId("Machines", index))
+    for machine in ("first", "second"):  # the first of a name is made otherwise than the next
+        top = await nodes.add(machine, machine, now=START)
+        below = [
+            await nodes.add(f"{machine}/{name}", name, top, said, now=START)
+            for name, said in asked.items()
+        ]
+        theirs = await folder.add_object(ua.NodeId(f"~{machine}", index), f"{index}:{machine}")
+        pairs = [(top, theirs.nodeid)]
+        for node, (name, said) in zip(below, asked.items(), strict=True):
+            one = await theirs.add_variable(
+                ua.NodeId(f"~{machine}/{name}", index), f"{index}:{name}", said.value, said.kind
+            )
+            pairs.append((node, one.nodeid))
+        for own, other in pairs:
+            assert own in space
+            assert attributes_of(space, own) == attributes_of(space, other)
+            assert references_of(space, own) == references_of(space, other)
+        assert len(space[top].references) == 2 + len(asked)
+        with pytest.raises(ua.UaError, match="expected an id that no node has, got 'first'"):
+            await nodes.add("first", "first", now=START)
+
+    first = [ua.NodeId(f"first/{name}", index) for name in asked]
+    nodes.remove(ua.NodeId("first", index), first)
+    left = set(space.keys()) - before
+    assert not [one for one in left if one.Identifier.startswith("first")]
+    shown = [one.BrowseName.Name for one in space[folder.nodeid].references if one.IsForward]
+    assert sorted(shown) == ["FolderType", "first", "second", "second"]  # theirs is left of one
+    top = await nodes.add("first", "first", now=START)
+    assert await server.get_node(top).read_browse_name() == ua.QualifiedName("first", index)
+
+
+def attributes_of(space, node):
+    """What a node says of itself, but for its own id and when it said it."""
+    found = {
+        one: space.read_attribute_value(node, one).Value
+        for one in space[node].attributes
+        if one is not ua.AttributeIds.NodeId
+    }
+    assert space.read_attribute_value(node, ua.AttributeIds.NodeId).Value.Value == node
+    return found
+
+
+def references_of(space, node):
+    """What a node refers to, without the ids by which theirs and ours differ."""
+    return {
+        (
+            one.ReferenceTypeId.Identifier,
+            bool(one.IsForward),
+            str(one.NodeId.Identifier).lstrip("~"),
+            one.BrowseName.Name,
+            one.DisplayName.Text,
+            int(one.NodeClass),
+            one.TypeDefinition.Identifier,
+        )
+        for one in space[node].references
+    }
 
 
 @pytest.mark.slow
