@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from starlette.responses import HTMLResponse
+from starlette.types import Scope
 
 _SCRIPT: Final = re.compile(r"<script\b([^>]*)>(.*?)</script>", re.DOTALL | re.IGNORECASE)
 _NOT_RUN: Final = re.compile(r"\ssrc\s*=|application/json", re.IGNORECASE)
@@ -58,6 +59,14 @@ class Page(HTMLResponse):
         forms = "'self'" if has_form else "'none'"
         policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes, forms=forms)}
         super().__init__(content, status, headers={**PAGE_HEADERS, **policy, **(headers or {})})
+
+
+def wants_page(scope: Scope) -> bool:
+    """Whether a person's browser asks for a page."""
+    path = scope["path"]
+    accepts = dict(scope["headers"]).get(b"accept", b"")
+    is_page = path == "/" or path == "/docs" or path.startswith("/machines/")
+    return scope["method"] in ("GET", "HEAD") and is_page and b"text/html" in accepts
 
 
 def _scripts(content: str) -> list[str]:

@@ -61,6 +61,7 @@ _ENVIRONMENT.filters |= {
     "with_unit": with_unit,
     "age": age,
     "day_and_time": lambda time: f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
+    "day": lambda time: f"{time.astimezone(UTC):%Y-%m-%d}",
     "utc": lambda time: f"{time.astimezone(UTC):%H:%M:%S} UTC",
 }
 

@@ -70,7 +70,7 @@ def _drawing(figure: Figure, alt_text: str) -> Drawing:
     """The figure without the texts that the page has around it."""
     drawn = _in_page_colours(json.loads(figure_json(figure)))
     layout = drawn["layout"]
-    layout |= {"title": {}, "annotations": [], "meta": {}}
+    layout |= {"title": {}, "annotations": [], "meta": {"narrow": layout["meta"]["narrow"]}}
     layout["margin"] = {**layout.get("margin", {}), "t": 30, "b": 40}
     return Drawing(FIGURE_ID, "", alt_text, drawn["data"], layout)
 

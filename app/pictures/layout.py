@@ -13,7 +13,7 @@ from app.errors import counted
 from app.geometry.components import LINEAR_LETTERS
 from app.pictures.colours import FONT, INK, LABEL, QUIET, WARNING, length_axis
 from app.pictures.distorted_volume import DistortedVolume
-from app.pictures.scene import Json, scene
+from app.pictures.scene import NARROW_PX, Json, narrow_scene, scene
 from app.pictures.traces import Rounding, Trace
 from app.pictures.words import largest_words, wrapped
 
@@ -86,6 +86,7 @@ def layout(
             "complete": texts.remarks.complete,
             "warnings": list(texts.remarks.warnings),
             "counted_as_zero": list(texts.remarks.counted_as_zero),
+            "narrow": {"below_px": NARROW_PX, "changes": narrow_scene(distorted.volume, box)},
         },
         "title": _title(title, subtitle),
         "font": {"family": FONT, "size": 13, "color": INK},

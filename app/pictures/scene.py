@@ -35,6 +35,12 @@ DISTANCE: Final = 3.0
 TICK_SPACING: Final = 0.2
 """Numbers stand at least so far apart where the picture is 2 high."""
 
+NARROW_PX: Final = 560
+"""Of a window's width: numbers stand over each other in narrower ones [px]."""
+
+NARROW_SCALE: Final[Json] = {"y": 1.0, "yanchor": "top", "len": 0.42, "nticks": 2}
+"""The colour scale of a narrow picture: above the label at the right."""
+
 
 def scene(volume: WorkVolume, drawn_mm: FloatArray) -> Json:
     """Lay out the axes and the camera.
@@ -74,6 +80,30 @@ def scene(volume: WorkVolume, drawn_mm: FloatArray) -> Json:
         },
         "dragmode": "orbit",
     }
+
+
+def narrow_scene(volume: WorkVolume, wide: Json) -> Json:
+    """What changes in a scene where its window is too narrow for an axis' numbers.
+
+    Letters do not become smaller with the window, and would stand over each other: each axis keeps
+    one label, at its far end, with both of its ends. The colour scale stands above them, out of
+    their way.
+
+    Returns
+    -------
+    dict
+        Changes of a layout by their path, as plotly's `relayout` takes them.
+    """
+    changes: Json = {
+        "scene.domain.x": [0.0, 1.0],
+        **{f"coloraxis.colorbar.{name}": value for name, value in NARROW_SCALE.items()},
+    }
+    for letter, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True):
+        ticks = wide[f"{letter}axis"].get("tickvals")
+        if ticks:
+            words = f"<b>{letter.upper()}</b> {_number(low)}…{_number(high)} mm"
+            changes[f"scene.{letter}axis.ticktext"] = [*[""] * (len(ticks) - 1), words]
+    return changes
 
 
 def _xyz(vector: FloatArray) -> Json:

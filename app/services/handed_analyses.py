@@ -22,7 +22,7 @@ from procrastinate.jobs import Job, Status
 from app.errors import StorageUnavailable
 from app.services.carry_analyses import PATIENCE_S, AbandonedAnalyses, AnalysisCarrier, Carried
 from app.services.context import Context
-from app.services.run_analyses import QUEUE_POLL_S, STOP_S
+from app.services.run_analyses import QUEUE_POLL_S, STOP_S, Looked
 from app.storage.analyses import running_analyses, waiting_analyses
 from app.storage.job_queue import QUEUE, TASK, hand_out, queue_connector
 from app.storage.postgresql import DriverError
@@ -59,8 +59,9 @@ class HandedAnalyses:
     what ends one does not end the others.
     """
 
-    def __init__(self, context: Context, concurrency: int = 1) -> None:
+    def __init__(self, context: Context, concurrency: int, looked: Looked) -> None:
         self._context = context
+        self._looked = looked
         self._carrier = AnalysisCarrier(context)
         self._abandoned = AbandonedAnalyses(context)
         self._concurrency = concurrency
@@ -100,6 +101,7 @@ class HandedAnalyses:
                 asyncio.run(self._work())
             except _AWAY as error:
                 log.info("the queue of analyses is away: %s", error)
+                self._looked(False)
                 self._ends.wait(AGAIN_S)
             except Exception:
                 log.exception("could not take analyses off the queue")
@@ -116,14 +118,17 @@ class HandedAnalyses:
                 for i in range(self._concurrency)
             ]
             watch = asyncio.create_task(self._watch(app))
-            while not self._ends.is_set():
-                await asyncio.sleep(0.1)
-            # A worker that is cancelled takes no more, and waits for what it runs.
-            for worker in workers:
-                worker.cancel()
-            await asyncio.gather(*workers, return_exceptions=True)
-            watch.cancel()
-            await asyncio.gather(watch, return_exceptions=True)
+            try:
+                while not self._ends.is_set():
+                    await asyncio.sleep(0.1)
+                    _expect_alive(workers)
+            finally:
+                # A worker that is cancelled takes no more, and waits for what it runs.
+                for worker in workers:
+                    worker.cancel()
+                await asyncio.gather(*workers, return_exceptions=True)
+                watch.cancel()
+                await asyncio.gather(watch, return_exceptions=True)
 
     async def _worker(self, app: App) -> None:
         """Be a worker; one that lost the database ends by itself, and begins anew."""
@@ -153,8 +158,9 @@ class HandedAnalyses:
                 await asyncio.to_thread(self._abandoned.look)
                 await self._end_stalled(app)
                 await self._hand_out_forgotten(app)
+                self._looked(True)
             except _AWAY:
-                pass  # whoever waits for the database says so
+                self._looked(False)  # whoever waits for the database says so
             except Exception:
                 log.exception("could not look for abandoned analyses")
             await asyncio.sleep(QUEUE_POLL_S)
@@ -199,6 +205,13 @@ class HandedAnalyses:
         with self._context.database.writing() as session:
             for number, machine_id in waiting.items():
                 hand_out(session, number, machine_id)
+
+
+def _expect_alive(workers: list[asyncio.Task[None]]) -> None:
+    """Raise what ended a worker: without it nothing would be taken off the queue, unsaid."""
+    for worker in workers:
+        if worker.done():
+            worker.result()
 
 
 def _say_unexpected(loop: asyncio.AbstractEventLoop, about: dict[str, Any]) -> None:

@@ -22,6 +22,7 @@ class MapsView:
     """
 
     status: MachineStatus
+    sensors: Sequence[str]
     versions: Sequence[ModelVersion]
     active: int | None
     waiting: int | None
@@ -52,11 +53,12 @@ def show_maps_view(
     """
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))
+    sensors = tuple(live.current.model.machine.sensors)
     versions, active, waiting = show_models(context, machine_id)
     numbers = [one.version for one in versions]
     if active is None or len(numbers) < 2:
-        return MapsView(status, versions, active, waiting)
+        return MapsView(status, sensors, versions, active, waiting)
     b = b or active
     a = a or next((n for n in reversed(numbers) if n < b), next(n for n in numbers if n != b))
     compared = compare_now(context, machine_id, a, b)
-    return MapsView(status, versions, active, waiting, a, b, compared)
+    return MapsView(status, sensors, versions, active, waiting, a, b, compared)

@@ -7,9 +7,10 @@ the services and to `thermap worker` on any host. The table says in both cases w
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from threading import Event, Lock, Thread
 from time import monotonic
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeAlias
 
 from app.errors import StorageUnavailable
 from app.services.carry_analyses import AbandonedAnalyses, AnalysisCarrier, Carried
@@ -23,6 +24,14 @@ QUEUE_POLL_S: Final = 2.0
 
 STOP_S: Final = 10.0
 """How long the end may take where the database hangs [s]."""
+
+
+Looked: TypeAlias = Callable[[bool], None]
+"""Called after each look at the queue: whether the database answered."""
+
+
+def _to_nobody(_answered: bool) -> None:
+    pass
 
 
 class AnalysisRunner(Protocol):
@@ -42,7 +51,11 @@ class AnalysisRunner(Protocol):
 
 
 def make_runner(
-    context: Context, *, runs_here: bool = True, concurrency: int = 1
+    context: Context,
+    *,
+    runs_here: bool = True,
+    concurrency: int = 1,
+    looked: Looked = _to_nobody,
 ) -> AnalysisRunner:
     """Make what runs a database's analyses.
 
@@ -52,14 +65,16 @@ def make_runner(
         Whether this process runs any.
     concurrency
         How many at the same time.
+    looked
+        Told of every look at the queue, every `QUEUE_POLL_S` or so.
     """
     if not runs_here:
         return NoAnalyses()
     if context.database.is_sqlite:
-        return EmbeddedRunner(context, concurrency)
+        return EmbeddedRunner(context, concurrency, looked)
     from app.services.handed_analyses import HandedAnalyses
 
-    return HandedAnalyses(context, concurrency)
+    return HandedAnalyses(context, concurrency, looked)
 
 
 class NoAnalyses:
@@ -78,8 +93,9 @@ class NoAnalyses:
 class EmbeddedRunner:
     """Takes analyses off the table by itself, in threads begun by `start` or the first `wake`."""
 
-    def __init__(self, context: Context, concurrency: int = 1) -> None:
+    def __init__(self, context: Context, concurrency: int = 1, looked: Looked = _to_nobody) -> None:
         self._context = context
+        self._looked = looked
         self._carrier = AnalysisCarrier(context)
         self._abandoned = AbandonedAnalyses(context)
         self._concurrency = concurrency
@@ -145,7 +161,8 @@ class EmbeddedRunner:
         while not self._ends.wait(QUEUE_POLL_S):
             try:
                 self._abandoned.look()
+                self._looked(True)
             except StorageUnavailable:
-                pass
+                self._looked(False)
             except Exception:
                 log.exception("could not look for abandoned analyses")

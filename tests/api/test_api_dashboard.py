@@ -7,7 +7,15 @@ from html.parser import HTMLParser
 import pytest
 
 from tests.effect_examples import SPEED, adopt
-from tests.service_examples import MACHINE, ROOM, START, problem, reading
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    error_map,
+    furnish,
+    problem,
+    reading,
+)
 
 pytestmark = pytest.mark.anyio
 
@@ -103,7 +111,7 @@ async def test_the_address_chooses_the_component_that_is_drawn(client):
 
 
 async def test_a_machine_without_a_table_says_why(client, empty):
-    assert "There is no table now: No reading has come yet" in (await shown(client, NOW)).text
+    assert "There is no table, for the reason above." in (await shown(client, NOW)).text
     await empty.post("/v1/machines", json=MACHINE)
     assert "No component has maps of two thermal states" in (await shown(empty, NOW)).text
     problem(await empty.get("/machines/another"), 404)
@@ -154,3 +162,50 @@ async def test_the_log_of_a_machine_on_a_page(client):
     now = await shown(client, NOW)
     assert "settings changed: name" in now.text
     assert f"{NOW}/events" in now.addresses
+
+
+async def test_the_fleet_says_why_a_machine_is_not_judged(client):
+    page = await shown(client, "/fleet")
+    assert "No machine can be analysed" in page.text
+    assert "nothing was measured to judge it by" in page.text
+    assert "Fleet" in (await shown(client, "/")).text
+    problem(await client.get("/fleet?effects=guess"), 422)
+
+
+async def test_an_unknown_machine_is_a_page_to_a_browser_and_a_problem_to_a_program(client):
+    page = await client.get("/machines/another", headers={"Accept": "text/html,*/*;q=0.8"})
+    assert page.status_code == 404
+    assert page.headers["content-type"].startswith("text/html")
+    assert "There is no machine &#39;another&#39;; there are: mcfv5050." in page.text
+    problem(await client.get("/machines/another"), 404)
+    problem(await client.get("/v1/machines/another", headers={"Accept": "text/html"}), 404)
+
+
+async def test_maps_whose_components_follow_no_sensor_are_not_called_too_few(empty):
+    """The maps are there; what is missing is who follows which sensor."""
+    sensors = [{"name": name, "max_age_s": 120} for name in ("probe", "other")]
+    await furnish(empty, MACHINE | {"sensors": sensors}, {})
+    for label, t_c in (("cold", 20.0), ("warm", 30.0)):
+        content = error_map(label, t_c, temperatures_c={"probe": t_c, "other": t_c})
+        assert (await empty.post(f"{ROOM}/error-maps", json=content)).status_code == 201
+    page = await shown(empty, NOW)
+    words = "There is no compensation table: no sensor is assigned to EXX, EBX, EZZ, SXY."
+    assert words in page.text, page.text
+
+
+async def test_a_single_reading_is_drawn_and_an_old_one_looks_old(client, clock):
+    await feed(client, reading(START, 27.0))
+    assert 'class="dot"' in (await client.get(NOW)).text
+    clock.advance(3600)
+    page = (await client.get("/")).text
+    assert '<b class="old">' in page
+    assert "x-middle, 1 h 0 min old" in page
+
+
+async def test_files_of_a_table_that_stands_still_say_so_before_they_are_made(client, clock):
+    await feed(client, reading(START, 27.0))
+    assert "Files hold that table." not in (await shown(client, f"{NOW}/export")).text
+    clock.advance(3600)
+    page = await shown(client, f"{NOW}/export")
+    assert "Not trusted: No reading since 06:00 UTC." in page.text
+    assert "latest reading, 1 h 0 min old" in page.text

@@ -1,8 +1,12 @@
 """The page of maps and versions, what it shows before something is stored, and maps from files."""
 
+from pathlib import Path
+
 import pytest
 
+from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 from tests.api.test_api_dashboard import feed, shown
+from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import ROOM, START, problem, reading
 
 pytestmark = pytest.mark.anyio
@@ -82,3 +86,105 @@ async def test_going_back_says_what_it_changes(client):
     assert "Keep v3" in answer.text
     assert "Go back to v2" in answer.text
     assert (await client.get(f"{ROOM}/models")).json()[2]["active"]
+
+
+RTL = BOTH_WAYS.replace("Axis: X", "Axis: U-Achse")
+"""A measurement of six targets in two runs each way, whose free text names no axis."""
+
+BESIDE = {
+    "name": "x.rtl",
+    "axis": "x",
+    "measured_at": "2026-03-01T05:30:00Z",
+    "temperature": ["x-middle=27.0", "y-front=26.0", "z-column=29.0", "spindle=30.0"],
+}
+BINARY = {"Content-Type": "application/octet-stream"}
+
+
+async def test_what_an_instruments_file_does_not_say_is_asked_by_name(client):
+    for path in (f"{ROOM}/error-maps/from-file", f"{MAPS}/preview"):
+
+        async def send(path=path, **beside):
+            query = {"name": "x.rtl"} | beside
+            return await client.post(path, params=query, content=RTL, headers=BINARY)
+
+        asked = {one["field"]: one["message"] for one in problem(await send(), 422)["errors"]}
+        assert asked == {"axis": "expected Axis: x, y or z, got 'U-Achse'"}
+        found = problem(await send(axis="x"), 422)["errors"]
+        assert [one["field"] for one in found] == ["measured_at", "temperatures_c"]
+        found = problem(await send(axis="a", **{k: BESIDE[k] for k in ("measured_at",)}), 422)
+        assert found["errors"][0]["field"] == "axis"
+        warm = await send(**BESIDE | {"temperature": ["x-middle=warm", "=3", "y-front=1"]})
+        assert [one["field"] for one in problem(warm, 422)["errors"]] == [
+            "temperatures_c.x-middle",
+            "temperature",
+        ]
+        unzoned = await send(**BESIDE | {"measured_at": "2026-03-01T05:30:00"})
+        assert problem(unzoned, 422)["errors"][0]["field"] == "measured_at"
+        other = await send(**BESIDE | {"method": "six-dof"})
+        assert problem(other, 422)["errors"][0]["field"] == "method"
+        unknown = await send(**BESIDE | {"method": "guess"})
+        assert "expected one of" in problem(unknown, 422)["errors"][0]["message"]
+
+
+async def test_an_instruments_file_is_shown_and_stored_as_its_measurement_is(client):
+    """A file makes the map that its readings make when they are sent as a measurement."""
+    await feed(client, reading(START, 27.0))
+    shown_before = await client.post(f"{MAPS}/preview", params=BESIDE, content=RTL, headers=BINARY)
+    assert shown_before.status_code == 200, shown_before.text
+    assert "map by positioning ‘cold’, 2026-03-01 05:30 UTC · EXX" in shown_before.text
+    assert "x-middle 27.00 °C" in shown_before.text
+    assert "compare the first value, 0 µm at 0 mm" in shown_before.text
+    assert "R_um" in shown_before.text
+    before = (await client.get(f"{ROOM}/error-maps")).json()
+    route = f"{ROOM}/error-maps/from-file"
+    preview = await client.post(
+        route, params=BESIDE | {"preview": True}, content=RTL, headers=BINARY
+    )
+    assert preview.status_code == 200
+    assert (await client.get(f"{ROOM}/error-maps")).json() == before
+    stored = await client.post(route, params=BESIDE, content=RTL, headers=BINARY)
+    assert stored.status_code == 201, stored.text
+    body = read_renishaw_rtl(RTL, Path("x.rtl"), "x").body | {
+        "measured_at": BESIDE["measured_at"],
+        "temperatures_c": {
+            name: float(t) for name, t in (one.split("=") for one in BESIDE["temperature"])
+        },
+    }
+    again = await client.post(f"{ROOM}/measurements/positioning", params={"store": True}, json=body)
+    assert again.status_code == 200, again.text
+    assert again.json()["map_id"] == stored.json()["id"]
+
+
+SIX_ERRORS = """# label: axis X
+position_mm,linear_um,straightness_y_um
+0,0.0,0.0
+250,1.2,0.4
+500,2.9,0.1
+"""
+
+
+async def test_a_table_of_readings_is_read_by_its_method(client):
+    route = f"{ROOM}/error-maps/from-file"
+    query = BESIDE | {"name": "x.csv", "method": "six-dof", "preview": True}
+    answer = await client.post(route, params=query, content=SIX_ERRORS, headers=CSV)
+    assert answer.status_code == 200, answer.text
+    without = {name: value for name, value in query.items() if name != "axis"}
+    answer = await client.post(route, params=without, content=SIX_ERRORS, headers=CSV)
+    assert problem(answer, 422)["errors"] == [
+        {"field": "axis", "message": "expected axis, got none"}
+    ]
+    wrong = SIX_ERRORS.replace("1.2", "n/a")
+    answer = await client.post(route, params=query, content=wrong, headers=CSV)
+    assert problem(answer, 422)["errors"][0]["field"] == "file"
+    asked = {"name": "run.csv"}
+    bare = SHORT.split("\n", 2)[2]
+    answer = await client.post(route, params=asked, content=bare, headers=CSV)
+    found = problem(answer, 422)["errors"]
+    assert [one["field"] for one in found] == ["label", "measured_at"]
+
+
+async def test_versions_without_a_check_say_so(client):
+    answer = await client.get(f"{MAPS}/residuals?a=2&b=3")
+    assert answer.status_code == 200
+    assert "no check is stored" in answer.text
+    problem(await client.get("/machines/nobody/maps/residuals?a=2&b=3"), 404)

@@ -12,6 +12,7 @@ import pytest
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
+from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import MACHINE, ROOM, UNHURRIED, furnish_database, reading
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -220,4 +221,39 @@ def test_a_map_is_shown_before_it_is_stored_and_versions_go_back(chromium, shop)
         expect(page.locator("#preview")).to_contain_text("bad.csv was not stored.")
         expect(page.locator("#preview")).to_contain_text("Nothing has changed.")
         # A refusal is also a line of the browser's console, and nothing else is.
+        assert all("422" in words for words in wrong)
+
+
+def test_an_instruments_file_asks_for_what_it_does_not_say(chromium, shop):
+    """What is refused stands at its field; what is changed is shown anew before it is stored."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050/maps")
+        text = BOTH_WAYS.replace("Axis: X", "Axis: U").encode()
+        file = {"name": "x.rtl", "mimeType": "application/octet-stream", "buffer": text}
+        page.set_input_files("#file", file)
+        expect(page.locator("#wrong-axis")).to_contain_text("got 'U'")
+        page.locator("#beside select[name=axis]").select_option("X")
+        page.get_by_role("button", name="Show what it would change").click()
+        expect(page.locator("#wrong-measured_at")).to_contain_text("expected the time")
+        expect(page.locator("#wrong-temperatures_c")).to_contain_text("got none")
+        assert barriers(page) == []
+        now = datetime.now(UTC)
+        page.get_by_label("Measured at, UTC").fill(f"{now:%Y-%m-%dT%H:%M:%S}")
+        shop.feed(25.2)
+        page.get_by_role("button", name="Take the reading").click()
+        expect(page.locator("#then-said")).to_contain_text("s before")
+        page.get_by_label("x-middle").fill("warm")
+        page.get_by_role("button", name="Show what it would change").click()
+        expect(page.get_by_label("x-middle")).to_have_attribute("aria-invalid", "true")
+        page.get_by_label("x-middle").fill("35")
+        page.get_by_role("button", name="Show what it would change").click()
+        expect(page.locator("#preview")).to_contain_text("map by positioning ‘cold’")
+        assert barriers(page) == []
+        page.get_by_label("The map’s name").fill("warm")
+        expect(page.locator("#preview")).to_be_empty()
+        page.get_by_role("button", name="Show what it would change").click()
+        page.locator("#preview button[data-do^=store]").last.click()
+        expect(page.locator("#preview")).to_contain_text("Map ‘warm’ is stored")
+        expect(page.locator(".timeline li")).to_have_count(4)
         assert all("422" in words for words in wrong)

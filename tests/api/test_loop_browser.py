@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
+import httpx
 import pytest
 
 from tests.api.test_dashboard_browser import (
@@ -13,7 +14,7 @@ from tests.api.test_dashboard_browser import (
     opened,
     pytestmark,
 )
-from tests.campaign_examples import ROOM, campaign_database
+from tests.campaign_examples import ROOM, campaign_database, store_sister
 
 __all__ = ["chromium", "pytestmark"]
 
@@ -47,6 +48,11 @@ def test_an_effect_is_found_adopted_and_taken_back(chromium, shop):
         expect(page.locator(".adopted")).to_have_text(
             "Adopted as v4. No later visits yet: store a check to see what it is worth."
         )
+        page.goto(shop.url + "/machines/campaign/maps")
+        expect(page.locator("#compared")).to_contain_text("v4 leaves less of")
+        expect(page.locator("#compared")).to_contain_text("† An adopted effect was learned from it")
+        assert barriers(page) == []
+        page.goto(shop.url + LOOP)
         page.locator("#back").click()
         page.locator(".asked button", has_text="Go back to v3").click()
         expect(page.locator("#forward")).to_have_text("Activate v4")
@@ -111,4 +117,24 @@ def test_a_controllers_files_are_shown_and_downloaded(chromium, shop):
         with page.expect_download() as found:
             page.locator("#download").click()
         assert found.value.suggested_filename == "campaign-csv.zip"
+        assert wrong == []
+
+
+def test_a_fleet_is_analysed_and_says_what_sisters_share(chromium, shop):
+    """Two machines with the same undeclared reversal value, and one that nobody measured."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        for name, checks in (("sister", None), ("unmeasured", 0)):
+            with httpx.Client(base_url=shop.url, trust_env=False, timeout=60) as client:
+                store_sister(client, name, checks)
+        page.goto(shop.url)
+        page.get_by_role("link", name="Fleet").click()
+        page.goto(shop.url + "/fleet?effects=backlash")
+        page.get_by_role("button", name="Analyse 2 machines").click()
+        expect(page.locator("#running")).to_contain_text("ended")
+        expect(page.locator("#effects")).to_contain_text("EZX has a reversal value")
+        expect(page.locator("#effects")).to_contain_text("found on 2 of 3")
+        expect(page.locator("#every")).to_contain_text("nothing was measured to judge it by")
+        assert barriers(page) == []
+        page.set_viewport_size({"width": 390, "height": 844})
+        assert page.locator("html").evaluate("e => e.scrollWidth") <= 390
         assert wrong == []

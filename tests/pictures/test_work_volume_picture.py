@@ -262,6 +262,20 @@ def test_axes_say_their_name_and_unit(name):
             assert low <= min(ticks.tickvals) <= max(ticks.tickvals) <= high
 
 
+@pytest.mark.parametrize("name", VOLUMES)
+def test_in_a_narrow_window_an_axis_has_one_label_with_both_ends(name):
+    layout = random_picture(VOLUMES[name]).layout
+    changes = layout.meta["narrow"]["changes"]
+    for axis, (low, high) in zip("xyz", VOLUMES[name].ranges_mm, strict=True):
+        words = changes.get(f"scene.{axis}axis.ticktext", [])
+        assert bool(words) == (low < high)
+        if words:
+            assert len(words) == len(layout.scene[f"{axis}axis"].tickvals)
+            (label,) = filter(None, words)
+            assert label.startswith(f"<b>{axis.upper()}</b> ")
+            assert label.endswith(f"{high:g} mm".replace("-", "−"))
+
+
 @pytest.mark.parametrize("long_mm", [2500.0, 4000.0])
 def test_an_axis_without_two_round_numbers_shows_its_ends(long_mm):
     # There is room for two or three intervals; of steps of 500 mm only 1500 lies inside.

@@ -33,8 +33,8 @@ from app.storage.records import AnalysisStatus, AnalysisTask
 from app.storage.tables import MachineRow
 from tests.campaign_examples import LATER, MACHINE_ID, ROOM, campaign_database
 from tests.databases import KINDS, reachable
+from tests.faults.service import Service
 from tests.service_examples import Clock, client_of, running
-from tests.services.test_durability import Server
 
 pytestmark = pytest.mark.anyio
 
@@ -263,7 +263,7 @@ def is_running(pid):
 def test_the_process_ends_with_a_service_that_is_killed(databases):
     """Nobody waits for its result; another service says later that the job failed."""
     url = databases.prepared("sqlite", campaign_database)
-    server = Server(url)
+    server = Service(url)
     with httpx.Client(base_url=server.url, timeout=120, trust_env=False) as client:
         client.post(PATH, json=BODY).raise_for_status()
         children = Path(f"/proc/{server.pid}/task")
@@ -272,7 +272,7 @@ def test_the_process_ends_with_a_service_that_is_killed(databases):
             assert time.monotonic() < deadline
         pids = {p for c in children.glob("*/children") for p in c.read_text().split()}
     assert pids
-    server.kill()
+    server.end()
     while any(is_running(pid) for pid in pids):
         assert time.monotonic() < deadline
         time.sleep(0.02)

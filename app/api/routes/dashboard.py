@@ -4,29 +4,34 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from starlette.responses import Response
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, VersionPath
 from app.api.pages import Page
+from app.api.router import Router
 from app.events.event import EventKind
+from app.pages.dashboard.compared_residuals import compared_residuals
 from app.pages.dashboard.events import events_page
 from app.pages.dashboard.export import export_page
+from app.pages.dashboard.fleet import fleet_page
 from app.pages.dashboard.loop import loop_page
 from app.pages.dashboard.maps import activation_preview, maps_page
 from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.volume import volume_page
+from app.services.compared_checks import show_compared_checks
 from app.services.dashboard import show_machine_view, show_machine_views
 from app.services.events import show_events
+from app.services.fleet import show_fleet
 from app.services.loop import show_loop
 from app.services.maps_view import show_maps_view
 from app.services.models import preview_model_activation
-from app.services.status import machine_in_memory, show_status
+from app.services.status import show_status
 from app.services.volume import show_volume
 
-router = APIRouter(route_class=BodyRoute, include_in_schema=False)
+router = Router(route_class=BodyRoute, include_in_schema=False)
 
 _HEADERS = {"Cache-Control": "no-store"}
 
@@ -53,6 +58,18 @@ def get_machine(
     view = show_machine_view(context, machine)
     chosen = {"x": x, "y": y, "z": z}
     return Page(machine_page(view, context.now(), chosen), scripts=0, headers=_HEADERS)
+
+
+@router.get("/fleet", response_class=Page)
+def get_fleet(
+    context: ContextDep, effects: Annotated[list[str] | None, Query(max_length=100)] = None
+) -> Page:
+    """Show how far the analyses of all machines are, and what they say together.
+
+    `effects` names the kinds that the analyses look for, all where none is named.
+    """
+    view = show_fleet(context, effects)
+    return Page(fleet_page(view, context.now(), effects), scripts=0, headers=_HEADERS)
 
 
 @router.get("/favicon.ico")
@@ -98,8 +115,7 @@ def get_export(
     controller: Annotated[str | None, Query(max_length=100)] = None,
 ) -> Page:
     """Show what a controller's files would be; `controller` names its format."""
-    name = machine_in_memory(context, machine).current.model.machine.name
-    page = export_page(machine, name, controller, context.now())
+    page = export_page(show_status(context, machine), controller, context.now())
     return Page(page, scripts=0, headers=_HEADERS)
 
 
@@ -110,6 +126,18 @@ def get_maps(
     """Show a machine's versions; `a` and `b` are the two that stand side by side."""
     view = show_maps_view(context, machine, a, b)
     return Page(maps_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/maps/residuals", response_class=Page)
+def get_compared_residuals(
+    context: ContextDep,
+    machine: MachinePath,
+    a: Annotated[int, Query(ge=1, le=2**31 - 1)],
+    b: Annotated[int, Query(ge=1, le=2**31 - 1)],
+) -> Page:
+    """Show what two versions leave of the same checks, as a part of the page of maps."""
+    found = show_compared_checks(context, machine, a, b)
+    return Page(compared_residuals(found, machine, context.now()), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/maps/preview/{version}", response_class=Page)

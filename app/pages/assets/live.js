@@ -6,6 +6,7 @@ import { areOff } from "./keys.js";
 const WAITING_MS = 5000;
 const LOST_MS = 15000;
 const AT_MOST_EVERY_MS = 500;
+const SPOKEN_EVERY_MS = 10000;
 
 const root = document.documentElement;
 const connection = document.getElementById("connection");
@@ -15,6 +16,9 @@ let backAt = -WAITING_MS;
 let asking = false;
 let isDue = false;
 let askedAt = 0;
+let refusal = "";
+let said = null;
+let spokenAt = -SPOKEN_EVERY_MS;
 
 function takeOver(page) {
   const focused = document.activeElement?.id;
@@ -25,9 +29,42 @@ function takeOver(page) {
       old.innerHTML = fresh.innerHTML;
     }
   }
+  speak();
   const title = page.querySelector("title");
   if (title) document.title = title.textContent;
   if (focused && document.activeElement?.id !== focused) document.getElementById(focused)?.focus();
+}
+
+// A change of the verdict is read out, and not with every reading.
+function speak() {
+  const spoken = document.getElementById("spoken");
+  const words = [...document.querySelectorAll("[data-spoken]")].map((one) => one.textContent).join(": ");
+  const now = performance.now();
+  if (!words || words === said || now - spokenAt < SPOKEN_EVERY_MS) return;
+  if (said !== null) spoken.textContent = words;
+  said = words;
+  spokenAt = now;
+}
+
+// What the page shows is old as soon as the service is not heard, or answers something else.
+function mark() {
+  const why = document.getElementById("lost-why");
+  if (lostSince !== null) why.textContent = "the service has not been heard for 15 s.";
+  else if (refusal) why.textContent = refusal;
+  if (lostSince !== null || refusal) root.dataset.connection = "lost";
+  else delete root.dataset.connection;
+}
+
+async function refused(answer) {
+  // Who has no key any more states one; a machine that is gone has no page.
+  if (answer.status === 401) location.reload();
+  else if (answer.status === 404) location.assign("/");
+  else {
+    const problem = await answer.json().catch(() => ({}));
+    refusal = `the service answers: ${problem.detail ?? answer.status}.`;
+    say("Not answered");
+    mark();
+  }
 }
 
 async function ask() {
@@ -43,8 +80,11 @@ async function ask() {
   askedAt = performance.now();
   try {
     const answer = await fetch(location.href, { cache: "no-store" });
-    if (answer.ok) takeOver(new DOMParser().parseFromString(await answer.text(), "text/html"));
-    else if (answer.status === 404) location.assign("/");
+    if (answer.ok) {
+      takeOver(new DOMParser().parseFromString(await answer.text(), "text/html"));
+      refusal = "";
+      mark();
+    } else await refused(answer);
   } catch {
     // the connection says so by itself
   }
@@ -61,9 +101,10 @@ function heard() {
     say(`Connected again, ${Math.round((now - lostSince) / 1000)} s were missing`);
     lostSince = null;
     backAt = now;
-    delete root.dataset.connection;
+    mark();
     ask();
-  } else if (now - backAt > WAITING_MS) say("Live");
+  } else if (refusal) say("Not answered");
+  else if (now - backAt > WAITING_MS) say("Live");
   heardAt = now;
 }
 
@@ -90,7 +131,7 @@ setInterval(() => {
   const silentMs = performance.now() - heardAt;
   if (silentMs > LOST_MS) {
     if (lostSince === null) lostSince = heardAt;
-    root.dataset.connection = "lost";
+    mark();
     say("No connection");
   } else if (silentMs > WAITING_MS) say("Waiting");
 }, 1000);
@@ -113,11 +154,11 @@ document.addEventListener("keydown", (event) => {
   else if (event.key === "ArrowUp" && links.length) links[Math.max(at - 1, 0)].focus();
   else if (document.querySelector(`a[data-page="${CSS.escape(event.key)}"]`)) document.querySelector(`a[data-page="${CSS.escape(event.key)}"]`).click();
   else if (event.key === "Escape" && root.dataset.back) location.assign(root.dataset.back);
-  else if (event.key === "f" && document.querySelector("table.machines")) {
+  else if (event.key.toLowerCase() === "f" && document.querySelector("table.machines")) {
     if (root.dataset.view) delete root.dataset.view;
     else root.dataset.view = "far";
     localStorage.setItem("thermap-far", root.dataset.view ?? "");
-  } else if (event.key === "t" && document.getElementById("whole")) {
+  } else if (event.key.toLowerCase() === "t" && document.getElementById("whole")) {
     const whole = document.getElementById("whole");
     whole.open = !whole.open;
     if (whole.open) whole.scrollIntoView();
@@ -128,4 +169,5 @@ document.addEventListener("keydown", (event) => {
 // What a page changed itself is shown at once.
 addEventListener("thermap-changed", ask);
 
+speak();
 follow();

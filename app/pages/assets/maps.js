@@ -8,6 +8,8 @@ const file = document.getElementById("file");
 const choose = document.getElementById("choose");
 const machine = encodeURIComponent(drop.dataset.machine);
 const api = `/v1/machines/${machine}`;
+const beside = document.getElementById("beside");
+const LOOK_BACK_S = 900;
 let chosen = null;
 let asked = 0;
 
@@ -30,17 +32,55 @@ function say(title, lines = [], kind = "limited") {
   preview.focus();
 }
 
-async function refused(answer) {
+// The element of the form in which a refused field was asked, and the one that says what is wrong.
+function askedIn(field) {
+  if (field.startsWith("temperatures_c.")) {
+    const sensor = field.slice("temperatures_c.".length);
+    const input = beside.querySelector(`[data-sensor="${CSS.escape(sensor)}"]`);
+    if (input) return [input, document.getElementById(input.getAttribute("aria-describedby"))];
+  }
+  const name = field.startsWith("temperatures_c") ? "temperatures_c" : field;
+  const said = document.getElementById(`wrong-${name}`);
+  if (!said || !beside.contains(said)) return [null, null];
+  return [beside.elements[name] ?? beside.querySelector("[data-sensor]"), said];
+}
+
+function clearWrong() {
+  for (const one of beside.querySelectorAll(".wrong")) one.textContent = "";
+  for (const one of beside.querySelectorAll("[aria-invalid]")) one.removeAttribute("aria-invalid");
+}
+
+// Says at its field what is wrong with it; gives the lines that belong to none, and the first field.
+function place(errors) {
+  const others = [];
+  let first = null;
+  for (const { field, message } of errors) {
+    const [input, said] = askedIn(field);
+    if (!said || !chosen) {
+      others.push(field === "file" ? message : `${field}: ${message}`);
+      continue;
+    }
+    said.textContent += `${said.textContent ? " " : ""}${message}`;
+    input?.setAttribute("aria-invalid", "true");
+    first ??= input;
+  }
+  return [others, first];
+}
+
+async function refused(title, answer) {
   const problem = await answer.json().catch(() => ({}));
-  const lines = (problem.errors ?? []).map((one) => one.message);
-  return lines.length ? lines : [problem.detail ?? `The service answered ${answer.status}.`];
+  const [lines, first] = place(problem.errors ?? []);
+  if (!problem.errors?.length) lines.push(problem.detail ?? `The service answered ${answer.status}.`);
+  if (first) lines.push("What the file does not say is asked above.");
+  say(title, [...lines, "Nothing has changed."]);
+  first?.focus();
 }
 
 async function ask(title, address, options = {}) {
   try {
     const answer = await fetch(address, { cache: "no-store", ...options });
     if (answer.ok) return answer;
-    say(title, [...(await refused(answer)), "Nothing has changed."]);
+    await refused(title, answer);
   } catch {
     say(title, ["The service was not reached. Whether something has changed shows the page when it is back."]);
   }
@@ -61,20 +101,70 @@ function content() {
   return { method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: chosen.bytes };
 }
 
+// What is stated beside the file, as the service takes it.
+function stated() {
+  const found = new URLSearchParams({ name: chosen.name });
+  for (const name of ["method", "label"]) {
+    const value = beside.elements[name].value.trim();
+    if (value) found.set(name, value);
+  }
+  const axis = beside.elements.axis.value;
+  if (axis) found.set("axis", "XYZ".includes(axis) ? axis.toLowerCase() : axis);
+  const time = beside.elements.measured_at.value;
+  if (time) found.set("measured_at", `${time}Z`);
+  for (const one of beside.querySelectorAll("[data-sensor]")) {
+    if (one.value.trim()) found.append("temperature", `${one.dataset.sensor}=${one.value.trim()}`);
+  }
+  return found;
+}
+
+async function look() {
+  clearWrong();
+  chosen.stated = stated();
+  await show(`${chosen.name} was not stored.`, `/machines/${machine}/maps/preview?${chosen.stated}`, content());
+}
+
 async function take(one) {
-  chosen = { name: one.name.slice(-200), bytes: await one.arrayBuffer() };
+  chosen = { name: one.name.slice(-200), bytes: await one.arrayBuffer(), stated: null };
   drop.classList.add("small");
+  beside.reset();
+  beside.hidden = false;
+  document.getElementById("then-said").textContent = "";
   state.textContent = `${chosen.name}: nothing is stored yet`;
-  const name = encodeURIComponent(chosen.name);
-  await show(`${chosen.name} was not stored.`, `/machines/${machine}/maps/preview?name=${name}`, content());
+  await look();
+}
+
+async function takeReading() {
+  const said = document.getElementById("then-said");
+  const time = Date.parse(`${beside.elements.measured_at.value}Z`);
+  if (Number.isNaN(time)) {
+    said.textContent = "State the time first.";
+    beside.elements.measured_at.focus();
+    return;
+  }
+  const range = new URLSearchParams({
+    from: new Date(time - LOOK_BACK_S * 1000).toISOString(),
+    to: new Date(time).toISOString(),
+  });
+  const answer = await ask("The readings were not read.", `${api}/readings?${range}`);
+  if (!answer) return;
+  const last = (await answer.json()).at(-1);
+  if (!last) {
+    said.textContent = `No reading is stored in the ${LOOK_BACK_S / 60} min before that time.`;
+    return;
+  }
+  for (const one of beside.querySelectorAll("[data-sensor]")) one.value = last.temperatures_c[one.dataset.sensor] ?? "";
+  said.textContent = `Reading of ${last.time.slice(0, 19).replace("T", " ")} UTC, ${Math.round((time - Date.parse(last.time)) / 1000)} s before.`;
+  preview.replaceChildren();
 }
 
 async function store(acceptLosses) {
-  const address = `${api}/error-maps/from-file?name=${encodeURIComponent(chosen.name)}&accept_losses=${acceptLosses}`;
+  const address = `${api}/error-maps/from-file?${chosen.stated}&accept_losses=${acceptLosses}`;
   const answer = await ask(`${chosen.name} was not stored.`, address, content());
   if (!answer) return;
   const stored = await answer.json();
   state.textContent = `${chosen.name}: stored`;
+  beside.hidden = true;
   const waits = stored.activated === false;
   say(`Map ‘${stored.label}’ is stored${waits ? `; v${stored.model_version} waits.` : "."}`, stored.warnings ?? [], "fine");
   dispatchEvent(new Event("thermap-changed"));
@@ -93,6 +183,7 @@ function discard() {
   file.value = "";
   state.textContent = "nothing is stored yet";
   drop.classList.remove("small");
+  beside.hidden = true;
   preview.replaceChildren();
   choose.focus();
 }
@@ -111,6 +202,14 @@ document.addEventListener("click", async (event) => {
   else if (button.dataset.do === "activate") await activate(found.dataset.version);
   else await store(button.dataset.do === "store-all");
 });
+
+// What was shown was of what is stated then: changed, it is shown anew before it can be stored.
+beside.addEventListener("input", () => preview.replaceChildren());
+beside.addEventListener("submit", (event) => {
+  event.preventDefault();
+  look();
+});
+document.getElementById("then").addEventListener("click", takeReading);
 
 choose.disabled = false;
 choose.addEventListener("click", () => file.click());

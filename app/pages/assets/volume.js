@@ -54,6 +54,9 @@ async function draw() {
     delete layout.height;
     show(true);
     await window.Plotly.react(space, figure.data, layout, { displaylogo: false, responsive: true });
+    // Letters stay as large in a narrow window: what is said there is less, and does not collide.
+    const { narrow } = figure.layout.meta;
+    if (space.clientWidth < narrow.below_px) await window.Plotly.relayout(space, narrow.changes);
     why.textContent = `${drawn} As of ${new Date().toISOString().slice(11, 19)} UTC, with its own exaggeration, without tool offset; 3D draws it anew.`;
   } catch (error) {
     show(false);

@@ -66,7 +66,7 @@ def course_svg(
     values = course.temperatures_c
     known = [*values, *(maps_c or ())]
     if not known:
-        return Markup("")
+        return _svg("course", name, [])
     low, high = float(min(known)), float(max(known))
     margin = 0.12 * max(high - low, 0.5)
     low, high = low - margin, high + margin
@@ -82,8 +82,11 @@ def course_svg(
         top, bottom = y(maps_c[-1]), y(maps_c[0])
         parts.append(f'<rect class="band" y="{top:.0f}" width="1000" height="{bottom - top:.0f}"/>')
     for stretch in _stretches(course):
-        points = " ".join(f"{x(course.times_s[i]):.0f},{y(values[i]):.0f}" for i in stretch)
-        parts.append(f'<polyline class="now" points="{points}"/>')
+        points = [f"{x(course.times_s[i]):.0f},{y(values[i]):.0f}" for i in stretch]
+        if len(points) == 1:  # a reading without neighbours is seen as well
+            parts.append(f'<path class="dot" d="M{points[0]}h0"/>')
+        else:
+            parts.append(f'<polyline class="now" points="{" ".join(points)}"/>')
     if is_old and values.size:
         at = y(values[-1])
         parts.append(

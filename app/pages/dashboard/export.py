@@ -10,9 +10,10 @@ from app.controllers.format import Format
 from app.controllers.registry import FORMATS, format_named
 from app.pages.dashboard.navigation import Shown
 from app.pages.environment import render_live
+from app.status.machine_status import MachineStatus
 
 
-def export_page(machine_id: str, machine_name: str, controller: str | None, now: datetime) -> str:
+def export_page(status: MachineStatus, controller: str | None, now: datetime) -> str:
     """Write the page on which a controller is chosen and its files are made.
 
     Raises
@@ -24,9 +25,10 @@ def export_page(machine_id: str, machine_name: str, controller: str | None, now:
     return render_live(
         "dashboard/export.html",
         page="/export",
-        machine=Shown(machine_id, machine_name),
-        stream=f"/v1/machines/{machine_id}/compensation/stream",
+        machine=Shown(status.machine, status.name),
+        stream=f"/v1/machines/{status.machine}/compensation/stream",
         now=now,
+        status=status,
         formats=list(FORMATS.values()),
         chosen=chosen,
         options=[] if chosen is None else _options(chosen),
@@ -45,7 +47,7 @@ def _options(chosen: Format) -> list[dict[str, Any]]:
         found.append(
             {
                 "name": name,
-                "about": field.description or "",
+                "about": (field.description or "").replace("`", ""),
                 "is_required": field.is_required(),
                 "default": "" if default is None else json.dumps(default, default=str),
             }

@@ -391,6 +391,7 @@ def _visit_chart(result: Analysis) -> dict[str, Any] | None:
     return {
         "name": name,
         "unit": one.unit,
+        "has_band": band is not None,
         **residual_chart(
             Marks(one.time_s, one.before, one.after),
             band,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, Final
 
@@ -13,12 +13,24 @@ from app.errors import counted
 from app.geometry.components import COMPONENTS
 from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import clock, signed
+from app.pages.dashboard.numbers import clock, number, signed
 from app.pages.environment import render_live
 from app.services.maps_view import MapsView
 from app.services.models import Preview
 from app.storage.records import ModelVersion
 from app.thermal.error_map import ErrorMap
+from app.units import unit_of_field
+
+METHODS: Final = {
+    "positioning": "positioning (ISO 230-2)",
+    "six-dof": "six errors of one axis",
+    "step-diagonal": "sequential step diagonals",
+    "body-diagonal": "body diagonals (ISO 230-6)",
+    "machined-part": "a machined edge",
+    "drilled-plate": "a drilled plate",
+    "rotary-axis": "a rotary axis (R-test)",
+}
+"""Methods whose tables of readings make a map, in words."""
 
 SEEN: Final = 0.05
 """Changes below are 0.0 as they are written: their rows fold into one."""
@@ -34,6 +46,7 @@ def maps_page(view: MapsView, now: datetime) -> str:
         stream=f"/v1/machines/{status.machine}/compensation/stream",
         now=now,
         view=view,
+        methods=METHODS,
         title=_title(view, now),
         versions=[_version(one, view, now) for one in view.versions],
         difference=None if view.compared is None else _changes(view.compared.changes),
@@ -41,13 +54,39 @@ def maps_page(view: MapsView, now: datetime) -> str:
     )
 
 
-def upload_preview(preview: Preview, name: str, error_map: ErrorMap, remarks: Sequence[str]) -> str:
-    """Write what storing a file's map would do, before anything is stored."""
+def upload_preview(
+    preview: Preview,
+    name: str,
+    error_map: ErrorMap,
+    remarks: Sequence[str],
+    method: str | None,
+    figures: Mapping[str, float],
+) -> str:
+    """Write what storing a file's map would do, before anything is stored.
+
+    Parameters
+    ----------
+    method, figures
+        By which method the map was measured, and its figures by names that end in the unit,
+        where the file holds an instrument's readings.
+    """
+    kind = "map" if method is None else f"map by {method}"
+    when = f"{error_map.measured_at:%Y-%m-%d %H:%M} UTC"
     about = (
-        f"{name} · map ‘{error_map.label}’ · {counted(len(error_map.tables), 'component')}, "
-        f"{counted(len(error_map.temperatures_c), 'temperature')}"
+        f"{name} · {kind} ‘{error_map.label}’, {when} · {', '.join(error_map.tables)} · "
+        + ", ".join(f"{name} {number(t)} °C" for name, t in error_map.temperatures_c.items())
     )
-    return _preview_page(preview, "upload", "Storing this map", about, remarks=remarks)
+    return _preview_page(
+        preview,
+        "upload",
+        "Storing this map",
+        about,
+        remarks=remarks,
+        figures=[
+            {"name": figure, "value": number(value), "unit": unit_of_field(figure) or ""}
+            for figure, value in figures.items()
+        ],
+    )
 
 
 def activation_preview(preview: Preview, version: int) -> str:
@@ -65,6 +104,7 @@ def _preview_page(
     *,
     version: int | None = None,
     remarks: Sequence[str] = (),
+    figures: Sequence[Mapping[str, str]] = (),
 ) -> str:
     loses = preview.difference.loses
     return render_live(
@@ -82,6 +122,7 @@ def _preview_page(
         why_not=preview.present.why_not,
         waited=preview.waited_before,
         remarks=remarks,
+        figures=figures,
     )
 
 

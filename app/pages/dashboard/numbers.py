@@ -26,12 +26,12 @@ def signed(value: float, digits: int = 1) -> str:
 
 
 def number(value: float, digits: int = 2) -> str:
-    """Write a number that needs no plus.
+    r"""Write a number that needs no plus.
 
-    >>> number(-3.5), number(29.4)
-    ('−3.50', '29.40')
+    >>> number(-3.5), number(29.4), number(11108608.8, 1)
+    ('−3.50', '29.40', '11\xa0108\xa0608.8')
     """
-    return f"{value:.{digits}f}".replace("-", MINUS)
+    return f"{value:,.{digits}f}".replace("-", MINUS).replace(",", NO_BREAK)
 
 
 def with_unit(text: str, unit: str) -> Markup:

@@ -22,7 +22,7 @@ from app.pages.dashboard.charts import (
 )
 from app.pages.dashboard.events import event_row
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import age, clock, number, signed
+from app.pages.dashboard.numbers import MINUS, NO_BREAK, age, clock, number, signed
 from app.pages.environment import render_live
 from app.services.dashboard import Curve, MachineView
 from app.status.machine_status import MachineStatus, SensorNow, State, Verdict
@@ -51,6 +51,8 @@ _STATES: Final[Mapping[State, str]] = {
     State.STAND_IN: "Stand-in",
     State.FRESH: "Fresh",
 }
+
+_HYPHEN: Final = "\N{NON-BREAKING HYPHEN}"
 
 _WATCH: Final = {"within": "within", "beyond": "beyond", "not-judged": "not judged"}
 
@@ -104,6 +106,7 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
         events=[event_row(event) for event in view.events],
         sensors=[_sensor(view, sensor) for sensor in _worst_first(status.sensors)],
         axes=axes,
+        tick_letters=max((len(t["words"]) for a in axes for t in a.get("ticks", ())), default=0),
         uncertainty=_uncertainty(view.curves),
         tables=list(_tables(view.curves)),
     )
@@ -163,6 +166,8 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
         "why": status.sentences[0] if status.sentences else "",
         "leading": leading,
         "course": course,
+        "is_old": leading is None or leading.health is not Health.OK or _is_old(status),
+        "health": _health_words(leading),
         "length": round(100.0 * abs(status.largest.value) / largest, 1)
         if status.largest is not None and largest > 0.0
         else 0.0,
@@ -191,7 +196,8 @@ def _worst_first(sensors: Iterable[SensorNow]) -> list[SensorNow]:
 
 
 def _state_words(status: MachineStatus, now: datetime) -> str:
-    since = "" if status.since is None else f" · {clock(status.since, now)}"
+    # A date is not broken at its hyphens.
+    since = "" if status.since is None else f" · {clock(status.since, now).replace('-', _HYPHEN)}"
     return _STATES[status.state] + since
 
 
@@ -199,9 +205,7 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     is_fault = sensor.health not in (Health.OK, Health.STALE)
     outside = sensor.outside_maps_k
     if sensor.health is not Health.OK:
-        words = str(sensor.health).replace("-", " ")
-        if sensor.health is Health.STALE and sensor.age_s is not None:
-            words = f"{age(sensor.age_s)} old"
+        words = _health_words(sensor)
     elif outside is None:
         words = "not used"
     elif outside == 0.0:
@@ -212,6 +216,7 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     return {
         "now": sensor,
         "is_fault": is_fault,
+        "is_old": sensor.health is Health.STALE,
         "words": words,
         "course": course_svg(
             view.courses[sensor.sensor],
@@ -220,6 +225,20 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
             is_old=sensor.health is not Health.OK,
         ),
     }
+
+
+def _health_words(sensor: SensorNow | None) -> str:
+    """Say what is the matter with a sensor, in two words; empty where nothing is."""
+    if sensor is None or sensor.health is Health.OK:
+        return ""
+    if sensor.health is Health.STALE and sensor.age_s is not None:
+        return f"{age(sensor.age_s)} old"
+    return str(sensor.health).replace("-", " ")
+
+
+def _is_old(status: MachineStatus) -> bool:
+    """Whether numbers stand still: they look so too."""
+    return status.state is State.NO_READING
 
 
 def _axes(curves: Sequence[Curve], chosen: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -337,7 +356,7 @@ def _largest_of(curve: Curve) -> tuple[float, str]:
     values = curve.entry.compensation
     at = int(np.abs(values).argmax())
     axis = curve.component.axis
-    place = "" if axis is None else f"at {axis.upper()} {curve.entry.positions_mm[at]:g}"
+    place = "" if axis is None else f"at {axis.upper()} {round(curve.entry.positions_mm[at], 1):g}"
     return float(values[at]), place
 
 
@@ -406,4 +425,4 @@ def _rows(curves: Iterable[Curve]) -> list[dict[str, Any]]:
 
 
 def _tick(value: float) -> str:
-    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+    return f"{value:,.10g}".replace("-", MINUS).replace(",", NO_BREAK)

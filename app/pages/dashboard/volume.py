@@ -17,7 +17,7 @@ from app.geometry.compensation_levels import Level
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import number, signed
+from app.pages.dashboard.numbers import NO_BREAK, number, signed
 from app.pages.dashboard.pages import group_of
 from app.pages.environment import render_live
 from app.pictures.slices import LINES, Slice
@@ -87,7 +87,7 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         ],
         "levels": _levels(now),
         "definitions": [
-            ("Ed, ISO 230-6", now.accuracy.diagonals.ed_um),
+            ("Ed, ISO 230\N{NON-BREAKING HYPHEN}6", now.accuracy.diagonals.ed_um),
             ("ESd", now.accuracy.diagonals.esd_um),
             ("Definition 1", now.accuracy.with_arms.definition_1),
             ("Definition 2", now.accuracy.with_arms.definition_2),
@@ -228,7 +228,7 @@ def _bars(now: VolumeNow, width_mm: float, margin_mm: float) -> dict[str, Any]:
         return f'<polyline class="{kind}" points="{points}"/>'
 
     def words(length: float, unit: str) -> str:
-        return f"{length:g} {unit}"
+        return f"{length:,.10g} {unit}".replace(",", NO_BREAK)
 
     return {
         "travel": _svg((width_mm, high), [bar("nominal bar-line", high * 0.7, travel)], ""),

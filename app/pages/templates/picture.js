@@ -9,3 +9,11 @@ if (shape < 1) {
   const scale = {x: x * shape, y: y * shape, z: z * shape};
   Plotly.relayout(place, {"scene.aspectratio": scale});
 }
+// Letters stay as large in a narrow window: what is said there is less, and does not collide.
+function fit() {
+  const {narrow} = place.layout.meta;
+  if (place.clientWidth < narrow.below_px) Plotly.relayout(place, narrow.changes);
+}
+fit();
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", fit);
+addEventListener("afterprint", fit);

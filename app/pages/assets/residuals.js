@@ -1,0 +1,30 @@
+// What two versions leave of the same checks is computed when the page is opened and when other
+// versions are compared; it does not follow each reading.
+
+const compare = document.getElementById("compare");
+const shown = document.getElementById("residuals-shown");
+let address = "";
+
+async function show() {
+  const asked = document.getElementById("pair")?.dataset.residuals;
+  if (!asked || asked === address) return;
+  address = asked;
+  try {
+    const answer = await fetch(asked, { cache: "no-store" });
+    if (asked !== address) return;
+    if (answer.ok) {
+      const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+      shown.replaceChildren(document.adoptNode(page.getElementById("compared")));
+      return;
+    }
+    const problem = await answer.json().catch(() => ({}));
+    shown.textContent = `Not compared: ${problem.detail ?? `the service answered ${answer.status}`}`;
+  } catch {
+    shown.textContent = "Not compared: the service was not reached.";
+  }
+}
+
+if (shown) {
+  show();
+  new MutationObserver(show).observe(compare, { childList: true, subtree: true });
+}

@@ -1,0 +1,114 @@
+"""The page of the fleet: how far its analyses are, who drifts, and what sisters share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+from app.errors import counted
+from app.pages.environment import render_live
+from app.pages.fleet_report import ANSWERS, gain_text, parameters, rms_text, share_text
+from app.pages.report_parts.effect_names import MARKS, STATUSES, VERDICTS, explanation_name
+from app.services.fleet import HOLDOUT, FleetMember, FleetView
+from app.storage.records import AnalysisStatus
+
+
+def fleet_page(view: FleetView, now: datetime, kinds: Sequence[str] | None = None) -> str:
+    """Write the page of all machines' analyses together."""
+    ended = [one for one in view.members if one.job is not None and not one.is_going_on]
+    asked = [one for one in view.members if one.job is not None]
+    to_ask = [one for one in view.members if one.is_to_be_asked]
+    judged = {} if view.judgement is None else {m.machine: m for m in view.judgement.machines}
+    return render_live(
+        "dashboard/fleet.html",
+        page="fleet",
+        stream="/v1/stream",
+        now=now,
+        view=view,
+        title=_title(view, len(to_ask)),
+        progress=_progress(view, len(ended), len(asked)),
+        share=_share(view),
+        to_ask=json.dumps([_question(one, kinds) for one in to_ask]),
+        kinds=kinds or (),
+        start_words=f"Analyse {counted(len(to_ask), 'machine')}",
+        rows=[_row(one, judged.get(one.id)) for one in _ordered(view, judged)],
+        several=[e for e in judged_effects(view) if len(e.found_on) > 1],
+        effects=judged_effects(view),
+        explanation_name=explanation_name,
+        rms_text=rms_text,
+        gain_text=gain_text,
+        share_text=share_text,
+        parameters=lambda effect: dict(parameters(effect)),
+        ANSWERS=ANSWERS,
+        MARKS=MARKS,
+        STATUSES=STATUSES,
+        VERDICTS=VERDICTS,
+    )
+
+
+def _question(one: FleetMember, kinds: Sequence[str] | None) -> dict[str, Any]:
+    """Write what a machine's analysis is asked with, as the route takes it."""
+    body = {"verifications": list(one.verifications), "holdout_fraction": HOLDOUT}
+    return {"machine": one.id, "body": body | ({} if kinds is None else {"effects": list(kinds)})}
+
+
+def judged_effects(view: FleetView) -> list[Any]:
+    """List what was found, on most machines first."""
+    return [] if view.judgement is None else list(view.judgement.effects)
+
+
+def _ordered(view: FleetView, judged: dict[str, Any]) -> list[FleetMember]:
+    """Put those that drift first, where that is known."""
+    order = list(judged)
+    known = {name: i for i, name in enumerate(order)}
+    return sorted(view.members, key=lambda one: known.get(one.id, len(order)))
+
+
+def _title(view: FleetView, to_ask: int) -> str:
+    if view.judgement is not None:
+        more = f" {counted(to_ask, 'machine')} not analysed." if to_ask else ""
+        return view.judgement.summary + more
+    if view.is_going_on:
+        return "The machines are being analysed."
+    if to_ask:
+        return f"{counted(to_ask, 'machine')} can be analysed by what was measured."
+    return "No machine can be analysed: none has a model and a check."
+
+
+def _progress(view: FleetView, ended: int, asked: int) -> str:
+    if view.tried < view.wanted:
+        return f"Analysed. Effects are tried on sisters: {view.tried} of {view.wanted}."
+    return f"{ended} of {counted(asked, 'analysis', 'analyses')} ended."
+
+
+def _share(view: FleetView) -> float:
+    """Say how much of the analyses is done, 0 to 1; trials come after them."""
+    if view.wanted:
+        return view.tried / view.wanted
+    jobs = [one.job for one in view.members if one.job is not None]
+    done = [
+        job.progress
+        if job.status is AnalysisStatus.RUNNING
+        else float(job.status not in (AnalysisStatus.QUEUED,))
+        for job in jobs
+    ]
+    return sum(done) / len(done) if done else 0.0
+
+
+def _row(one: FleetMember, judged: Any) -> dict[str, Any]:
+    job = one.job
+    if one.why_not:
+        state = f"cannot be analysed: {one.why_not}"
+    elif job is None:
+        state = "not analysed yet"
+    elif job.status is AnalysisStatus.RUNNING:
+        state = f"analysis {job.id} runs: {100 * job.progress:.0f} %, {job.message}"
+    elif job.status is AnalysisStatus.QUEUED:
+        state = f"analysis {job.id} waits"
+    elif job.status is AnalysisStatus.DONE:
+        state = f"analysis {job.id} done"
+    else:
+        state = f"analysis {job.id} {job.status}: {job.message}"
+    return {"member": one, "state": state, "judged": judged}

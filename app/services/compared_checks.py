@@ -1,0 +1,137 @@
+"""Two model versions on the same checks: what each leaves, together and check by check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray
+from app.errors import ThermapError
+from app.identification.analysis.before_after import lengths
+from app.identification.analysis.residual_report import Size
+from app.search.figures import rms
+from app.services.context import Context
+from app.services.residuals import ComparedVersion, compare_models
+from app.storage.analyses import list_analyses
+from app.storage.machines import find_machine
+from app.storage.records import StoredVerification
+from app.storage.verifications import list_verifications
+
+MOST_CHECKS: Final = 50
+"""The newest so many are compared: each is read with the readings around it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """What two versions leave of the same lengths, root mean square [µm]."""
+
+    count: int
+    a_um: float
+    b_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedCheck:
+    """One check under both versions.
+
+    Parameters
+    ----------
+    lengths
+        None where it has no length that both versions can be held against.
+    learned_from
+        Whether an effect was adopted, up to the later version, by an analysis of it: that a
+        version with that effect leaves less there proves nothing.
+    """
+
+    check: StoredVerification
+    lengths: Pair | None
+    learned_from: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedChecks:
+    """Two versions on the same observations of the same checks, relative to the same zeros.
+
+    Parameters
+    ----------
+    left_out
+        How many older checks were not compared.
+    together, independent
+        All lengths; those of checks that nothing was learned from. None where there are none.
+    components
+        Each component under A and B, relative to the zero that each names.
+    why_not
+        Why nothing could be compared; empty otherwise.
+    """
+
+    a: int
+    b: int
+    checks: Sequence[ComparedCheck] = ()
+    left_out: int = 0
+    together: Pair | None = None
+    independent: Pair | None = None
+    components: Sequence[tuple[Size, Size]] = ()
+    why_not: str = ""
+
+
+def show_compared_checks(context: Context, machine_id: str, a: int, b: int) -> ComparedChecks:
+    """Hold two versions against a machine's newest checks.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    with context.database.reading() as session:
+        find_machine(session, machine_id)
+        stored = list_verifications(session, machine_id)
+        adopted = [
+            one.task.verification_ids
+            for one in list_analyses(session, machine_id)
+            if one.adopted_version is not None and one.adopted_version <= max(a, b)
+        ]
+    checks = sorted(stored, key=lambda one: (one.first_at, one.id))[-MOST_CHECKS:]
+    left_out = len(stored) - len(checks)
+    if not checks:
+        return ComparedChecks(a, b, why_not="no check is stored")
+    try:
+        first, second = compare_models(context, machine_id, [one.id for one in checks], [a, b])
+    except ThermapError as error:
+        return ComparedChecks(a, b, left_out=left_out, why_not=error.detail)
+    learned = {number for numbers in adopted for number in numbers}
+    return _compared(first, second, checks, left_out, learned)
+
+
+def _compared(
+    first: ComparedVersion,
+    second: ComparedVersion,
+    checks: Sequence[StoredVerification],
+    left_out: int,
+    learned: set[int],
+) -> ComparedChecks:
+    rows = first.report.residuals.rows
+    are_lengths = lengths(first.report.residuals) & (first.report.overall is not None)
+    of_check = [are_lengths & (rows.verification == i) for i in range(len(checks))]
+    is_new = np.array([one.id not in learned for one in checks], dtype=np.bool_)
+    return ComparedChecks(
+        first.version,
+        second.version,
+        [
+            ComparedCheck(check, _pair(first, second, own), check.id in learned)
+            for check, own in zip(checks, of_check, strict=True)
+        ],
+        left_out,
+        _pair(first, second, are_lengths),
+        _pair(first, second, are_lengths & is_new[rows.verification]),
+        list(zip(first.report.components, second.report.components, strict=True)),
+    )
+
+
+def _pair(first: ComparedVersion, second: ComparedVersion, chosen: BoolArray) -> Pair | None:
+    if not chosen.any():
+        return None
+    left = (rms(one.report.values[chosen]) for one in (first, second))
+    return Pair(int(chosen.sum()), *left)
