@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from fastapi import Depends
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
@@ -15,7 +14,6 @@ from starlette.staticfiles import StaticFiles
 
 import app as package
 from app.api.access import AccessControl
-from app.api.dependencies import refuse_unknown_query
 from app.api.error_responses import install_error_responses
 from app.api.gate import Gate
 from app.api.machine_metrics import machine_metrics
@@ -33,6 +31,7 @@ from app.api.routes import (
     fleet,
     geometry,
     health,
+    keys,
     login,
     machines,
     map_files,
@@ -48,7 +47,7 @@ from app.api.routes import (
 )
 from app.api.short_way import ThermapService
 from app.api.streams import TableStreams
-from app.api.turns import SharedQuestion, Turns, take_turn
+from app.api.turns import SharedQuestion, Turns
 from app.connections.config import ConnectionsFile, read_connections
 from app.connections.running import Connections
 from app.connections.serving_tables import expect_library, serving_tables
@@ -85,15 +84,12 @@ ROOMS = (
     fleet,
     events,
     connections,
+    keys,
     health,
     dashboard,
     login,
 )
 """The routes, in the order in which /docs lists them."""
-
-
-BEFORE_ALL = [Depends(refuse_unknown_query), Depends(take_turn, scope="function")]
-"""What comes before every route; whose turn it is ends with its function."""
 
 STOP_S = 2.0
 """How long those who follow the database may take to end [s]: it may hang."""
@@ -135,7 +131,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     )
     runner = make_runner(context, runs_here=settings.analyses)
     alarms = AlarmLog(context)
-    keeper = ReadingKeeper(context, settings.keep_readings)
+    keeper = ReadingKeeper(
+        context, settings.keep_readings, settings.thin_readings_after, settings.thin_readings_to_s
+    )
 
     @asynccontextmanager
     async def lifespan(_app: object) -> AsyncIterator[None]:
@@ -185,7 +183,6 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.connections = Connections(
         stated, lambda: service.state.context, service.state.streams.all_tables
     )
-    ring = KeyRing(lambda: service.state.context, settings.refresh_s)
     service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
@@ -200,7 +197,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         )
     install_error_responses(service)
     for room in ROOMS:
-        service.include_router(room.router, dependencies=BEFORE_ALL)
+        room.router.serve_by(service)
     document_problems(service)
     _add_documentation(service)
     return service

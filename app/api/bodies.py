@@ -8,7 +8,7 @@ than for a piece.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import nullcontext
 from typing import Annotated, Any, Final, TypeVar, cast
 
@@ -67,7 +67,7 @@ class BodyRoute(APIRoute):
             body = await _received(request, most)
             if not body:
                 return await handle(_ReadRequest(request, b"", None))
-            _refuse_other_kinds(request)
+            _refuse_other_kinds(request, (JSON,))
             with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
                 content = await _off_the_loop(len(body), lambda: _checked(adapter, body))
                 read = _ReadRequest(request, body, content)
@@ -78,6 +78,24 @@ class BodyRoute(APIRoute):
                     read.release()
 
         return read_and_handle
+
+
+class FileRoute(APIRoute):
+    """A route whose body is a file; its limit and kinds are those that are documented of it."""
+
+    def get_route_handler(self) -> Handler:
+        """Wrap the framework's handler, which is given a request whose file has come."""
+        handle = super().get_route_handler()
+        stated = self.openapi_extra or {}
+        limit, kinds = int(stated[LIMIT_NAME]), tuple(stated["requestBody"]["content"])
+
+        async def receive_and_handle(request: Request) -> Response:
+            _refuse_other_kinds(request, kinds)
+            body = await _received(request, min(limit, request.app.state.max_body_bytes))
+            with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
+                return await handle(_ReadRequest(request, body, None))
+
+        return receive_and_handle
 
 
 class _ReadRequest(Request):
@@ -134,23 +152,28 @@ async def _received(request: Request, most: int) -> bytes:
     return bytes(got)
 
 
-def _refuse_other_kinds(request: Request) -> None:
+def _refuse_other_kinds(request: Request, kinds: Sequence[str]) -> None:
+    """Refuse what is of none of these kinds; a browser sends them for no other site's page."""
     got = request.headers.get("content-type", "")
-    if got.partition(";")[0].strip().lower() != JSON:
+    if got.partition(";")[0].strip().lower() not in kinds:
+        expected = "JSON with the header" if JSON in kinds else "a file with the header"
         raise HTTPException(
             415,
-            f"expected JSON with the header Content-Type: {JSON}, got "
+            f"expected {expected} Content-Type: {' or '.join(kinds)}, got "
             f"{got[:80] or 'no Content-Type'}",
         )
 
 
 async def _off_the_loop(size: int, read: Callable[[], Read]) -> Read:
-    """Read a short body at once; a long one in a thread, and not many of them together.
+    """Read a short body at once, a long one in a thread."""
+    return read() if size <= SHORT_TEXT else await in_a_thread(read)
+
+
+async def in_a_thread(read: Callable[[], Read]) -> Read:
+    """Read what may be long in a thread, without the collector, and not many of them together.
 
     The threads are not those of other requests: where these all wait, it is read nevertheless.
     """
-    if size <= SHORT_TEXT:
-        return read()
     limiter = _limiters.get(None)
     if limiter is None:
         limiter = CapacityLimiter(_LONG_BODIES_AT_ONCE)

@@ -41,6 +41,7 @@ TAGS = [
     },
     {"name": "events", "description": "What happened, and by whose doing."},
     {"name": "connections", "description": "What the service reads beside HTTP."},
+    {"name": "keys", "description": "Who may ask for what, where the service asks for keys."},
     {"name": "health", "description": "Whether the service is well."},
 ]
 
@@ -55,6 +56,7 @@ PROBLEMS = {
     "403": "The key does not allow it, or another web page sent it",
     "429": "Wrong keys came too often from this address, or too many analyses wait",
     "422": "The content cannot be right",
+    "507": "The database's disk is full: nothing was stored, what is stored can be read",
     "503": "The database is away, or too much waits; try again later",
 }
 _NOT_OURS = ("HTTPValidationError", "ValidationError")

@@ -34,6 +34,29 @@ PATHS = [
 ]
 
 
+FILES = [f"{ROOM}/error-maps/from-file", f"{ROOM}/verifications/from-file"]
+
+
+@pytest.mark.parametrize("path", FILES)
+async def test_files_over_the_limit_and_of_other_kinds(small, small_app, path):
+    before = contents(small_app)
+    sent = 0
+
+    async def pieces():
+        nonlocal sent
+        for _ in range(1000):
+            sent += 1024
+            yield b" " * 1024
+
+    csv = {"content-type": "text/csv"}
+    found = problem(await small.post(path, content=pieces(), headers=csv), 413)
+    assert f"{LIMIT} bytes" in found["detail"]
+    assert sent <= 2 * LIMIT
+    found = problem(await small.post(path, content=b"1", headers=JSON), 415)
+    assert "text/csv or application/octet-stream" in found["detail"]
+    assert contents(small_app) == before
+
+
 @pytest.mark.parametrize(("method", "path"), PATHS)
 async def test_a_stated_length_over_the_limit(small, small_app, method, path):
     before = contents(small_app)

@@ -169,6 +169,10 @@ async def test_versions_side_by_side_on_what_both_can_judge(room):
     assert after["overall"]["mean"] == pytest.approx(-0.5 * 1.035)
     old = (await room.get(f"{PATH}/{number}/residuals", params={"model_version": 3})).json()
     assert old["overall"] == before["overall"]
+    page = (await room.get("/machines/mcfv5050/maps/residuals?a=3&b=4")).text
+    a, b = (f"{one['overall']['rms']:.2f}" for one in (before, after))
+    assert f"leaves less of 8 lengths: v3 {a}, v4 {b} µm RMS." in page
+    assert "Figures count from the model" in page
 
 
 @pytest.mark.slow

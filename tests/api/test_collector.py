@@ -1,7 +1,9 @@
 """Long bodies without the collector of cycles, and what bounds that."""
 
+import asyncio
 import gc
 import json
+import threading
 import weakref
 from dataclasses import replace
 
@@ -9,7 +11,9 @@ import pytest
 
 from app.api import bodies, collector
 from app.api.collector import uncollected
-from app.api.routes import verifications
+from app.api.routes import map_files, verification_files, verifications
+from app.api.turns import AT_WORK
+from app.errors import InvalidContent
 from app.services.verifications import store_verification
 from tests.service_examples import ROOM, START, iso
 
@@ -86,3 +90,46 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
         "collects when let go": collects,
     }
     assert said[0]() is None
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("path", "routes", "read"),
+    [
+        (f"{ROOM}/verifications/from-file", verification_files, "read_uploaded_verification"),
+        (f"{ROOM}/error-maps/from-file", map_files, "read_uploaded_map"),
+        ("/machines/mcfv5050/maps/preview", map_files, "read_uploaded_map"),
+    ],
+)
+async def test_few_files_are_read_at_once_and_without_it_and_hold_no_turn(
+    client, app, monkeypatch, path, routes, read
+):
+    going_on, lock = threading.Event(), threading.Lock()
+    now, met = [], []
+
+    def wait(*_asked):
+        with lock:
+            now.append(1)
+            met.append((len(now), gc.isenabled(), app.state.turns._free.value))
+        try:
+            assert going_on.wait(60)
+        finally:
+            with lock:
+                now.pop()
+        raise InvalidContent.of_field("file", "expected nothing at all, got this")
+
+    monkeypatch.setattr(routes, read, wait)
+    headers = {"content-type": "text/csv"}
+    asked = [asyncio.create_task(client.post(path, content="1", headers=headers)) for _ in range(5)]
+    async with asyncio.timeout(60):
+        while len(met) < bodies._LONG_BODIES_AT_ONCE:
+            await asyncio.sleep(0.01)
+        # Others could begin to read now, and are asked whether the service answers.
+        assert (await client.get(ROOM)).status_code == 200
+        assert len(met) == bodies._LONG_BODIES_AT_ONCE
+        going_on.set()
+        answers = await asyncio.gather(*asked)
+    assert [one.status_code for one in answers] == [422] * 5
+    assert len(met) == 5
+    assert max(count for count, _, _ in met) == bodies._LONG_BODIES_AT_ONCE
+    assert {(collects, free) for _, collects, free in met} == {(False, AT_WORK)}

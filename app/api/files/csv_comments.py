@@ -31,11 +31,12 @@ _SEPARATOR: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What the command line says of a map; it takes precedence over what the file says."""
+    """What is said of a map beside its file; it takes precedence over what the file says."""
 
     label: str | None = None
     measured_at: str | None = None
     temperatures_c: Mapping[str, float] = field(default_factory=dict)
+    axis: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +120,12 @@ def read_comments(
             text.problems.add(f"expected {one.thing.full} once, came again", line)
         else:
             statements[one.thing.full] = _value(text.problems, one, line, name, value)
+    if stated.axis is not None and any(one.thing.full == "axis" for one in known):
+        statements["axis"] = stated.axis
     for one in known:
         if one.needed and one.thing.full not in statements:
-            text.problems.add(f"expected {one.thing.field}, got none: write `# {one.example}`")
+            how = f": write `# {one.example}`"
+            text.problems.lack(one.thing.full, f"expected {one.thing.field}, got none", how)
     facts |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
     if temperatures_c or stated.temperatures_c:
         facts["temperatures_c"] = temperatures_c | dict(stated.temperatures_c)
@@ -129,13 +133,15 @@ def read_comments(
         wanted = ("label",) if is_dated else _OF_A_MAP
         for sensor, line in empty.items():
             if "temperatures_c" in wanted and sensor not in stated.temperatures_c:
-                text.problems.add(f"expected the temperature of {sensor} in °C, got none", line)
+                message = f"expected the temperature of {sensor} in °C, got none"
+                text.problems.lack(f"temperatures_c.{sensor}", message, line=line)
         noted = {"temperatures_c": empty} if empty else {}
         _complain_of_missing(facts | noted, text.problems, wanted)
     if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
-        text.problems.add(
+        text.problems.lack(
+            "measured_at",
             "expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
-            f"got {facts['measured_at']!r}"
+            f"got {facts['measured_at']!r}",
         )
     machine = facts.pop("machine", None)
     return Comments(facts, statements, machine)
@@ -181,7 +187,8 @@ def _complain_of_missing(
     for key in wanted:
         what, comment, option = _OF_A_MAP[key]
         if not facts.get(key):
-            problems.add(f"expected {what}, got none: write `{comment}` or give {option}")
+            how = f": write `{comment}` or give {option}"
+            problems.lack(key, f"expected {what}, got none", how)
 
 
 def _has_zone(text: str) -> bool:

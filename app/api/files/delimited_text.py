@@ -37,8 +37,34 @@ OLD_WORKBOOK: Final = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """How a workbook of Excel 97 to 2003 (.xls) begins."""
 
 
+@dataclass(frozen=True, slots=True)
+class Lack:
+    """What a file does not say, and who sends it may state beside it.
+
+    Parameters
+    ----------
+    field
+        Its name in a request, such as `measured_at`.
+    message
+        What was expected and what came.
+    """
+
+    field: str
+    message: str
+
+
 class UnreadableFile(ThermapError):
-    """A file says something that cannot be right: file, line, column, expected, came."""
+    """A file says something that cannot be right: file, line, column, expected, came.
+
+    `wrong` are the lines of what is wrong in the file itself, without what it only lacks.
+    """
+
+    def __init__(
+        self, detail: str, wrong: Sequence[str] | None = None, lacks: Sequence[Lack] = ()
+    ) -> None:
+        super().__init__(detail)
+        self.wrong = detail.splitlines() if wrong is None else wrong
+        self.lacks = lacks
 
 
 @dataclass(slots=True)
@@ -47,6 +73,7 @@ class Problems:
 
     file: Path
     found: list[str] = field(default_factory=list)
+    lacks: list[tuple[Lack, str]] = field(default_factory=list)
 
     def add(self, message: str, line: int | None = None, column: str = "") -> None:
         """Note a problem, with the number of its line and the column's name and number."""
@@ -55,15 +82,24 @@ class Problems:
         )
         self.found.append(f"{place}: {message}")
 
+    def lack(self, field: str, message: str, how: str = "", line: int | None = None) -> None:
+        """Note what the file does not say; `how` tells at the command line where it is stated."""
+        place = f"{self.file}, line {line}" if line else str(self.file)
+        self.lacks.append((Lack(field, message), f"{place}: {message}{how}"))
+
     def listed(self) -> list[str]:
         """List the first problems, and how many more there are."""
-        more = len(self.found) - SHOWN
-        return self.found[:SHOWN] + ([f"{self.file}: … and {more} more"] if more > 0 else [])
+        return self._first([*self.found, *(text for _, text in self.lacks)])
+
+    def _first(self, texts: list[str]) -> list[str]:
+        more = len(texts) - SHOWN
+        return texts[:SHOWN] + ([f"{self.file}: … and {more} more"] if more > 0 else [])
 
     def raise_if_any(self) -> None:
         """Raise UnreadableFile with all of them."""
-        if self.found:
-            raise UnreadableFile("\n".join(self.listed()))
+        if self.found or self.lacks:
+            lacks = [lack for lack, _ in self.lacks]
+            raise UnreadableFile("\n".join(self.listed()), self._first(self.found), lacks)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,18 +1,36 @@
-"""An error map from a file that came over HTTP."""
+"""What makes an error map, from a file that came over HTTP."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap, parse_csv_error_map
-from app.api.files.delimited_text import UnreadableFile, text_of
-from app.api.files.instrument_files import format_of_text
+from app.api.files.csv_measurements import CsvMeasurement, read_csv_measurement
+from app.api.files.delimited_text import Problems, UnreadableFile, text_of
+from app.api.files.instrument_files import InstrumentFormat, format_of_text
 from app.errors import FieldError, InvalidContent
 
 
-def read_uploaded_map(content: bytes, name: str, machine: str, stated: Stated) -> CsvErrorMap:
-    """Read an error map from what is in a file, CSV or an Excel workbook.
+@dataclass(frozen=True, slots=True)
+class UploadedMeasurement:
+    """An instrument's readings: the method, the body in which it is asked, what was noticed."""
+
+    method: str
+    body: Mapping[str, Any]
+    remarks: Sequence[str]
+
+
+def read_uploaded_map(
+    content: bytes, name: str, machine: str, stated: Stated, method: str | None = None
+) -> CsvErrorMap | UploadedMeasurement:
+    """Read an error map, or a measurement that makes one, from what is in a file.
+
+    CSV and Excel workbooks hold an error map, or with a stated method its readings; files as
+    instruments write them say themselves which method it was.
 
     Parameters
     ----------
@@ -21,32 +39,70 @@ def read_uploaded_map(content: bytes, name: str, machine: str, stated: Stated) -
     machine
         The machine that it is for.
     stated
-        What takes precedence over the file's own comment lines.
+        What takes precedence over what the file says.
+    method
+        By which method it was measured, where the file holds readings and no map.
 
     Raises
     ------
     InvalidContent
         With an entry, under `file`, for everything that is wrong in the words of the command
-        line: line, column, what was expected and what came; if an instrument wrote it, whose
-        readings make no map by themselves; if it is another machine's.
+        line: line, column, what was expected and what came; under its own name for what the file
+        lacks and may be stated; if it is of another method or machine.
     """
     file = Path(Path(name).name or "file.csv")
     try:
         text = text_of(content, file)
         written = format_of_text(file, text)
+        found: CsvErrorMap | CsvMeasurement
         if written is not None:
-            raise UnreadableFile(
-                f"{file}: expected an error map as CSV, got {written.name}, a measurement by "
-                f"{written.method}: `thermap import` reads it"
-            )
-        found = parse_csv_error_map(text, file, stated)
+            method = _method_of(file, written, method)
+            found = _with_stated(written.read(text, file, stated.axis), file, stated)
+        elif method is not None:
+            found = read_csv_measurement(method, text, name=str(file), stated=stated, complete=True)
+        else:
+            found = parse_csv_error_map(text, file, stated)
     except UnreadableFile as error:
-        lines = error.detail.splitlines()
-        raise InvalidContent(error.detail, [FieldError("file", line) for line in lines]) from None
+        errors = [FieldError("file", line) for line in error.wrong]
+        errors += [FieldError(lack.field, lack.message) for lack in error.lacks]
+        raise InvalidContent(error.detail, errors) from None
     if found.machine not in (None, machine):
         raise InvalidContent.of_field(
             "file",
             f"{file}: expected a map of machine {machine!r}, got one that says that it is of "
             f"{found.machine!r}",
         )
-    return found
+    if isinstance(found, CsvErrorMap):
+        return found
+    assert method is not None
+    return UploadedMeasurement(method, found.body, found.remarks)
+
+
+def _method_of(file: Path, written: InstrumentFormat, stated: str | None) -> str:
+    if stated not in (None, written.method):
+        raise InvalidContent.of_field(
+            "method",
+            f"expected {written.method}, which {file} holds as {written.name}, got {stated}",
+        )
+    return written.method
+
+
+def _with_stated(found: CsvMeasurement, file: Path, stated: Stated) -> CsvMeasurement:
+    """Put in what is stated beside an instrument's file, and note what a map still lacks."""
+    problems = Problems(file)
+    body = dict(found.body)
+    if stated.label is not None:
+        body["label"] = stated.label
+    if stated.measured_at is not None:
+        body["measured_at"] = stated.measured_at
+    if stated.temperatures_c:
+        body["temperatures_c"] = dict(stated.temperatures_c)
+    for name, what in (
+        ("label", "a label"),
+        ("measured_at", "the time of the measurement, with its zone"),
+        ("temperatures_c", "the sensors' temperatures at that time in °C"),
+    ):
+        if not body.get(name):
+            problems.lack(name, f"expected {what}, got none")
+    problems.raise_if_any()
+    return CsvMeasurement(body, found.machine, found.remarks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import orjson
-from fastapi import APIRouter, Depends, Response
+from fastapi import Depends, Response
 from fastapi.responses import HTMLResponse
 
 from app.api.bodies import BodyRoute, body_of_at_most
@@ -20,6 +20,7 @@ from app.api.dependencies import (
 from app.api.media_types import JSON
 from app.api.pages import Page
 from app.api.rounding import to_digits_in
+from app.api.router import Router
 from app.api.schemas.analyses import (
     AdoptionRequest,
     AnalysisAnswer,
@@ -43,7 +44,7 @@ from app.services.analyses import (
 )
 from app.services.run_analyses import AnalysisRunner
 
-router = APIRouter(
+router = Router(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/analyses", tags=["closing the loop"]
 )
 

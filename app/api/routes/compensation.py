@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Request
+from fastapi import Header, Request
 from starlette.responses import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
@@ -14,6 +14,7 @@ from app.api.dependencies import (
     machine_in_memory,
     machine_with_readings,
 )
+from app.api.router import Router
 from app.api.schemas.compensation import (
     CompensationAnswer,
     CompensationRequest,
@@ -24,7 +25,7 @@ from app.api.table_json import current_table_json, table_json
 from app.services.live_table import current_state, current_table, database_warnings, table_at
 from app.services.predictions import predict_errors
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
+router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
 JSON = "application/json"
 
 

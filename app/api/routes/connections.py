@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
+from app.api.router import Router
 from app.connections.running import Connections, ConnectionsNow
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1", tags=["connections"])
+router = Router(route_class=BodyRoute, prefix="/v1", tags=["connections"])
 
 
 @router.get("/connections", summary="How the connections fare")

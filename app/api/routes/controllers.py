@@ -6,13 +6,14 @@ import io
 import zipfile
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Query
+from fastapi import Header, Path, Query
 from starlette.responses import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import JSON, ZIP
 from app.api.negotiation import chosen_form
+from app.api.router import Router
 from app.api.schemas.controllers import (
     CompareAnswer,
     CompareRequest,
@@ -27,7 +28,7 @@ from app.api.schemas.controllers import (
 from app.controllers.registry import FORMATS
 from app.services.controllers import compare_files, export_compensation, parse_files
 
-router = APIRouter(route_class=BodyRoute, tags=["controllers"])
+router = Router(route_class=BodyRoute, tags=["controllers"])
 
 ANSWER_FILE = "thermap-answer.json"
 """What an answer says beside its files, in the zip."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import (
@@ -15,6 +15,7 @@ from app.api.dependencies import (
     MapPath,
     PreviewQuery,
 )
+from app.api.router import Router
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
 from app.api.schemas.model_change import PreviewAnswer, change_fields
 from app.services.context import Context
@@ -28,7 +29,7 @@ from app.services.error_maps import (
 from app.services.machines import show_error_map, show_error_maps
 from app.thermal.error_map import ErrorMap
 
-router = APIRouter(
+router = Router(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/error-maps", tags=["error maps"]
 )
 

@@ -7,17 +7,18 @@ import io
 from typing import Annotated, Any, Final, Literal
 
 import orjson
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from starlette.responses import Response
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
+from app.api.router import Router
 from app.api.routes.readings import SinceQuery, UntilQuery
 from app.events.event import Event, EventKind, Events
 from app.services.events import show_events
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1", tags=["events"])
+router = Router(route_class=BodyRoute, prefix="/v1", tags=["events"])
 
 CSV = "text/csv"
 

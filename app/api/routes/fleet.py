@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
+from app.api.router import Router
 from app.api.schemas.analyses import TriedEffectRequest
 from app.identification.analysis.tried_effect import TriedEffect
 from app.services.analyses import try_found_effect
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the loop"])
+router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the loop"])
 
 
 @router.post("/tried-effects", summary="Try an effect of one machine on another")

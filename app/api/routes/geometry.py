@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import orjson
-from fastapi import APIRouter, Header, Query
+from fastapi import Header, Query
 from starlette.responses import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
@@ -14,6 +14,7 @@ from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import ANSWER_HEADER, ARROW, JSON, NPY
 from app.api.negotiation import chosen_form
 from app.api.rounding import rounded, rounded_up, to_tenth_nm
+from app.api.router import Router
 from app.api.schemas.accuracy import (
     AccuracyAnswer,
     AccuracyRequest,
@@ -43,7 +44,7 @@ from app.services.geometry import (
     compute_volumetric_error,
 )
 
-router = APIRouter(route_class=BodyRoute, tags=["geometry"])
+router = Router(route_class=BodyRoute, tags=["geometry"])
 MACHINE = "/v1/machines/{machine}"
 
 _VECTORS: dict[int | str, dict[str, Any]] = {

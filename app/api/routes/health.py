@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 import app
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
 from app.api.machine_metrics import machine_metrics
+from app.api.router import Router
 from app.api.schemas.health import HealthAnswer, ReadyAnswer
 from app.services.machines import without_answer
 
-router = APIRouter(route_class=BodyRoute, tags=["health"])
+router = Router(route_class=BodyRoute, tags=["health"])
 
 
 @router.get("/healthz", summary="Process")

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Annotated, Final
 from urllib.parse import parse_qs
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import RedirectResponse, Response
 
 from app.access.keys import Role
-from app.api.access import COOKIE, LOGIN, AccessControl, stated_secret, too_many
+from app.api.access import COOKIE, LOGIN, AccessControl, stated_secret
 from app.api.error_responses import problem
 from app.api.pages import Page
+from app.api.router import Router
 from app.pages.environment import render_live
 from app.services.access_keys import BROWSER_LASTS
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 _LONGEST_FORM: Final = 4096
 _HEADERS: Final = {"Cache-Control": "no-store"}
@@ -44,9 +47,13 @@ async def post_login(request: Request) -> Response:
     key = await control.find(form.get("key", "").strip())
     if key is None:
         wait_s = control.wait_s(request.scope)
-        return too_many(wait_s) if wait_s > 0.0 else _page(onward, "This is no key, or no longer.")
+        if wait_s > 0.0:
+            wait_s = math.ceil(wait_s)
+            words = f"Wrong keys come too often from this address; try again in {wait_s} s."
+            return _page(onward, words, 429, {"Retry-After": f"{wait_s}"})
+        return _page(onward, "This is no key, or no longer.", 403)
     if not key.role.includes(Role.VIEWER):
-        return _page(onward, f"The key {key.name} is for sending readings only.")
+        return _page(onward, f"The key {key.name} is for sending readings only.", 403)
     session = await run_in_threadpool(control.ring.open_browser, key)
     answer = RedirectResponse(_own(onward), status_code=303)
     answer.set_cookie(
@@ -72,10 +79,12 @@ async def post_logout(request: Request) -> Response:
     return answer
 
 
-def _page(onward: str, wrong: str) -> Page:
+def _page(
+    onward: str, wrong: str, status: int = 200, headers: Mapping[str, str] | None = None
+) -> Page:
     page = render_live("login.html", onward=_own(onward), wrong=wrong)
-    status = 403 if wrong else 200
-    return Page(page, scripts=0, headers=_HEADERS, status=status, has_form=True)
+    kept = {**_HEADERS, **(headers or {})}
+    return Page(page, scripts=0, headers=kept, status=status, has_form=True)
 
 
 def _own(path: str) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
+from app.api.router import Router
 from app.api.schemas.machines import MachineAnswer, MachinePatch, MachineSettings
 from app.services.machines import (
     change_machine,
@@ -16,7 +17,7 @@ from app.services.machines import (
     show_machines,
 )
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
+router = Router(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
 
 
 @router.post("", status_code=201, summary="Create a machine")

@@ -2,23 +2,137 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Depends, Query, Response
 
+from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import AcceptLossesQuery, ContextDep, MachinePath, PreviewQuery
+from app.api.evaluations import EVALUATIONS
 from app.api.files.csv_comments import Stated
-from app.api.files.uploaded_map import read_uploaded_map
+from app.api.files.csv_error_map import CsvErrorMap
+from app.api.files.decimal_text import read_number
+from app.api.files.uploaded_map import UploadedMeasurement, read_uploaded_map
 from app.api.pages import Page
+from app.api.router import Router
 from app.api.routes.error_maps import NOTHING_NEW, answer_to_map
+from app.api.schemas.base import UtcTime
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
+from app.errors import FieldError, InvalidContent, list_names
 from app.pages.dashboard.maps import upload_preview
+from app.services.context import Context
 from app.services.error_maps import preview_error_map
+from app.services.measurements import map_of_result, measured_machine
+from app.thermal.error_map import ErrorMap
 
-router = APIRouter(tags=["error maps"])
+
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """What is stated of a file beside it."""
+
+    stated: Stated
+    method: str | None
+
+
+def _beside(
+    label: Annotated[
+        str | None, Query(max_length=200, description="The map's name, where the file has none")
+    ] = None,
+    measured_at: Annotated[
+        UtcTime | None, Query(description="When it was measured, ISO 8601 with its zone")
+    ] = None,
+    temperature: Annotated[
+        list[str] | None,
+        Query(
+            max_length=1000,
+            description="A sensor's temperature at that time, SENSOR=°C, once for each sensor",
+            examples=["x-middle=24.1"],
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        Query(
+            max_length=1,
+            description="The axis that was measured, where an instrument's file has none, or free "
+            "text that names no single one",
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        Query(
+            max_length=100,
+            description=f"By which method it was measured, of {list_names(EVALUATIONS)}: where the "
+            "file is a table of an instrument's readings, and not of errors",
+        ),
+    ] = None,
+) -> _Beside:
+    if method is not None and method not in EVALUATIONS:
+        raise InvalidContent.of_field(
+            "method", f"expected one of {list_names(EVALUATIONS)}, got {method!r}"
+        )
+    time = None if measured_at is None else measured_at.isoformat()
+    return _Beside(Stated(label, time, _temperatures(temperature or ()), axis), method)
+
+
+def _temperatures(stated: Sequence[str]) -> dict[str, float]:
+    """Read what is stated of the sensors [°C]; what is wrong is named by its sensor."""
+    found: dict[str, float] = {}
+    wrong = []
+    for one in stated:
+        sensor, _, text = one.rpartition("=")
+        value = read_number(text)
+        if not sensor or value is None:
+            expected = "a number in °C" if sensor else "SENSOR=°C, such as x-middle=24.1"
+            name = f"temperatures_c.{sensor}" if sensor else "temperature"
+            wrong.append(FieldError(name, f"expected {expected}, got {text!r}"))
+        elif sensor in found:
+            wrong.append(FieldError(f"temperatures_c.{sensor}", "expected once, came again"))
+        else:
+            found[sensor] = value
+    if wrong:
+        raise InvalidContent("; ".join(f"{one.field}: {one.message}" for one in wrong), wrong)
+    return found
+
+
+async def uploaded_map(
+    machine: MachinePath,
+    content: FileContent,
+    beside: Annotated[_Beside, Depends(_beside)],
+    name: FileName = "file.csv",
+) -> CsvErrorMap | UploadedMeasurement:
+    """Read the map or the measurement that came."""
+    return await in_a_thread(
+        lambda: read_uploaded_map(content, name, machine, beside.stated, beside.method)
+    )
+
+
+UploadedMap = Annotated[CsvErrorMap | UploadedMeasurement, Depends(uploaded_map)]
+
+router = Router(route_class=FileRoute, read_first=uploaded_map, tags=["error maps"])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The map of a file, what was noticed, and a measurement's own figures."""
+
+    error_map: ErrorMap
+    remarks: Sequence[str]
+    method: str | None = None
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+def _map_in(read: CsvErrorMap | UploadedMeasurement, context: Context, machine: str) -> _Found:
+    """Give a file's map, or evaluate the readings in it."""
+    described = measured_machine(context, machine)
+    if isinstance(read, CsvErrorMap):
+        return _Found(read.error_map.to_error_map(), read.remarks)
+    header, result = EVALUATIONS[read.method].result(described, read.body)
+    error_map = map_of_result(described, read.method, header, result)
+    return _Found(error_map, [*read.remarks, *result.notes], read.method, result.figures)
 
 
 @router.post(
@@ -32,29 +146,24 @@ router = APIRouter(tags=["error maps"])
 def post_map_file(
     context: ContextDep,
     machine: MachinePath,
-    content: FileContent,
+    read: UploadedMap,
     response: Response,
-    name: FileName = "file.csv",
-    label: Annotated[
-        str | None, Query(max_length=200, description="The map's name, where the file has none")
-    ] = None,
-    measured_at: Annotated[
-        datetime | None, Query(description="When it was measured, ISO 8601 with its zone")
-    ] = None,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
 ) -> ErrorMapAnswer | PreviewAnswer:
-    """Store a map that stands in a CSV file or an Excel workbook, as `thermap import` reads it.
+    """Store a map that stands in a file, or that an instrument's readings in a file make.
 
-    What is wrong in it is answered with line and column. Label and time that are stated take
-    precedence over those in the file. All else is as with an error map in JSON.
+    The file is one that `thermap import` reads: an error map as CSV or in an Excel workbook, an
+    instrument's own file (Renishaw's linear .rtl), or with `method` a table of readings. What is
+    wrong in it is answered with line and column, under `file`; what it does not say under its own
+    name, and is stated in the query. What is stated takes precedence over what the file says. All
+    else is as with an error map in JSON.
     """
-    stated = Stated(label, None if measured_at is None else measured_at.isoformat())
-    found = read_uploaded_map(content, name, machine, stated)
+    found = _map_in(read, context, machine)
     return answer_to_map(
         context,
         machine,
-        found.error_map.to_error_map(),
+        found.error_map,
         response,
         preview=preview,
         accept_losses=accept_losses,
@@ -62,13 +171,22 @@ def post_map_file(
     )
 
 
-@router.post("/machines/{machine}/maps/preview", response_class=Page, include_in_schema=False)
+@router.post(
+    "/machines/{machine}/maps/preview",
+    response_class=Page,
+    include_in_schema=False,
+    openapi_extra=FILE_BODY,
+)
 def post_upload_preview(
-    context: ContextDep, machine: MachinePath, content: FileContent, name: FileName = "file.csv"
+    context: ContextDep,
+    machine: MachinePath,
+    read: UploadedMap,
+    name: FileName = "file.csv",
 ) -> Page:
     """Show what storing a file's map would do, as a part of the page of maps."""
-    found = read_uploaded_map(content, name, machine, Stated())
-    error_map = found.error_map.to_error_map()
-    preview = preview_error_map(context, machine, error_map)
-    shown = upload_preview(preview, name, error_map, found.remarks)
+    found = _map_in(read, context, machine)
+    preview = preview_error_map(context, machine, found.error_map)
+    shown = upload_preview(
+        preview, name, found.error_map, found.remarks, found.method, found.figures
+    )
     return Page(shown, scripts=0, headers={"Cache-Control": "no-store"})

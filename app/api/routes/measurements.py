@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Depends, Query
+from fastapi import Depends, Query
 
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import (
@@ -15,6 +15,16 @@ from app.api.dependencies import (
     MachinePath,
     PreviewQuery,
 )
+from app.api.evaluations import (
+    body_diagonal_of,
+    drilled_plate_of,
+    machined_part_of,
+    positioning_of,
+    rotary_axis_of,
+    six_dof_of,
+    step_diagonal_of,
+)
+from app.api.router import Router
 from app.api.schemas.error_field import triple
 from app.api.schemas.measurements.axes import (
     PositioningAnswer,
@@ -48,28 +58,18 @@ from app.api.schemas.measurements.simulation import (
     SimulatedStepDiagonal,
     StepDiagonalSimulation,
 )
-from app.errors import InvalidContent
-from app.measurement.body_diagonal import body_diagonal
-from app.measurement.drilled_plate import evaluate_drilled_plate
-from app.measurement.machined_part import evaluate_machined_part
-from app.measurement.positioning import evaluate_positioning
-from app.measurement.rotary_axis import measure_rotary_axis
-from app.measurement.six_dof import evaluate_six_dof
 from app.measurement.stated_runs import as_straightness
-from app.measurement.step_diagonal import step_diagonal
 from app.measurement.thermal_drift import DriftTest, evaluate_thermal_drift
 from app.services.measurements import (
     Storing,
     measured_machine,
     simulate_step_diagonal,
     store_measurement,
-    travel_volume,
 )
 from app.services.predictions import predict_part
 from app.services.thermal_drift import Nest, keep_drift, running_of
-from app.thermal.machine import Travel
 
-router = APIRouter(
+router = Router(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/measurements", tags=["measurements"]
 )
 
@@ -97,19 +97,7 @@ def post_step_diagonal(
 ) -> StepDiagonalAnswer:
     """Derive nine translations and three squareness errors from three or four diagonals."""
     described = measured_machine(context, machine)
-    found = step_diagonal(
-        described.chain,
-        body.origin_mm,
-        body.step_mm,
-        body.diagonals,
-        line=body.line,
-        angular=body.known_angular(),
-        tool_offset_mm=body.tool_offset_mm,
-        target=body.target,
-        repeatability_um=body.repeatability_um,
-        mirror_angle_urad=body.mirror_angle_urad,
-        travel_mm={axis: (t.min_mm, t.max_mm) for axis, t in described.axes.items()},
-    )
+    found = step_diagonal_of(described, body)
     measured = store_measurement(
         context, described, "step-diagonal", body.header(), found.result, storing
     )
@@ -128,13 +116,7 @@ def post_body_diagonal(
 ) -> BodyDiagonalAnswer:
     """Evaluate Ed and ESd, and squareness from the ends."""
     described = measured_machine(context, machine)
-    stated = {axis: Travel(t.min_mm, t.max_mm) for axis, t in body.volume.items()}
-    found = body_diagonal(
-        {name: runs.readings() for name, runs in body.diagonals.items()},
-        volume=travel_volume(described, stated),
-        chain=described.chain,
-        repeatability_um=body.repeatability_um,
-    )
+    found = body_diagonal_of(described, body)
     measured = store_measurement(
         context, described, "body-diagonal", body.header(), found.result, storing
     )
@@ -153,13 +135,7 @@ def post_positioning(
 ) -> PositioningAnswer:
     """Evaluate runs over target positions; both directions are kept."""
     described = measured_machine(context, machine)
-    found = evaluate_positioning(
-        body.axis,
-        body.targets_mm,
-        body.forward_um,
-        body.backward_um or (),
-        repeatability_um=body.repeatability_um,
-    )
+    found = positioning_of(body)
     measured = store_measurement(
         context, described, "positioning", body.header(), found.result, storing
     )
@@ -174,21 +150,7 @@ def post_six_dof(
 ) -> MeasurementAnswer:
     """Take displacement, straightness and angles of one axis with their measuring line."""
     described = measured_machine(context, machine)
-    result = evaluate_six_dof(
-        body.axis,
-        body.positions_mm,
-        body.linear_um,
-        body.straightness_um,
-        body.angular_urad,
-        backward_linear_um=body.backward_linear_um,
-        backward_straightness_um=body.backward_straightness_um,
-        backward_angular_urad=body.backward_angular_urad,
-        measuring_line_mm=body.measuring_line_mm,
-        tool_offset_mm=body.tool_offset_mm,
-        straightness_line=body.straightness_line,
-        repeatability_um=body.repeatability_um,
-        repeatability_urad=body.repeatability_urad,
-    )
+    result = six_dof_of(body)
     measured = store_measurement(context, described, "six-dof", body.header(), result, storing)
     return MeasurementAnswer(**answer_fields(measured))
 
@@ -213,16 +175,7 @@ def post_machined_part(
             None if path is None else triple(path),
             triple(body.tool_offset_mm),
         )
-    found = evaluate_machined_part(
-        body.component,
-        body.positions_mm,
-        body.measured_um,
-        None if predicted is None else predicted.predicted_um,
-        line=body.line,
-        measuring_line_mm=body.measuring_line_mm,
-        tool_offset_mm=body.tool_offset_mm,
-        repeatability_um=body.repeatability_um,
-    )
+    found = machined_part_of(body, None if predicted is None else predicted.predicted_um)
     measured = store_measurement(
         context, described, "machined-part", body.header(), found.result, storing
     )
@@ -250,18 +203,7 @@ def post_drilled_plate(
 ) -> DrilledPlateAnswer:
     """Take scale, squareness and axis errors from holes, up to a rigid motion."""
     described = measured_machine(context, machine)
-    try:
-        found = evaluate_drilled_plate(
-            [hole.nominal_mm for hole in body.holes],
-            [hole.measured_mm for hole in body.holes],
-            origin_mm=body.origin_mm,
-            tool_offset_mm=body.tool_offset_mm,
-            expansion_um_per_m_k=body.expansion_um_per_m_k,
-            drilled_minus_measured_c=body.drilled_minus_measured_c,
-            repeatability_um=body.repeatability_um,
-        )
-    except InvalidContent as error:
-        raise _of_holes(error) from None
+    found = drilled_plate_of(body)
     measured = store_measurement(
         context, described, "drilled-plate", body.header(), found.result, storing
     )
@@ -284,13 +226,7 @@ def post_rotary_axis(
 ) -> RotaryAxisAnswer:
     """Find how a rotary axis lies from the places of a ball that it carries."""
     described = measured_machine(context, machine)
-    found = measure_rotary_axis(
-        body.axis,
-        [ball.angle_deg for ball in body.points],
-        [ball.position_mm for ball in body.points],
-        repeatability_um=body.repeatability_um,
-        pivot_mm=body.pivot_mm,
-    )
+    found = rotary_axis_of(body)
     measured = store_measurement(
         context, described, "rotary-axis", body.header(), found.result, storing
     )
@@ -379,9 +315,3 @@ def post_simulation(
     """Walk the stored machine along its diagonals: for training, and to check a set-up."""
     found = simulate_step_diagonal(context, machine, body.question(), body.plan())
     return SimulatedStepDiagonal.of(body, found)
-
-
-def _of_holes(error: InvalidContent) -> InvalidContent:
-    """Name the holes' fields as the body has them."""
-    columns = {"nominal_mm", "measured_mm"}
-    return error.inside("holes") if {e.field for e in error.errors} <= columns else error

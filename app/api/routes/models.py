@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from app.api.bodies import BodyRoute
 from app.api.dependencies import (
@@ -12,6 +12,7 @@ from app.api.dependencies import (
     PreviewQuery,
     VersionPath,
 )
+from app.api.router import Router
 from app.api.schemas.model_change import PreviewAnswer, change_fields
 from app.api.schemas.models import (
     AssignmentSchema,
@@ -31,7 +32,7 @@ from app.services.models import (
     sensor_assignment,
 )
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["models"])
+router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["models"])
 
 
 @router.get("/sensor-assignment", summary="Show which sensor each component follows")

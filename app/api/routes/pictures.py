@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Header, Query
+from fastapi import Header, Query
 from starlette.responses import Response
 
 from app.api.bodies import BodyRoute
@@ -12,6 +12,7 @@ from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.pages import Page
+from app.api.router import Router
 from app.api.schemas.pictures import PictureRequest
 from app.pages.picture_page import picture_page
 from app.pages.plotly_script import INLINE
@@ -19,7 +20,7 @@ from app.pictures.figure_json import figure_json
 from app.services.context import Context
 from app.services.geometry import picture_work_volume
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
+router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
 
 PLOTLY_JS = "/docs-assets/plotly.min.js"
 """Where a browser finds plotly, and keeps it; a page that is asked for as a file contains it."""

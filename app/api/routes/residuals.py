@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Header, Query
+from fastapi import Header, Query
 from starlette.responses import Response
 
 from app.api.bodies import BodyRoute
@@ -16,6 +16,7 @@ from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
 from app.api.residuals_html import residuals_html
 from app.api.rounding import to_digits_in
+from app.api.router import Router
 from app.api.schemas.residuals import (
     MOST_ROWS,
     ComparisonRequest,
@@ -25,9 +26,7 @@ from app.api.schemas.residuals import (
 )
 from app.services.residuals import ShownResiduals, compare_models, show_residuals
 
-router = APIRouter(
-    route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]
-)
+router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])
 
 Accept = Annotated[str, Header(description=f"`{JSON}`, `{CSV}` or `{HTML}`")]
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
+from app.api.router import Router
 from app.services.status import show_status, show_statuses
 from app.status.machine_status import MachineStatus
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1", tags=["live"])
+router = Router(route_class=BodyRoute, prefix="/v1", tags=["live"])
 
 
 @router.get("/status", summary="Whether the machines can be trusted now")

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import Header, Query, Request
 from starlette.responses import Response, StreamingResponse
 
 from app.api.access import sees, stays_welcome
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
+from app.api.router import Router
 from app.api.short_way import WITHOUT_BODY
 from app.api.streams import TableStreams, Wanted
 
-router = APIRouter(route_class=BodyRoute, prefix="/v1", tags=["live"])
+router = Router(route_class=BodyRoute, prefix="/v1", tags=["live"])
 
 EVENTS: Final = "text/event-stream"
 

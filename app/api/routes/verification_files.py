@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from typing import Annotated
 
-from app.api.collector import uncollected
+from fastapi import Depends, Response
+
+from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath
-from app.api.files.uploaded_verification import read_uploaded_verification
+from app.api.files.uploaded_verification import (
+    UploadedVerification,
+    read_uploaded_verification,
+)
+from app.api.router import Router
 from app.api.routes.verifications import NOTHING_NEW, answer_to_verification
 from app.api.schemas.verifications import StoredVerificationAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import InvalidContent
 
-router = APIRouter(tags=["closing the loop"])
+
+async def uploaded_verification(
+    machine: MachinePath, content: FileContent, name: FileName = "file.csv"
+) -> UploadedVerification:
+    """Read the verification that came."""
+    return await in_a_thread(lambda: read_uploaded_verification(content, name, machine))
+
+
+router = Router(route_class=FileRoute, read_first=uploaded_verification, tags=["closing the loop"])
 
 
 @router.post(
@@ -25,9 +39,8 @@ router = APIRouter(tags=["closing the loop"])
 def post_verification_file(
     context: ContextDep,
     machine: MachinePath,
-    content: FileContent,
+    found: Annotated[UploadedVerification, Depends(uploaded_verification)],
     response: Response,
-    name: FileName = "file.csv",
 ) -> StoredVerificationAnswer:
     """Store a verification from a CSV file or an Excel workbook, as `thermap analyse` reads it.
 
@@ -35,8 +48,6 @@ def post_verification_file(
     is called as the file. What of the file was not read stands in `warnings`. All else is as with
     a verification in JSON.
     """
-    with uncollected():
-        found = read_uploaded_verification(content, name, machine)
     try:
         return answer_to_verification(context, machine, found.verification, response, found.remarks)
     except InvalidContent as error:

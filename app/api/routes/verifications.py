@@ -7,11 +7,12 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 import orjson
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
 from app.api.media_types import JSON
+from app.api.router import Router
 from app.api.schemas.verifications import (
     MeasuredObservation,
     StoredVerificationAnswer,
@@ -32,9 +33,7 @@ from app.services.verifications import (
     store_verification,
 )
 
-router = APIRouter(
-    route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"]
-)
+router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])
 PATH = "/verifications"
 
 NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {

@@ -61,8 +61,14 @@ class _File:
 
     def refuse(self, expected: str, got: str, line: int | None = None) -> None:
         """Note what is wrong; nothing came where `got` is empty."""
-        shown = got if len(got) <= _SHOWN else got[: _SHOWN - 1] + "…"
-        self.problems.add(f"expected {expected}, got {repr(shown) if got else 'none'}", line)
+        self.problems.add(
+            f"expected {expected}, got {repr(self.cut(got)) if got else 'none'}", line
+        )
+
+    @staticmethod
+    def cut(text: str) -> str:
+        """Shorten what is repeated of a file."""
+        return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
 
     def stop_if_wrong(self) -> None:
         """Raise UnreadableFile with everything that was noted."""
@@ -295,15 +301,17 @@ def _axis(found: _File, stated: str | None) -> str:
     if stated is not None:
         if stated.lower() in tuple(LINEAR_LETTERS):
             return stated.lower()
-        found.problems.add(f"expected --axis x, y or z, got {stated!r}")
+        found.problems.lack("axis", f"expected axis x, y or z, got {stated!r}")
         return ""
     entry = found.entry("USER-TEXT", "Axis")
     named = [str(letter).lower() for letter in _AXIS.findall(entry.text)] if entry else []
     if len(set(named)) == 1:
         return named[0]
-    found.refuse(
-        "Axis: x, y or z (state it with --axis)",
-        entry.text if entry else "",
+    got = repr(found.cut(entry.text)) if entry and entry.text else "none"
+    found.problems.lack(
+        "axis",
+        f"expected Axis: x, y or z, got {got}",
+        ": state it with --axis",
         entry.number if entry else None,
     )
     return ""
