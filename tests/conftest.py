@@ -6,6 +6,7 @@ import pytest
 from hypothesis import settings
 from sqlalchemy import make_url
 
+from app.arrays import one_blas_thread
 from app.services.follow_database import DatabaseFollower
 from tests.databases import KINDS, Databases, reachable
 from tests.service_examples import Clock, client_of, furnish_database, running
@@ -18,6 +19,10 @@ settings.register_profile(
 )
 settings.register_profile("thorough", settings.get_profile("thermap"), max_examples=100)
 settings.load_profile("thermap")
+
+# As analyses have it. Of small matrices, the threads of several test processes wait for each
+# other: a search that is called here took fifteen times its processor time.
+one_blas_thread()
 
 
 @pytest.fixture(scope="session")

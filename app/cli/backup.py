@@ -7,20 +7,10 @@ from typing import Annotated
 
 import typer
 
+from app.cli.options import DatabaseOption
 from app.errors import counted
-from app.settings import make_own_folder, sqlite_url
+from app.settings import make_own_folder
 from app.storage.backup import BackupContents, restore_backup, write_backup
-
-DatabaseOption = Annotated[
-    str,
-    typer.Option(
-        envvar="THERMAP_DATABASE_URL",
-        metavar="URL",
-        default_factory=lambda: sqlite_url("thermap.db"),
-        show_default="thermap.db in your folder for data",
-        help="sqlite:///FILE or postgresql://HOST/NAME.",
-    ),
-]
 
 
 def backup(

@@ -12,9 +12,8 @@ import typer
 from rich.text import Text
 
 from app.cli.answers import listing, show_view
-from app.cli.backup import DatabaseOption
 from app.cli.examine_service import examine_service
-from app.cli.options import UrlOption
+from app.cli.options import DatabaseOption, UrlOption
 from app.connections.config import read_connections
 from app.errors import InvalidContent, ThermapError
 from app.services.doctor import (

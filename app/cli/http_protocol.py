@@ -1,8 +1,9 @@
-"""Ending requests that stop half-way, and those that the service's end overtakes.
+"""Ending requests that stop half-way, answers that nobody reads, and what the end overtakes.
 
 Neither the server nor the framework ever ends the former, and the latter get no answer of theirs.
 
-Who opens many connections and sends a little over each would otherwise keep them all. The
+Who opens many connections and sends or reads a little over each would otherwise keep them all, and
+an answer that nobody reads would stay in memory for as long as its connection. The
 server looks at all connections once a second: what costs a plain request next to nothing.
 """
 
@@ -17,7 +18,8 @@ import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 SLOWEST_BYTES_PER_S: Final = 200
-"""Of a body, once it has had twice the patience: the slowest radio link sends more."""
+"""Of a body, or of an answer that is waited for to be read, once it has had twice the patience: the
+slowest radio link carries more."""
 
 
 def _answer(status: HTTPStatus, title: str, detail: str, *headers: str) -> bytes:
@@ -58,6 +60,7 @@ class PatientProtocol(HttpToolsProtocol):
         self.came_bytes = 0
         self.is_receiving = True
         self.has_headers = False
+        self.unread: tuple[float, int] | None = None
         super().connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
@@ -114,6 +117,21 @@ class PatientProtocol(HttpToolsProtocol):
             self.transport.write(_STOPPED)
         self.transport.close()
 
+    def end_if_not_read(self, now: float, patience_s: float) -> None:
+        """Let go of an answer that the other side does not read, or next to nothing of it.
+
+        The server writes no more while much waits, so that what waits only grows less.
+        """
+        left = self.transport.get_write_buffer_size()
+        if not self.flow.write_paused:
+            self.unread = None
+        elif self.unread is None or left > self.unread[1]:
+            self.unread = (now, left)
+        else:
+            since, before = self.unread
+            if before - left < SLOWEST_BYTES_PER_S * (now - since - 2.0 * patience_s):
+                self.transport.abort()  # closing would wait until it is read
+
     def end_with_service(self) -> None:
         """Answer 503 and close, where the answer has not begun."""
         if self.transport.is_closing():
@@ -124,7 +142,7 @@ class PatientProtocol(HttpToolsProtocol):
 
 
 class PatientServer(uvicorn.Server):
-    """A server that ends requests that stop half-way."""
+    """A server that ends requests that stop half-way, and answers that are not read."""
 
     def __init__(self, config: uvicorn.Config, patience_s: float) -> None:
         super().__init__(config)
@@ -136,6 +154,7 @@ class PatientServer(uvicorn.Server):
             now = asyncio.get_running_loop().time()
             for connection in self._connections():
                 connection.end_if_stopped(now, self.patience_s)
+                connection.end_if_not_read(now, self.patience_s)
         return await super().on_tick(counter)
 
     def end_connections(self) -> None:

@@ -21,6 +21,7 @@ from pydantic import ValidationError
 
 from app.api.streams import TableStreams
 from app.api.turns import Turns
+from app.arrays import one_blas_thread
 from app.cli.http_protocol import PatientProtocol, PatientServer
 from app.errors import InvalidContent, ThermapError
 from app.main import create_app
@@ -148,6 +149,9 @@ def checked_settings(**stated: Any) -> Settings:
 
 def make_service(settings: Settings) -> FastAPI:
     """Make the service; a URL that is none, or that nothing installed serves, is wrong usage."""
+    # For good: what watches learn and adoptions refit are small matrices, and their threads would
+    # take the processors from live tables.
+    one_blas_thread()
     try:
         return create_app(settings)
     except InvalidContent as error:

@@ -20,6 +20,22 @@ if TYPE_CHECKING:
     from thermap import ThermapClient
 
 
+def _own_database() -> str:
+    from app.settings import sqlite_url
+
+    return sqlite_url("thermap.db")
+
+
+DatabaseOption = Annotated[
+    str,
+    typer.Option(
+        envvar="THERMAP_DATABASE_URL",
+        metavar="URL",
+        default_factory=_own_database,
+        show_default="thermap.db in your folder for data",
+        help="sqlite:///FILE or postgresql://HOST/NAME.",
+    ),
+]
 MachineArgument = Annotated[
     str, typer.Argument(metavar="MACHINE", envvar="THERMAP_MACHINE", help="The machine's id.")
 ]

@@ -143,6 +143,25 @@ def serve(
             help="Age from which readings are deleted, but for those that verifications need.",
         ),
     ] = None,
+    thin_readings_after: Annotated[
+        int | None,
+        typer.Option(
+            envvar="THERMAP_THIN_READINGS_AFTER",
+            metavar="DAYS",
+            show_default="never",
+            min=31,
+            help="Age from which readings are thinned, but for those that maps, verifications and "
+            "adopted lags need.",
+        ),
+    ] = None,
+    thin_readings_to_s: Annotated[
+        float,
+        typer.Option(
+            envvar="THERMAP_THIN_READINGS_TO_S",
+            metavar="SECONDS",
+            help="Of each sensor one value in so long is left of what is thinned.",
+        ),
+    ] = _FIELDS["thin_readings_to_s"].default,
     workers: Annotated[
         int,
         typer.Option(
@@ -192,6 +211,8 @@ def serve(
         opcua_endpoint=opcua_endpoint,
         config=config,
         keep_readings=keep_readings,
+        thin_readings_after=thin_readings_after,
+        thin_readings_to_s=thin_readings_to_s,
         log_level=log_level,
     )
     write_log_as(log_format)

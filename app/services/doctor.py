@@ -13,6 +13,7 @@ from pathlib import Path
 from time import sleep
 from typing import TYPE_CHECKING, Final, Protocol
 
+from app.access.keys import Role
 from app.errors import InvalidContent, StorageTooNew, StorageUnavailable, ThermapError, counted
 from app.services.access_keys import show_keys
 from app.services.context import CLOCKS_DIFFER, FUTURE_TOLERANCE, Context, utc_now
@@ -237,6 +238,12 @@ def _keys(database: Database) -> Finding:
     if not keys:
         return ok(
             "keys", "There is no key: a service that other computers reach makes the first itself."
+        )
+    if not any(key.role is Role.ADMIN for key in keys):
+        return trouble(
+            "keys",
+            f"There are {counted(len(keys), 'key')}, none of an admin: nobody can make machines "
+            "where keys are asked for; `thermap keys create NAME --role admin` makes one.",
         )
     used = [key.last_used_at for key in keys if key.last_used_at is not None]
     last = "none was used yet" if not used else f"one was last used {max(used):%Y-%m-%d %H:%M} UTC"

@@ -135,6 +135,7 @@ class DatabaseFollower:
     def _follow(self) -> None:
         live = self._context.live
         have = live.stamps()
+        self._pass_over_own()
         with self._context.database.reading(QUESTION) as session:
             total = sum_of_machines(session)
             wanted = revisions(session) if total != self._sum else None
@@ -159,6 +160,7 @@ class DatabaseFollower:
             live.database.note_answer()
         else:
             have = {one: stamp for one in machines if (stamp := live.stamp(one)) is not None}
+            self._pass_over_own()
             with self._context.database.reading(QUESTION) as session:
                 wanted = revisions(session, machines) if machines else {}
                 fresh = numbered_readings(session, self._unseen.highest, self._unseen.gaps)
@@ -169,6 +171,12 @@ class DatabaseFollower:
             self._unseen.mark_seen((one.number for one in fresh), self._context.now())
         if any(one.kind is NewsKind.KEYS for one in news):
             self._refresh_keys()
+
+    def _pass_over_own(self) -> None:
+        """Ask for nothing that this process stored itself: it is in memory already."""
+        numbers = self._context.live.stored_here.take()
+        if self._unseen is not None:
+            self._unseen.mark_known(numbers, self._context.now())
 
     def _restore(self, machines: Iterable[LiveMachine]) -> None:
         for machine in machines:

@@ -101,8 +101,9 @@ def current_state(
     machine = live.current.model.machine
     if latest is None:
         raise _no_reading(context, machine_id, held)
-    age_s = (context.now() - latest.time).total_seconds()
-    sensors = grow_older(machine, live.readings.judge(machine), max(age_s, 0.0))
+    # One that is ahead by no more than clocks differ is of now.
+    age_s = max(0.0, (context.now() - latest.time).total_seconds())
+    sensors = grow_older(machine, live.readings.judge(machine), age_s)
     current, past, time_s = live.current, live.past.now, latest.time.timestamp()
     moment = None
     if current.effects:
@@ -210,9 +211,10 @@ def ahead_warnings(ahead: Sequence[Reading], *, more_ahead: bool = False) -> lis
     if not ahead:
         return []
     number = f"more than {len(ahead):,} readings" if more_ahead else counted(len(ahead), "reading")
+    whose = "its" if len(ahead) == 1 and not more_ahead else "their"
     return [
-        f"{number} from the future, not used before its time comes: {_between(ahead)}; a clock is "
-        "wrong, set it right and withdraw what is stamped wrongly"
+        f"{number} from the future, not used before {whose} time comes: {_between(ahead)}; a "
+        "clock is wrong, set it right and withdraw what is stamped wrongly"
     ]
 
 

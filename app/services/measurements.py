@@ -92,15 +92,10 @@ def store_measurement(
         As `store_error_map`; InvalidContent also where the map's label, time or
         temperatures are not stated, or the machine lacks the measured axis.
     """
-    for table in result.tables:
-        axis = table.component.axis
-        if axis is not None and axis not in machine.chain.axes:
-            raise InvalidContent.of_field(
-                "axis", f"expected an axis of {machine.chain.text}, got {axis!r}"
-            )
+    _check_axes(machine, result)
     if not (storing.store or storing.preview):
         return Measured(machine, method, result, None, table_remarks(machine, result.tables))
-    error_map = _error_map(method, header, result)
+    error_map = map_of_result(machine, method, header, result)
     if storing.preview:
         preview = preview_error_map(context, machine.id, error_map)
         return Measured(machine, method, result, None, remarks(machine, error_map), preview)
@@ -108,7 +103,26 @@ def store_measurement(
     return Measured(stored.machine, method, result, stored, remarks(stored.machine, error_map))
 
 
-def _error_map(method: str, header: MapHeader, result: MeasurementResult) -> ErrorMap:
+def _check_axes(machine: Machine, result: MeasurementResult) -> None:
+    for table in result.tables:
+        axis = table.component.axis
+        if axis is not None and axis not in machine.chain.axes:
+            raise InvalidContent.of_field(
+                "axis", f"expected an axis of {machine.chain.text}, got {axis!r}"
+            )
+
+
+def map_of_result(
+    machine: Machine, method: str, header: MapHeader, result: MeasurementResult
+) -> ErrorMap:
+    """Make the error map of a measurement's result.
+
+    Raises
+    ------
+    InvalidContent
+        If label, time or temperatures are not stated, or the machine lacks the measured axis.
+    """
+    _check_axes(machine, result)
     label, measured_at, temperatures_c = header.label, header.measured_at, header.temperatures_c
     if label is None or measured_at is None or not temperatures_c:
         stated = {"label": label, "measured_at": measured_at, "temperatures_c": temperatures_c}

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from app.thermal.resampling import (
     sample_variances,
     united_positions,
 )
+
+NO_SENSOR: Final = "no sensor is assigned to it"
+"""Why a component is not in the model although maps have it."""
 
 
 def compile_model(
@@ -62,7 +65,7 @@ def compile_model(
     for code in sorted(by_code, key=ORDER.__getitem__):
         sensor = assignment.get(code) or machine.default_sensor(code)
         if sensor is None:
-            omitted[code] = "no sensor is assigned to it"
+            omitted[code] = NO_SENSOR
             continue
         states = _thermal_states(machine, code, machine.sensor(sensor), by_code[code])
         if len(states) < 2:

@@ -133,13 +133,13 @@ def test_the_component_states_its_key(databases, monkeypatch):
     database_url = databases.prepared("sqlite", furnish_database)
     service = create_app(Settings(database_url=database_url, require_keys=True))
     database = service.state.context.database
-    _, secret = create_key(database, "mill", Role.METROLOGIST, ["mcfv5050"], lambda: START)
+    made = create_key(database, "mill", Role.METROLOGIST, ["mcfv5050"], lambda: START)
     with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
         url = url_of(opened)
         monkeypatch.delenv(KEY_VARIABLE, raising=False)
         with pytest.raises(ValueError, match="expected a key"):
             Service(url, "mcfv5050", 5.0).table()
-        monkeypatch.setenv(KEY_VARIABLE, secret)
+        monkeypatch.setenv(KEY_VARIABLE, made.secret)
         with_key = Service(url, "mcfv5050", 5.0)
         with_key.store_reading(AT, {})
         assert with_key.table() is not None

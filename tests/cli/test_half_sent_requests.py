@@ -1,12 +1,14 @@
-"""Requests that stop half-way are ended; slow ones that go on are answered."""
+"""What stops half-way or is not read is ended; what goes on slowly is answered whole."""
 
 import json
 import socket
 import time
 from contextlib import closing, suppress
+from threading import Event
 
 import pytest
 
+from app.cli.http_protocol import PatientProtocol
 from app.cli.listening import listening, serving
 from app.main import create_app
 from app.settings import Settings
@@ -23,6 +25,8 @@ def port(databases):
     url = databases.prepared("sqlite", furnish_database)
     service = create_app(Settings(database_url=url, patience_s=PATIENCE_S))
     with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "error"):
+        # Of each connection: what is sent and not read soon waits in the service.
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 16_384)
         yield opened.getsockname()[1]
     databases.give_back(url)
 
@@ -92,3 +96,58 @@ def test_headers_letter_by_letter_are_not_waited_for(port):
             for _ in range(600):
                 client.sendall(b"X-Filler: more\r\n")
                 time.sleep(0.1)
+
+
+LARGE = b"/docs-assets/swagger-ui-bundle.js"
+
+
+def asked_for_much(port):
+    """Ask for more than the connection itself holds; its head, and what came with it."""
+    client = socket.socket()
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    client.settimeout(60)
+    client.connect(("127.0.0.1", port))
+    client.sendall(b"GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n" % LARGE)
+    came = b""
+    while b"\r\n\r\n" not in came:
+        came += client.recv(1024)
+    stated, _, body = came.partition(b"\r\n\r\n")
+    (length,) = [line for line in stated.lower().split(b"\r\n") if line.startswith(b"content-le")]
+    return client, body, int(length.partition(b":")[2])
+
+
+def read_on(client, body, pause_s):
+    with suppress(ConnectionResetError):
+        while piece := client.recv(65536):
+            body += piece
+            time.sleep(pause_s)
+    return body
+
+
+@pytest.mark.slow
+def test_an_answer_that_nobody_reads_is_let_go(port, monkeypatch):
+    gone, is_gone = set(), Event()
+    lose = PatientProtocol.connection_lost
+
+    def lost(connection, error):
+        gone.add(connection.client)
+        is_gone.set()
+        lose(connection, error)
+
+    monkeypatch.setattr(PatientProtocol, "connection_lost", lost)
+    client, body, length = asked_for_much(port)
+    with closing(client):
+        deadline = time.monotonic() + 60
+        while client.getsockname() not in gone:
+            assert is_gone.wait(max(0.0, deadline - time.monotonic()))
+            is_gone.clear()
+        assert len(read_on(client, body, 0.0)) < length
+
+
+@pytest.mark.slow
+def test_an_answer_that_is_read_slowly_comes_whole(port):
+    client, body, length = asked_for_much(port)
+    began_s = time.monotonic()
+    with closing(client):
+        assert len(read_on(client, body, PATIENCE_S / 50)) == length
+    assert time.monotonic() - began_s > 2.0 * PATIENCE_S

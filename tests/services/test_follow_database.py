@@ -152,7 +152,7 @@ async def test_readings_committed_late_under_lower_numbers_are_not_missed(client
     """PostgreSQL gives numbers at once and shows rows at the commit: others overtake."""
     early = Reading(START, temperatures(25.5), {})
     with app.state.context.database.writing() as slow:
-        insert_readings(slow, "mcfv5050", [early])
+        insert_readings(slow, {"mcfv5050": [early]})
         await client.post(f"{ROOM}/readings", json=reading(START - timedelta(seconds=60), 25.0))
         look()
         document = (await other.get(f"{ROOM}/compensation")).json()
@@ -167,7 +167,7 @@ async def test_readings_on_their_way_while_the_other_starts_are_not_missed(
     client, app, new_app, furnished_url
 ):
     with app.state.context.database.writing() as slow:
-        insert_readings(slow, "mcfv5050", [Reading(START, temperatures(25.5), {})])
+        insert_readings(slow, {"mcfv5050": [Reading(START, temperatures(25.5), {})]})
         await client.post(f"{ROOM}/readings", json=reading(START - timedelta(seconds=60), 25.0))
         late = new_app(furnished_url)
         follower = DatabaseFollower(late.state.context, every_s=1.0)

@@ -110,11 +110,11 @@ def plain(url):
 
 
 def listeners(url):
-    """Count the connections that listen and wait."""
+    """Count the connections that listen for news and wait; the queue listens for itself."""
     with psycopg.connect(plain(url)) as connection:
         found = connection.execute(
             "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
-            "AND query LIKE 'LISTEN%' AND state = 'idle'"
+            "AND query LIKE 'LISTEN thermap%' AND state = 'idle'"
         )
         return found.fetchone()[0]
 
@@ -123,7 +123,7 @@ def throw_out_listeners(url):
     with psycopg.connect(plain(url)) as connection:
         connection.execute(
             "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
-            "WHERE datname = current_database() AND query LIKE 'LISTEN%'"
+            "WHERE datname = current_database() AND query LIKE 'LISTEN thermap%'"
         )
 
 
@@ -182,9 +182,11 @@ async def test_a_key_that_is_revoked_elsewhere_opens_nothing_any_more(
     new_app, shared_url, one_app, told_only
 ):
     database = one_app.state.context.database
-    key, secret = create_key(database, "line-3", Role.VIEWER)
+    made = create_key(database, "line-3", Role.VIEWER)
+    key, secret = made.key, made.secret
     service = new_app(shared_url, require_keys=True, refresh_s=3600.0)
-    with following(service):
+    # As it is served: the ring that is told has to be the one that opens.
+    with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
         until(lambda: listeners(shared_url) == 1)
         until(lambda: service.state.access.ring.find(secret) == key)
         revoke_key(database, "line-3")
