@@ -135,7 +135,7 @@ def of_revoked(database: Database, keyed: httpx.Client, count: int) -> list[floa
     """Revoke keys that a service knows."""
     waits = []
     for i in range(count):
-        _, secret = create_key(database, f"key-{i}", Role.VIEWER)
+        secret = create_key(database, f"key-{i}", Role.VIEWER).secret
         asks = {"Authorization": f"Bearer {secret}"}
 
         def is_open(asks: dict[str, str] = asks) -> bool:

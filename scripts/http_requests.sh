@@ -38,6 +38,17 @@ curl http://127.0.0.1:8000/v1/machines/mcfv5050/events
 # 200: what happened to all machines
 curl http://127.0.0.1:8000/v1/events
 
+# 403: who may ask for what; 200 where the service asks for keys, with an admin's
+curl http://127.0.0.1:8000/v1/keys
+
+# 403: where the service asks for keys 201, and the key itself, this once
+curl -X POST http://127.0.0.1:8000/v1/keys \
+     -H "Content-Type: application/json" \
+     -d '{"name": "line-3", "role": "sensor", "machines": ["mcfv5050"]}'
+
+# 403: where the service asks for keys 204, and the key is none any more
+curl -X DELETE http://127.0.0.1:8000/v1/keys/line-3
+
 # 200: the table now
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/compensation
 
@@ -377,6 +388,14 @@ curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?pr
      component,position_mm,error_um
      EXX,0,0
      EXX,500,4.0'
+
+# 200: what the map of an instrument's readings would change; the file does not say when they were read, at which temperatures
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?preview=true&name=x.csv&method=positioning&axis=x&label=hot&measured_at=2026-03-01T12:00:00Z&temperature=x-middle=28.0&temperature=y-front=27.5" \
+     -H "Content-Type: text/csv" \
+     -d '     target_mm,forward_1_um,forward_2_um
+     0,0.0,0.2
+     250,1.9,2.1
+     500,4.1,3.9'
 
 # 200: what tables would lose without the map "warm"
 curl -X DELETE "http://127.0.0.1:8000/v1/machines/practice/error-maps/5?preview=true"

@@ -35,8 +35,7 @@ the service serves at `/openapi.json` and shows at `/docs`.
 
 Base path `/v1`, JSON throughout, times UTC ISO 8601. Units are in the fields' names.
 Refusals are `application/problem+json` (`Problem`). Fields marked * are required.
-There are no keys and no streams: whoever wants the table as it changes asks for it, and with
-`If-None-Match` is told 304 where it has not.
+Where the service asks for keys (docs/keys.md) a request states one: `Authorization: Bearer KEY`.
 
 A body may have {_USUAL} MiB, or what its route states below; no route takes more than
 THERMAP_MAX_BODY_BYTES, which is {_LARGEST} MiB unless the operator sets it. A longer one is refused

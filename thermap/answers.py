@@ -10,6 +10,28 @@ from pydantic import AwareDatetime, Field
 from thermap.shape import Shape, TableEntry
 
 
+class AccessKey(Shape):
+    """One key as it is listed; the key itself is known to nobody but its holder."""
+
+    id: int
+    """Number of the key"""
+
+    name: str
+    """Whose it is: a person, a computer, a sensor"""
+
+    role: Literal["sensor", "viewer", "metrologist", "admin"]
+    """What it may do"""
+
+    machines: list[str] | None
+    """Ids of the machines that it is for; null for all, also those that are made later"""
+
+    created_at: AwareDatetime
+    """When it was made"""
+
+    last_used_at: AwareDatetime | None
+    """When it was used last, to the minute; null before its first use"""
+
+
 class AlternativeAnswer(Shape):
     """Another explanation of the same residuals."""
 
@@ -1002,6 +1024,16 @@ class NeededComponent(Shape):
 
     in_model: bool
     """Whether the active model's maps have it"""
+
+
+class NewAccessKey(Shape):
+    """A key that was just made, with the key itself: it is shown this once."""
+
+    key: AccessKey
+    """The key as it is listed from now on"""
+
+    secret: str
+    """What its holder states as `Authorization: Bearer …`; it is stored nowhere"""
 
 
 class NotHeldAnswer(Shape):
@@ -2671,7 +2703,10 @@ class MachineStatus(Shape):
     """The worst of what is the matter, `fresh` where nothing is. It goes 30 s after its cause"""
 
     since: AwareDatetime | None
-    """Since when, as far back as the readings in memory reach; null where that is not known"""
+    """Since when it is in this state: by the readings in memory, and where those do not reach back
+    so far, by the alarms of the event log, for which what it found before and after the service was
+    away is one; null where that is not known
+    """
 
     sentences: list[str]
     """What is the matter, the worst first; then what can be trusted all the same"""
@@ -2690,6 +2725,9 @@ class MachineStatus(Shape):
 
     components: int
     """How many components the table has; 0 without a table"""
+
+    complete: bool
+    """`complete` of `GET …/compensation`; false where there is no table"""
 
     largest: LargestValue | None
     """The largest compensation of the table: of a displacement where there is one"""

@@ -18,6 +18,7 @@ import httpx
 from pydantic import BaseModel
 
 from thermap.answers import (
+    AccessKey,
     AccuracyAnswer,
     AnswerHead,
     ChangedModelAnswer,
@@ -39,6 +40,7 @@ from thermap.answers import (
     ModelAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
+    NewAccessKey,
     ParseAnswer,
     PredictionAnswer,
     PresetAnswer,
@@ -122,6 +124,27 @@ def ready() -> Call[ReadyAnswer]:
 def metrics() -> Call[str]:
     """GET /metrics."""
     return Call("GET", "/metrics", lambda response: response.text)
+
+
+# -- keys ----------------------------------------------------------------------------------
+
+
+def keys() -> Call[list[AccessKey]]:
+    """GET /v1/keys."""
+    return Call("GET", "/v1/keys", reader_of(list[AccessKey]))
+
+
+def create_key(name: str, role: str, machines: Sequence[str] | None) -> Call[NewAccessKey]:
+    """POST /v1/keys."""
+    stated = None if machines is None else list(machines)
+    body = {"name": name, "role": role, "machines": stated}
+    return Call("POST", "/v1/keys", reader_of(NewAccessKey), body)
+
+
+def revoke_key(name: str, last_admin: bool) -> Call[None]:
+    """DELETE /v1/keys/{name}."""
+    query = {"last_admin": "true"} if last_admin else {}
+    return Call("DELETE", f"/v1/keys/{quote(name, safe='')}", nothing, query=query)
 
 
 # -- machines ------------------------------------------------------------------------------

@@ -91,7 +91,7 @@ class TooManyRequestsError(ThermapClientError):
 
 
 class ServiceUnavailableError(ThermapClientError):
-    """503, or no answer in time: the same call may succeed later."""
+    """503, 507 (its disk is full), or no answer in time: the same call may succeed later."""
 
 
 class NotListeningError(ServiceUnavailableError):
@@ -111,6 +111,7 @@ _BY_STATUS: Final[Mapping[int, type[ThermapClientError]]] = {
     422: InvalidContentError,
     429: TooManyRequestsError,
     503: ServiceUnavailableError,
+    507: ServiceUnavailableError,
 }
 _ALSO_FROM_PROXIES: Final[Mapping[int, type[ThermapClientError]]] = {
     401: NotAllowedError,

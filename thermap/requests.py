@@ -236,6 +236,23 @@ class HoleSchema(Shape):
     """Measured x, y [mm]"""
 
 
+class KeyRequest(Shape):
+    """A key that is to be made."""
+
+    name: str
+    """Whose it is: 1 to 64 letters, digits, dots, hyphens and underscores"""
+
+    role: Literal["sensor", "viewer", "metrologist", "admin"]
+    """`sensor` sends readings, `viewer` reads and computes, `metrologist` does both and changes
+    models, `admin` makes machines and keys too
+    """
+
+    machines: list[str] | None = None
+    """Ids of the machines that it is for, one or more; null for all, also those that are made
+    later. An admin is for all
+    """
+
+
 class LinesRequest(Shape):
     """Maximal deviations on lines along the axes."""
 

@@ -15,6 +15,7 @@ import httpx
 
 from thermap import calls, following, loop_calls
 from thermap.answers import (
+    AccessKey,
     AccuracyAnswer,
     AnalysisAnswer,
     AnalysisHead,
@@ -41,6 +42,7 @@ from thermap.answers import (
     ModelComparisonAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
+    NewAccessKey,
     ParseAnswer,
     PlanAnswer,
     PositioningAnswer,
@@ -129,6 +131,20 @@ class AsyncThermapClient:
     async def metrics(self) -> str:
         """Read the metrics in Prometheus' text format."""
         return await self.send(calls.metrics())
+
+    async def keys(self) -> list[AccessKey]:
+        """List the service's keys by name, with their last use; for admins."""
+        return await self.send(calls.keys())
+
+    async def create_key(
+        self, name: str, role: str, machines: Sequence[str] | None = None
+    ) -> NewAccessKey:
+        """Make a key, for these machines or for all; its `secret` is shown this once."""
+        return await self.send(calls.create_key(name, role, machines))
+
+    async def revoke_key(self, name: str, *, last_admin: bool = False) -> None:
+        """Let a key be none any more; ConflictError for an admin's last, unless `last_admin`."""
+        return await self.send(calls.revoke_key(name, last_admin))
 
     async def create_machine(self, settings: Content) -> MachineAnswer:
         """Create a machine from a `MachineSettings`; ConflictError if its id is taken."""
