@@ -87,6 +87,11 @@ class PatientProtocol(HttpToolsProtocol):
         self.is_receiving = False
         super().on_message_complete()
 
+    def resume_writing(self) -> None:
+        """Know that what waited was read: what waits from here on is another part."""
+        self.unread = None
+        super().resume_writing()
+
     def end_if_stopped(self, now: float, patience_s: float) -> None:
         """Answer 408 and close, where a request has stopped half-way.
 
@@ -120,12 +125,13 @@ class PatientProtocol(HttpToolsProtocol):
     def end_if_not_read(self, now: float, patience_s: float) -> None:
         """Let go of an answer that the other side does not read, or next to nothing of it.
 
-        The server writes no more while much waits, so that what waits only grows less.
+        The server writes no more while much waits, so that until it goes on what waits only
+        grows less.
         """
-        left = self.transport.get_write_buffer_size()
         if not self.flow.write_paused:
-            self.unread = None
-        elif self.unread is None or left > self.unread[1]:
+            return
+        left = self.transport.get_write_buffer_size()
+        if self.unread is None:
             self.unread = (now, left)
         else:
             since, before = self.unread

@@ -16,7 +16,7 @@ from scipy.special import fdtrc
 from app.arrays import BoolArray
 from app.search.channel import ASSUMED_SHIFT
 from app.search.draws import Draws
-from app.search.findings import HeldOut, Unexplained
+from app.search.findings import FAR_OFF, HeldOut, Unexplained
 from app.search.joint_fit import Fit
 from app.search.noise import ENOUGH_REPLICATES, pure_error, repeatability
 from app.search.problem import Problem, Term
@@ -167,7 +167,7 @@ def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Un
         )
         ratio = 2.0 * float(null.max() - null[usual].max())
         if 0.5 * upper_tail(ratio, 2.0) * len(few) < level:
-            found.append(Unexplained("far-off", c, None))
+            found.append(Unexplained(FAR_OFF, c, None))
     return found
 
 

@@ -9,6 +9,9 @@ from typing import Final
 
 from app.arrays import FloatArray
 
+FAR_OFF: Final = "far-off"
+"""The test of channels of few set-ups that are further from the model than usual."""
+
 FLEXIBLE: Final = "flexible"
 """The test of a found term's flexible versions."""
 

@@ -7,6 +7,7 @@ from contextlib import closing, suppress
 from threading import Event
 
 import pytest
+from uvicorn.protocols.http.flow_control import FlowControl
 
 from app.cli.http_protocol import PatientProtocol
 from app.cli.listening import listening, serving
@@ -151,3 +152,36 @@ def test_an_answer_that_is_read_slowly_comes_whole(port):
     with closing(client):
         assert len(read_on(client, body, PATIENCE_S / 50)) == length
     assert time.monotonic() - began_s > 2.0 * PATIENCE_S
+
+
+class Waiting:
+    """A transport of which so much waits to be read."""
+
+    def __init__(self, left):
+        self.left = left
+        self.is_let_go = False
+
+    def get_write_buffer_size(self):
+        return self.left
+
+    def abort(self):
+        self.is_let_go = True
+
+
+def waiting(left):
+    connection = PatientProtocol.__new__(PatientProtocol)
+    connection.transport, connection.flow = Waiting(left), FlowControl(None)
+    connection.unread = None
+    return connection
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_reader_whom_as_much_awaits_again_is_none_that_stopped(goes_on):
+    connection = waiting(60_000)
+    for second in range(60):
+        connection.pause_writing()
+        connection.transport.left = 60_000 - second
+        connection.end_if_not_read(float(second), 10.0)
+        if goes_on:  # between two looks a part was read, and the next written
+            connection.resume_writing()
+    assert connection.transport.is_let_go is not goes_on

@@ -17,6 +17,7 @@ from app.errors import InvalidContent
 from app.identification.analysis.analyse import VERDICTS as GIVEN
 from app.pages.analysis_report import analysis_report
 from app.pages.report_parts.effect_names import MARKS, STATUSES, TESTS, VERDICTS
+from app.search import findings
 from app.search.findings import Status
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import (
@@ -365,7 +366,9 @@ def names_of_tests():
     for path in Path(app.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "Unexplained":
-                yield ast.literal_eval(node.args[0])
+                test = node.args[0]
+                is_named = isinstance(test, ast.Name)
+                yield getattr(findings, test.id) if is_named else ast.literal_eval(test)
 
 
 @pytest.mark.slow

@@ -18,12 +18,9 @@ from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
-from app.search.findings import Unexplained, Verdict
+from app.search.findings import FAR_OFF, Unexplained, Verdict
 from app.search.rows import Datum, Nuisance
 from app.search.scatter import FEWEST_BLOCKS
-
-FAR_OFF: Final = "far-off"
-"""What the search calls a channel of few set-ups that are further from the model than usual."""
 
 LARGER: Final = 2.0
 """Root mean squares so many times what repeatability and maps explain are no chance: the maps'
