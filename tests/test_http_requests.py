@@ -57,6 +57,7 @@ async def sent(client, request):
     return await client.request(request.method, path, headers=headers, content=request.body)
 
 
+@pytest.mark.slow
 @pytest.mark.anyio
 async def test_the_requests_work_in_their_order(service):
     """As the demonstration's machine is; nobody waits for an analysis, and none runs."""

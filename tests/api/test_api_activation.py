@@ -347,6 +347,7 @@ async def test_a_preview_of_a_measurement_stores_nothing(client, app):
     assert contents(app) == before
 
 
+@pytest.mark.slow
 async def test_what_a_preview_says_is_what_storing_does(client):
     for new in (short("x", 27.0), short("y", 10.0, "EZZ", 300), error_map("z", 50.0)):
         look = (await client.post(f"{ROOM}/error-maps?preview=true", json=new)).json()

@@ -117,6 +117,7 @@ async def test_an_empty_body_is_none(client, path):
         assert (await client.post(path, content=b"", headers=headers)).status_code == 200
 
 
+@pytest.mark.slow
 async def test_each_route_has_a_limit_of_its_own(client):
     """The usual one is published as what it is by those that have another."""
     document = (await client.get("/openapi.json")).json()

@@ -189,6 +189,7 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
     }
 
 
+@pytest.mark.slow
 async def test_a_machine_made_again_has_nothing_of_the_old_one(client):
     await client.post(
         f"{ROOM}/readings", json={"time": iso(START), "temperatures_c": {"x-middle": 20.0}}

@@ -108,6 +108,7 @@ def slowly(entry):
     }
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1))
 def test_every_number_is_the_tables_to_a_tenth_of_a_nanometre(seed):

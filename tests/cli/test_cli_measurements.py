@@ -398,6 +398,7 @@ def test_the_file_says_that_it_is_simulated(thermap, tmp_path):
     assert any(c.startswith("# No two maps have EYX") for c in comments)
 
 
+@pytest.mark.slow
 def test_at_the_latest_reading(thermap, client, tmp_path):
     file = tmp_path / "laser.csv"
     asked = ("simulate", "step-diagonal", "mcfv5050", "--missing-as-zero", "-o", file)

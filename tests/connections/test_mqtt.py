@@ -363,6 +363,7 @@ async def test_two_instances_share_what_comes(new_app, url, tmp_path, broker):
             assert sum(shares) == len(values)
 
 
+@pytest.mark.slow
 async def test_who_is_silent_is_said_and_who_speaks_again(new_app, url, tmp_path, broker, caplog):
     caplog.set_level(logging.WARNING, "thermap")
     topic = '[[mqtt.topics]]\ntopic = "t/x"\nmachine = "mcfv5050"\nsensor = "x-middle"\n'

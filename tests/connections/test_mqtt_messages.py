@@ -134,6 +134,7 @@ def test_a_path_that_is_none_is_refused(path):
         JsonPath.parse(path)
 
 
+@pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists))
 def test_any_document_gives_a_number_a_refusal_or_nothing(value):
     document = orjson.loads(orjson.dumps({"v": value, "t": value}))

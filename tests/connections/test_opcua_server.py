@@ -104,6 +104,7 @@ async def machine(service):
         yield service, client
 
 
+@pytest.mark.slow
 async def test_nodes_are_what_asyncua_would_have_made_and_go_without_a_trace():
     server = Server()
     await server.init()

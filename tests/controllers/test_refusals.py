@@ -136,6 +136,7 @@ def test_no_text_makes_a_parser_fall(name, content, file):
     assert "expected" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in FORMATS if n not in ("linuxcnc",)])
 @given(table=tables(), data=st.data())
 def test_a_file_with_a_line_less_is_another_table_or_refused(name, table, data):

@@ -26,6 +26,7 @@ def test_every_format_is_registered_under_its_name():
     assert set(NEEDED) == set(FORMATS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 @given(table=tables(), sign=st.sampled_from(["error", "compensation"]))
 def test_files_are_read_back_as_they_were_meant(name, table, sign):

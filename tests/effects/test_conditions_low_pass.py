@@ -60,6 +60,7 @@ def test_irregular_readings_agree_with_an_integrator():
     np.testing.assert_allclose(between, solution.y[0], atol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(1.0, 500.0), min_size=2, max_size=30), st.sampled_from(list(Hold)))
 def test_the_live_filter_continues_the_recorded_one(steps, hold):

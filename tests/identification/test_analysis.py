@@ -314,6 +314,7 @@ def test_an_unknown_zero_is_no_part_of_what_is_left():
     assert all(one["rms_um"] < 20.0 for one in found["unexplained"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twin", ["", "the same readings"])
 def test_what_a_twin_would_explain_as_well_is_not_confirmed_and_helps_all_the_same(twin):
     """Held-out visits show both: they cannot say which of the two sensors it is."""

@@ -48,6 +48,7 @@ def test_what_counts_from_the_first_observation_and_what_from_the_mean():
         assert zero_of(zeros, np.isin(np.arange(6), rows)) == zero
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("datum", "zero"), [("absolute", "absolute"), ("first", "first"), ("free", "removed")]
 )

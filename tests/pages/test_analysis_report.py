@@ -350,6 +350,7 @@ def figures_without_hold_out():
     return {"rms_um": 1.2, "p95_um": 2.0, "holdout_rms_um": None, "holdout_rms_ci95_um": None}
 
 
+@pytest.mark.slow
 def test_plotly_is_imported_only_for_its_javascript():
     program = (
         "import json, sys; from app.pages.analysis_report import analysis_report; "

@@ -50,6 +50,7 @@ from tests.service_examples import (
 pytestmark = pytest.mark.anyio
 
 
+@pytest.mark.slow
 async def test_a_restart_changes_nothing(client, app, new_app, furnished_url):
     readings = warm_up(90)
     readings[30]["temperatures_c"]["z-column"] += 30.0  # a jump that is not to be believed

@@ -102,6 +102,7 @@ async def test_the_live_table_needs_no_thread(app, client):
             assert (await client.get("/readyz")).status_code == 200
 
 
+@pytest.mark.slow
 async def test_waiting_requests_do_not_hold_up_the_live_table(new_app, postgresql_example):
     patient = {"lock_limit_s": 300, "statement_limit_s": 300, "waiting_limit_s": 300}
     service = new_app(postgresql_example, waiting_requests=HELD_UP, **patient)
@@ -151,6 +152,7 @@ async def test_a_statement_that_takes_too_long_is_ended(postgresql_example):
     database.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 async def test_the_table_says_that_the_database_does_not_answer(
     new_app, postgresql_example, clock, monkeypatch

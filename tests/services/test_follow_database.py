@@ -197,6 +197,7 @@ async def test_a_large_batch_is_followed(client, other, look):
     assert (await other.get(f"{ROOM}/compensation")).json()["reading_time"] == iso(START)
 
 
+@pytest.mark.slow
 async def test_one_machine_that_cannot_be_loaded_does_not_keep_the_others_from_it(
     client, app, other, look, caplog
 ):

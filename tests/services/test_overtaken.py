@@ -135,6 +135,7 @@ def without_pauses(monkeypatch):
     monkeypatch.setattr("app.services.context.LONGEST_PAUSE_S", 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pauses")
 @pytest.mark.parametrize("sqlstate", ["40P01", "40001"])
 @pytest.mark.parametrize("writer", WRITERS)
@@ -162,6 +163,7 @@ async def test_whoever_is_undone_every_time_is_told(new_app, example, overtake):
     assert overtake.seen() == TIMES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("again", [True, False], ids=["repeated", "once"])
 def test_of_two_that_wait_for_each_other_one_begins_anew(postgresql_url, again):
     """Two machines locked in opposite order: a deadlock for certain, the first time."""

@@ -87,6 +87,7 @@ def test_arrays_of_edges_come_back_bit_for_bit(database):
     assert bits(stored_array(database, array)) == bits(array)
 
 
+@pytest.mark.slow
 @SOME_EXAMPLES
 @given(st.lists(ANY_BITS, max_size=200))
 def test_arrays_of_any_bits_come_back_bit_for_bit(database, values):

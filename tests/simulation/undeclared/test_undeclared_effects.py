@@ -360,6 +360,7 @@ def test_a_faulty_sensor_keeps_its_noise_only_where_it_is_not_stuck(campaign_of,
     assert still.all() if variant == "stuck" else still.mean() < 0.5
 
 
+@pytest.mark.slow
 def test_an_outdated_map_is_wrong_in_the_same_way_at_all_times(campaign_of):
     for variant, degree in (("shift", 0), ("slope", 1), ("profile", 4)):
         code, line, contribution = one_line(campaign_of(4, f"outdated-map:{variant}", 1.5))
