@@ -63,6 +63,7 @@ _SYMBOLS: Final = {
     "um_per_m": "µm/m",
     "urad_per_m": "µrad/m",
     "c_per_min": "°C/min",
+    "per_mm": "1/mm",
     "um": "µm",
     "urad": "µrad",
     "mm": "mm",
@@ -71,7 +72,7 @@ _SYMBOLS: Final = {
     "s": "s",
     "rpm": "1/min",
 }
-"""Longest suffix first: `slopes_um_per_m` is not in m."""
+"""Longest suffix first: `counts_per_mm` is not in mm."""
 
 
 def unit_of_field(field: str) -> str | None:

@@ -1082,6 +1082,27 @@ class OptionAnswer(Shape):
     default: Any
     """What holds where it is not stated; null where nothing does"""
 
+    takes: Literal["choice", "number", "whole-number", "text", "components"]
+    """What its value is; with `axes` what each axis' value is"""
+
+    axes: list[str]
+    """Axes of which it has one value each, as an object; empty where it has one"""
+
+    unit: str | None
+    """Unit of its value; null where it has none"""
+
+    choices: list[Any]
+    """What it may be; of `components` any number of them, empty where it is free"""
+
+    minimum: float | None
+    """Least value that it may have, in `unit`"""
+
+    above: float | None
+    """Its value is larger than this, in `unit`"""
+
+    maximum: float | None
+    """Greatest value that it may have, in `unit`"""
+
 
 class ParsedComponentAnswer(Shape):
     """What files hold of one component."""

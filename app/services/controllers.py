@@ -22,7 +22,7 @@ from app.controllers.format import (
     Parsed,
 )
 from app.controllers.registry import format_named, options_of
-from app.errors import InvalidContent
+from app.errors import InvalidContent, ThermapError, UnknownThing
 from app.services.ask_field import FieldQuestion, ask_field
 from app.services.context import Context
 from app.services.live_table import table_at
@@ -179,6 +179,24 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
         ],
         held=[],
     )
+
+
+def writable_components(context: Context, machine_id: str, controller: Format) -> Sequence[str]:
+    """List what an export would write at the latest reading; nothing where there is no table.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine.
+    """
+    try:
+        table, _ = _error_table(context, machine_id, FieldQuestion(None, missing_as_zero=True))
+    except UnknownThing:
+        raise
+    except ThermapError:
+        return ()
+    source = table.folded() if controller.folds else table
+    return [code for code in controller.holds if code in source.curves]
 
 
 def parse_files(

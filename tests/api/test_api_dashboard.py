@@ -28,11 +28,12 @@ class Texts(HTMLParser):
 
     def __init__(self, page):
         super().__init__(convert_charrefs=True)
-        self.said, self.addresses, self.tags, self._silent = [], [], [], False
+        self.said, self.addresses, self.tags, self.ids, self._silent = [], [], [], [], False
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
+        self.ids += [value for name, value in attrs if name == "id"]
         self._silent = tag in ("script", "style")
         self.addresses += [value for name, value in attrs if name in ("src", "href")]
         self.said += [value for name, value in attrs if name == "aria-label" and value]

@@ -12,6 +12,7 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, VersionPath
 from app.api.pages import Page
 from app.api.router import Router
+from app.controllers.registry import format_named
 from app.events.event import EventKind
 from app.pages.dashboard.compared_residuals import compared_residuals
 from app.pages.dashboard.events import events_page
@@ -22,6 +23,7 @@ from app.pages.dashboard.maps import activation_preview, maps_page
 from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.volume import volume_page
 from app.services.compared_checks import show_compared_checks
+from app.services.controllers import writable_components
 from app.services.dashboard import show_machine_view, show_machine_views
 from app.services.events import show_events
 from app.services.fleet import show_fleet
@@ -115,7 +117,10 @@ def get_export(
     controller: Annotated[str | None, Query(max_length=100)] = None,
 ) -> Page:
     """Show what a controller's files would be; `controller` names its format."""
-    page = export_page(show_status(context, machine), controller, context.now())
+    status = show_status(context, machine)
+    chosen = None if controller is None else format_named(controller)
+    writable = () if chosen is None else writable_components(context, machine, chosen)
+    page = export_page(status, chosen, writable, context.now())
     return Page(page, scripts=0, headers=_HEADERS)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from app.controllers.curve import Curve
     from app.controllers.export import Check, Resampled
     from app.controllers.format import ControllerFile, Format, NotHeld, Options, Parsed
+    from app.controllers.option_fields import OptionField
     from app.services.ask_field import FieldQuestion
     from app.services.controllers import BandsWanted, Compared, Exported
 
@@ -37,6 +38,36 @@ class OptionAnswer(Schema):
     description: str = Field(description="What it says")
     required: bool = Field(description="Whether it has to be stated")
     default: Any = Field(description="What holds where it is not stated; null where nothing does")
+    takes: Literal["choice", "number", "whole-number", "text", "components"] = Field(
+        description="What its value is; with `axes` what each axis' value is"
+    )
+    axes: list[str] = Field(
+        description="Axes of which it has one value each, as an object; empty where it has one"
+    )
+    unit: str | None = Field(description="Unit of its value; null where it has none")
+    choices: list[Any] = Field(
+        description="What it may be; of `components` any number of them, empty where it is free"
+    )
+    minimum: float | None = Field(description="Least value that it may have, in `unit`")
+    above: float | None = Field(description="Its value is larger than this, in `unit`")
+    maximum: float | None = Field(description="Greatest value that it may have, in `unit`")
+
+    @classmethod
+    def of(cls, option: OptionField) -> OptionAnswer:
+        """Describe an option."""
+        return cls(
+            name=option.name,
+            description=option.description,
+            required=option.is_required,
+            default=option.default,
+            takes=option.takes.value,
+            axes=list(option.axes),
+            unit=option.unit,
+            choices=list(option.choices),
+            minimum=option.minimum,
+            above=option.above,
+            maximum=option.maximum,
+        )
 
 
 class ControllerAnswer(Schema):
@@ -65,6 +96,8 @@ class ControllerAnswer(Schema):
     @classmethod
     def of(cls, controller: Format) -> ControllerAnswer:
         """Describe a format."""
+        from app.controllers.option_fields import option_fields
+
         return cls(
             name=controller.name,
             title=controller.title,
@@ -76,17 +109,7 @@ class ControllerAnswer(Schema):
             holds=list(controller.holds),
             squareness_in_straightness=controller.folds,
             both_directions=controller.both_directions,
-            options=[
-                OptionAnswer(
-                    name=name,
-                    description=field.description or "",
-                    required=field.is_required(),
-                    default=None
-                    if field.is_required()
-                    else field.get_default(call_default_factory=True, validated_data={}),
-                )
-                for name, field in controller.options.model_fields.items()
-            ],
+            options=[OptionAnswer.of(option) for option in option_fields(controller)],
         )
 
 

@@ -1,22 +1,72 @@
 // A controller's files: what they are, what to check after loading, and what they do not hold.
-import { list, refused, send, signed, told } from "./ask.js";
+import { list, refused, Refusal, send, signed, told } from "./ask.js";
 
 const room = document.getElementById("export");
+const form = document.getElementById("options");
 const said = document.getElementById("said");
 const place = document.getElementById("shown");
+const show = document.getElementById("show");
+const download = document.getElementById("download");
+const others = document.getElementById("others");
+const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
+
+// What is no number goes as it was typed: the service says what is wrong with it.
+function value(input, takes) {
+  const text = input.value.trim();
+  if (takes === "choice") return JSON.parse(text);
+  const plain = text.replace("−", "-");
+  return takes !== "text" && NUMBER.test(plain) ? Number(plain) : text;
+}
 
 function stated() {
   const options = {};
-  for (const input of document.querySelectorAll("[data-option]")) {
-    const text = input.value.trim();
-    if (!text) continue;
-    try {
-      options[input.dataset.option] = JSON.parse(text);
-    } catch {
-      options[input.dataset.option] = text;
+  for (const one of form.querySelectorAll(".option")) {
+    const { name, takes } = one.dataset;
+    if (takes === "components") {
+      const boxes = [...one.querySelectorAll("input")];
+      if (!boxes.every((box) => box.checked)) options[name] = boxes.filter((box) => box.checked).map((box) => box.value);
+      continue;
+    }
+    for (const input of one.querySelectorAll("input, select")) {
+      if (!input.value.trim()) continue;
+      if (!input.dataset.axis) options[name] = value(input, takes);
+      else options[name] = { ...options[name], [input.dataset.axis]: value(input, takes) };
     }
   }
   return { options };
+}
+
+function hasChanged(one) {
+  if (one.type === "checkbox") return one.checked !== one.defaultChecked;
+  if (one instanceof HTMLSelectElement) return !one.selectedOptions[0].defaultSelected;
+  return one.value.trim() !== one.defaultValue;
+}
+
+function clear() {
+  for (const one of form.querySelectorAll(".wrong")) one.textContent = "";
+  for (const one of form.querySelectorAll("[aria-invalid]")) one.removeAttribute("aria-invalid");
+  said.replaceChildren();
+}
+
+// Says at its option what is wrong with it; gives what belongs to none.
+function placed(errors) {
+  const left = [];
+  let first = null;
+  for (const error of errors) {
+    const [, name, axis] = error.field.split(".");
+    const wrong = error.field.startsWith("options.") && document.getElementById(`wrong-${name}`);
+    if (!wrong) {
+      left.push(error);
+      continue;
+    }
+    wrong.textContent += `${wrong.textContent ? " " : ""}${axis ? `${axis.toUpperCase()}: ` : ""}${error.message}`;
+    const input = document.getElementById(`option-${name}${axis ?? ""}`) ?? wrong.parentElement.querySelector("input, select");
+    if (input.type !== "checkbox") input.setAttribute("aria-invalid", "true");
+    if (others?.contains(input)) others.open = true;
+    first ??= input;
+  }
+  first?.focus();
+  return left;
 }
 
 function add(tag, parent, text, kind) {
@@ -27,78 +77,134 @@ function add(tag, parent, text, kind) {
   return made;
 }
 
-function table(title, heads, rows, none) {
+// Columns that hold words are named; the others hold numbers.
+function table(title, heads, words, rows, none) {
   add("h3", place, title);
   if (!rows.length) {
     add("p", place, none, "quiet");
     return;
   }
-  const made = add("table", add("div", place, undefined, "scroll"), undefined, "whole");
+  const frame = add("div", place, undefined, "scroll");
+  frame.role = "region";
+  frame.ariaLabel = title;
+  frame.tabIndex = 0;
+  const made = add("table", frame, undefined, "whole");
+  const kind = (i) => (words.includes(i) ? "words" : "");
   const head = add("tr", add("thead", made));
-  for (const text of heads) add("th", head, text).scope = "col";
+  heads.forEach((text, i) => {
+    add("th", head, text, kind(i)).scope = "col";
+  });
   const body = add("tbody", made);
   for (const row of rows) {
     const line = add("tr", body);
     row.forEach((text, i) => {
-      const cell = add(i ? "td" : "th", line, text);
+      const cell = add(i ? "td" : "th", line, text, kind(i));
       if (!i) cell.scope = "row";
     });
   }
 }
 
-function show(answer) {
+function save(content, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(content);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+function sentence(words) {
+  return `${words[0].toUpperCase()}${words.slice(1)}.`;
+}
+
+const SIGNS = { error: "error, actual minus nominal", compensation: "compensation, minus the error" };
+
+function head(answer) {
+  const at = Object.entries(answer.temperatures_c).map(([name, t]) => `${name} ${t.toFixed(2).replace("-", "−")}\u00a0°C`);
+  const made = add("p", place, `Made ${answer.computed_at.slice(11, 19)} UTC with v${answer.model_version} at ${at.join(", ")}. Values: ${SIGNS[answer.sign]}.`);
+  made.tabIndex = -1;
+  if (!answer.complete) add("p", place, "The compensation table is not complete.", "caution");
+  if (answer.warnings.length) place.append(list(answer.warnings.map(sentence)));
+}
+
+function shown(answer) {
   place.replaceChildren();
-  if (answer.warnings.length) place.append(list(answer.warnings));
+  head(answer);
   table(
     "Check after loading",
     ["Axis", "to, mm", "coming", "moves", "by, µm", "shows"],
+    [0, 2, 3, 5],
     answer.check.map((one) => [
-      one.axis.toUpperCase(), `${one.position_mm}`, one.direction, one.moved_axis.toUpperCase(),
-      signed(one.expected_movement_um), one.component,
+      one.axis.toUpperCase(), `${one.position_mm}`.replace("-", "−"), one.direction.replace("-", "−"),
+      one.moved_axis.toUpperCase(), signed(one.expected_movement_um), one.component,
     ]),
     "There is no move that would show it: the compensation is zero.",
   );
   table(
     "Not held by this controller",
     ["Component", "largest", "why"],
+    [0, 2],
     answer.not_held.map((one) => [one.component, `${one.largest.toFixed(1)} ${one.unit}`, one.why]),
     "It holds everything.",
   );
   table(
     "Added by spacing and rounding",
     ["Component", "largest"],
+    [0],
     answer.resampling.map((one) => [one.component, `${one.largest_deviation.toFixed(1)} ${one.unit}`]),
     "Nothing.",
   );
   add("h3", place, "Files");
   for (const file of answer.files) {
-    const one = add("details", place);
+    const row = add("div", place, undefined, "file");
+    const one = add("details", row);
     add("summary", one, `${file.name} (${file.role})`);
     const text = add("pre", one, file.content);
     text.tabIndex = 0;
+    const button = add("button", row, `Save ${file.name}`, "small");
+    button.type = "button";
+    button.addEventListener("click", () => save(new Blob([file.content], { type: "text/plain" }), file.name));
   }
+  place.firstElementChild.focus();
 }
 
 async function ask(what, act) {
+  clear();
   told(said, "Making the files.");
+  show.disabled = download.disabled = true;
   try {
     await act();
-    said.replaceChildren();
   } catch (error) {
-    refused(said, what, error);
+    const left = error.errors?.length ? placed(error.errors) : [];
+    const words = error.errors?.length && !left.length ? "What is wrong stands at its option." : error.message;
+    refused(said, what, new Refusal(words, left.length === error.errors?.length ? [] : left));
   }
+  show.disabled = download.disabled = false;
 }
 
-document.getElementById("show")?.addEventListener("click", () =>
-  ask("No file was made.", async () => show(await send("POST", room.dataset.path, stated()))),
-);
+form?.addEventListener("submit", (event) => {
+  event.preventDefault();
+  place.replaceChildren();
+  ask("No file was made.", async () => {
+    const answer = await send("POST", room.dataset.path, stated());
+    said.replaceChildren();
+    shown(answer);
+  });
+});
 
-document.getElementById("download")?.addEventListener("click", () =>
+// A zip is made anew, at the reading of its own moment, and has its own check table.
+download?.addEventListener("click", () =>
   ask("Nothing was downloaded.", async () => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await send("POST", room.dataset.path, stated(), "application/zip"));
-    link.download = room.dataset.name;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    save(await send("POST", room.dataset.path, stated(), "application/zip"), room.dataset.name);
+    told(said, `${room.dataset.name} was made ${new Date().toISOString().slice(11, 19)} UTC at the reading of then. Its check table is in it: thermap-check.txt.`);
   }),
 );
+
+// What is shown was made with what was stated then.
+form?.addEventListener("input", () => {
+  clear();
+  place.replaceChildren();
+  const count = others ? new Set([...others.querySelectorAll("input, select")].filter(hasChanged).map((one) => one.closest(".option"))).size : 0;
+  if (others) document.getElementById("others-said").textContent = count ? `${count} stated otherwise` : "all at the default";
+});
+
+if (form) show.disabled = download.disabled = false;
