@@ -50,7 +50,7 @@ from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns
 from app.connections.config import ConnectionsFile, read_connections
 from app.connections.running import Connections
-from app.connections.serving_tables import expect_library, serving_tables
+from app.connections.serving_tables import expect_servable, serving_tables
 from app.services.access_keys import KeyRing
 from app.services.context import Context, QueueLimits
 from app.services.events import AlarmLog
@@ -113,8 +113,8 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         If the database cannot be reached.
     """
     settings = settings or Settings()
-    expect_library(settings.opcua_endpoint)
     stated = ConnectionsFile() if settings.config is None else read_connections(settings.config)
+    expect_servable(settings.opcua_endpoint, stated.opcua_server, insecure=settings.insecure)
     make_own_folder(settings.database_url)
     limits = Limits(lock_s=settings.lock_limit_s, statement_s=settings.statement_limit_s)
     waiting = QueueLimits(settings.waiting_analyses_of_machine, settings.waiting_analyses)
@@ -143,7 +143,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         keeper.start()
         try:
             async with (
-                serving_tables(lambda: service.state.context, settings.opcua_endpoint),
+                serving_tables(
+                    lambda: service.state.context, settings.opcua_endpoint, stated.opcua_server
+                ),
                 service.state.connections.running(),
             ):
                 yield

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 from urllib.parse import urlsplit
 
 from platformdirs import user_data_path
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from app.errors import StorageUnavailable
@@ -178,8 +178,8 @@ class Settings(BaseSettings):
 
     @field_validator("opcua_endpoint")
     @classmethod
-    def _read_here(cls, stated: str, others: ValidationInfo) -> str:
-        """Refuse an endpoint that is none, or that would tell others what needs a key."""
+    def _is_endpoint(cls, stated: str) -> str:
+        """Refuse an endpoint that is none."""
         if not stated:
             return stated
         host = port = None
@@ -189,11 +189,6 @@ class Settings(BaseSettings):
         if not (host and port and stated.startswith("opc.tcp://")):
             raise ValueError(
                 "expected opc.tcp://ADDRESS:PORT/NAME, as opc.tcp://127.0.0.1:4840/thermap"
-            )
-        if not (others.data.get("insecure") or is_this_computer(host)):
-            raise ValueError(
-                "expected this computer's own address, as 127.0.0.1 (OPC UA clients state no key: "
-                "other computers read only where --insecure allows it)"
             )
         return stated
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from rich.text import Text
 
 from app.cli.answers import listing, or_nothing, show, when
 from app.cli.options import JsonOption, UrlOption, connect
-from app.errors import counted, list_names
+from app.errors import InvalidContent, counted, list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -58,6 +59,48 @@ def check(
     found = read_connections(file).connections
     number = counted(len(found), "connection")
     typer.echo(f"{file}: {number}: {list_names(one.name for one in found)}")
+
+
+@connections.command()
+def certificate(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.der", help="The certificate: to be given to others.")
+    ],
+    key: Annotated[
+        Path, typer.Argument(metavar="FILE.pem", help="Its private key: to be kept to ourselves.")
+    ],
+    *,
+    hosts: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--host",
+            metavar="NAME",
+            show_default="this computer's own name",
+            help="Name or address under which OPC UA clients reach the service; may be repeated.",
+        ),
+    ] = None,
+) -> None:
+    """Make a certificate by which OPC UA servers and clients know this service.
+
+    It signs itself, and is valid for five years.
+
+    Example: `thermap connections certificate thermap.der thermap.pem`
+    """
+    try:
+        from app.connections.opcua_certificates import write_pair
+    except ImportError:
+        raise InvalidContent(
+            'certificates are made with the extra opcua: pip install "thermap[opcua]"'
+        ) from None
+    names = hosts or [socket.gethostname()]
+    try:
+        made = write_pair(file, key, f"urn:{names[0]}:thermap", names)
+    except OSError as why:
+        raise InvalidContent(
+            f"expected to make the new files {file} and {key}: {why.strerror}: {why.filename}"
+        ) from None
+    typer.echo(f"{file}: {made.words}, valid to {made.content.not_valid_after_utc:%Y-%m-%d}")
+    typer.echo(f"{key}: its private key, which nobody else may read")
 
 
 def connections_view(found: ConnectionsNow) -> RenderableType:

@@ -14,6 +14,7 @@ from app.connections.intake import Limits
 from app.connections.mqtt_tables import MqttTable
 from app.connections.mtconnect_connection import MtconnectTable
 from app.connections.opcua_connection import OpcuaTable
+from app.connections.opcua_security import OpcuaServerTable
 from app.errors import FieldError, InvalidContent
 
 
@@ -36,6 +37,7 @@ class ConnectionsFile(Table):
     mtconnect: tuple[MtconnectTable, ...] = Field((), strict=False)
     opcua: tuple[OpcuaTable, ...] = Field((), strict=False)
     mqtt: tuple[MqttTable, ...] = Field((), strict=False)
+    opcua_server: OpcuaServerTable | None = None
 
     @property
     def connections(self) -> tuple[ConnectionTable, ...]:
@@ -81,7 +83,17 @@ def read_connections(path: Path) -> ConnectionsFile:
                 f"config: {path}: {table.name!r} needs the extra {table.extra}: "
                 f'pip install "thermap[{table.extra}]"'
             )
+        _expect_usable(path, repr(table.name), table)
+    if found.opcua_server is not None and find_spec(OpcuaTable.library) is not None:
+        _expect_usable(path, "opcua_server", found.opcua_server)
     return found
+
+
+def _expect_usable(path: Path, where: str, table: ConnectionTable | OpcuaServerTable) -> None:
+    try:
+        table.expect_usable()
+    except ValueError as why:
+        raise InvalidContent(f"config: {path}: {where}: {why}") from None
 
 
 def _words(error: ErrorDetails) -> str:

@@ -106,6 +106,9 @@ class ConnectionTable(Table):
 
     name: ShortName
 
+    def expect_usable(self) -> None:
+        """Refuse what only its library sees to be wrong, with ValueError."""
+
     @abstractmethod
     def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
         """Make what runs; only this needs the library."""

@@ -32,6 +32,8 @@ from app.connections.opcua_session import (
     find_units,
     read_nodes,
     session_with,
+    why_refused,
+    words_of_failure,
 )
 from app.connections.sparing_log import SparingLog
 from app.errors import counted
@@ -183,7 +185,11 @@ class ServerFollower:
                 self.died += 1
                 self._say(f"the subscription died, a new one is made: {why}")
             except (ua.UaError, OSError, TimeoutError) as why:
-                self._say(_words_of_failure(why))
+                self._say(
+                    words_of_failure(why)
+                    if self.is_connected
+                    else await why_refused(self._access, why)
+                )
             except Exception as why:  # a server that talks nonsense raises anything at all
                 self._say(f"{type(why).__name__}: {why}")
             if self.is_connected:
@@ -442,7 +448,7 @@ class ServerFollower:
         )
 
     async def _lost(self, why: Exception) -> None:
-        self._end(f"contact was lost: {_words_of_failure(why)}")
+        self._end(f"contact was lost: {words_of_failure(why)}")
 
     def _end(self, words: str) -> None:
         self._end_words = words
@@ -487,9 +493,3 @@ def _shown(observed: Observed | None) -> str:
     if observed is None:
         return "nothing"
     return "without a value" if observed.value is None else f"{observed.value:g}"
-
-
-def _words_of_failure(why: BaseException) -> str:
-    if isinstance(why, TimeoutError) and not str(why):
-        return "no answer in time"
-    return str(why) or type(why).__name__

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator
 
 from app.connections.connection import (
     Connection,
@@ -21,6 +19,7 @@ from app.connections.connection import (
 )
 from app.connections.intake import Intake
 from app.connections.known_values import REPEATED_S, KnownValues
+from app.connections.opcua_security import SecurityTable, UserTable
 from app.services.context import Context
 
 if TYPE_CHECKING:
@@ -45,42 +44,6 @@ class StateNodeTable(Table):
     """A node that a state is read from, in the server's unit."""
 
     node: Annotated[str, Field(pattern=_NODE, max_length=500)]
-
-
-class SecurityTable(Table):
-    """`[opcua.security]`: files in DER or PEM, as from the folder of the file of connections."""
-
-    mode: Literal["Sign", "SignAndEncrypt"]
-    policy: Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"] = (
-        "Basic256Sha256"
-    )
-    certificate: Path = Field(strict=False)
-    private_key: Path = Field(strict=False)
-    server_certificate: Path = Field(strict=False)
-
-    @field_validator("certificate", "private_key", "server_certificate")
-    @classmethod
-    def _is_there(cls, stated: Path, info: ValidationInfo) -> Path:
-        path: Path = (info.context or {}).get("folder", Path()) / stated
-        try:
-            path.open("rb").close()
-        except OSError as why:
-            raise ValueError(f"expected a file, got {str(path)!r}: {why.strerror}") from why
-        return path
-
-
-class UserTable(Table):
-    """`[opcua.user]`: who asks; the password stands in a variable of the environment."""
-
-    name: Annotated[str, Field(min_length=1, max_length=200)]
-    password_env: Annotated[str, Field(min_length=1, max_length=200)]
-
-    @field_validator("password_env")
-    @classmethod
-    def _is_set(cls, stated: str) -> str:
-        if stated not in os.environ:
-            raise ValueError(f"expected a variable of the environment, got {stated!r}: it is unset")
-        return stated
 
 
 class OpcuaTable(ConnectionTable):
@@ -119,8 +82,12 @@ class OpcuaTable(ConnectionTable):
             security = Security(**self.security.model_dump())
         if self.user is None:
             return Access(self.endpoint, security)
-        password = os.environ.get(self.user.password_env, "")
-        return Access(self.endpoint, security, self.user.name, password)
+        return Access(self.endpoint, security, self.user.name, self.user.password)
+
+    def expect_usable(self) -> None:
+        """Refuse files that are no certificates; ValueError."""
+        if self.security is not None:
+            self.security.expect_usable()
 
 
 class ServerConnection:

@@ -14,10 +14,12 @@ from time import monotonic
 from typing import Any, Final
 
 from asyncua import Server, ua
-from asyncua.crypto.permission_rules import User, UserRole
 from starlette.concurrency import run_in_threadpool
 
+from app.connections.opcua_certificates import ends_soon, key_pem, now, read_certificate
 from app.connections.opcua_nodes import Nodes
+from app.connections.opcua_readers import OwnServer, Readers, policies_of
+from app.connections.opcua_security import OpcuaServerTable
 from app.connections.opcua_values import (
     NO_VALUE,
     Said,
@@ -54,14 +56,6 @@ AGAIN_S: Final = 10.0
 _BROKEN: Final = ua.StatusCodes.BadInternalError
 
 
-class OnlyReaders:
-    """Lets everybody in to read: asyncua would make whoever says `admin` one."""
-
-    def get_user(self, *_asked: Any, **_named: Any) -> User:
-        """Give a user who may write what is writable, which is nothing."""
-        return User(role=UserRole.User)
-
-
 @dataclass(slots=True)
 class _Machine:
     """A machine's nodes, and what they say now."""
@@ -83,9 +77,15 @@ class _Machine:
 class TableServer:
     """The server; `run` until it is cancelled."""
 
-    def __init__(self, context: Callable[[], Context], endpoint: str) -> None:
+    def __init__(
+        self,
+        context: Callable[[], Context],
+        endpoint: str,
+        security: OpcuaServerTable | None = None,
+    ) -> None:
         self._context = context
         self._endpoint = endpoint
+        self._security = security
         self._machines: dict[str, _Machine] = {}
         self._stored = Stored()
         self.is_listening = False
@@ -102,13 +102,7 @@ class TableServer:
             await asyncio.sleep(AGAIN_S)
 
     async def _serve(self) -> None:
-        server = Server(user_manager=OnlyReaders())  # type: ignore[arg-type]
-        await server.init()
-        server.set_endpoint(self._endpoint)
-        server.set_server_name("thermap")
-        await server.set_application_uri("urn:thermap:server")
-        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
-        server.set_identity_tokens([ua.AnonymousIdentityToken])
+        server = await self._made()
         self._machines = {}
         nodes = Nodes(server, await server.register_namespace(NAMESPACE))
         await nodes.begin("Machines")
@@ -123,6 +117,29 @@ class TableServer:
         finally:
             self.is_listening = False
             asking.cancel()
+
+    async def _made(self) -> Server:
+        """Make the server, with what it offers to whom."""
+        stated = self._security
+        server = Server(OwnServer(Readers(stated)))  # type: ignore[arg-type]
+        await server.init()
+        server.set_endpoint(self._endpoint)
+        server.set_server_name("thermap")
+        uri: str | None = None
+        if stated is not None:
+            own = read_certificate(stated.certificate)
+            uri = own.application_uri
+            await server.load_certificate(own.der, "der")
+            await server.load_private_key(key_pem(stated.private_key), format="pem")
+            if trouble := own.trouble(now()) or ends_soon(own):
+                log.warning("OPC UA server: %s: %s", stated.certificate, trouble)
+        await server.set_application_uri(uri or "urn:thermap:server")
+        server.set_security_policy(policies_of(stated))
+        has_users = stated is not None and bool(stated.users)
+        server.set_identity_tokens(
+            [ua.UserNameIdentityToken if has_users else ua.AnonymousIdentityToken]
+        )
+        return server
 
     async def _ask(self) -> None:
         """Ask the database beside the rest: while it hangs, tables go on."""

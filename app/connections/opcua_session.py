@@ -12,11 +12,21 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 from asyncua import Client, ua
 from asyncua.crypto import security_policies
-from cryptography import x509
+from asyncua.crypto.uacrypto import CertProperties
+
+from app.connections.opcua_certificates import (
+    Certificate,
+    key_pem,
+    now,
+    read_certificate,
+    sent_certificate,
+)
+from app.connections.opcua_security import SecurityMode, SecurityPolicy
+from app.errors import list_names
 
 log = logging.getLogger("thermap")
 
@@ -41,9 +51,8 @@ MOST_PARTS: Final = 1024
 MOST_NODES: Final = 100
 """Nodes that are asked for at once: small controllers refuse more."""
 
-SecurityMode: TypeAlias = Literal["Sign", "SignAndEncrypt"]
-
-SecurityPolicy: TypeAlias = Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
+SHOWN: Final = 20
+"""Of what a server offers, in words."""
 
 # What it says of lost contact, with a traceback for every attempt, is said here in a sentence.
 logging.getLogger("asyncua.client").setLevel(logging.CRITICAL)
@@ -98,27 +107,93 @@ async def _identify(client: Client, access: Access) -> None:
     security = access.security
     if security is None:
         return
-    client.application_uri = _application_of(security.certificate) or client.application_uri
+    own, theirs = _usable_certificates(security)
+    client.application_uri = own.application_uri or client.application_uri
     await client.set_security(
         getattr(security_policies, f"SecurityPolicy{security.policy}"),
-        security.certificate,
-        security.private_key,
-        server_certificate=str(security.server_certificate),
+        CertProperties(own.der, "der"),
+        CertProperties(key_pem(security.private_key), "pem"),
+        server_certificate=CertProperties(theirs.der, "der"),
         mode=ua.MessageSecurityMode[security.mode],
     )
 
 
-def _application_of(certificate: Path) -> str | None:
-    """Read the URI that a certificate is for: a server compares it with what a client says."""
-    content = certificate.read_bytes()
-    is_pem = content.lstrip().startswith(b"-----BEGIN")
-    found = (x509.load_pem_x509_certificate if is_pem else x509.load_der_x509_certificate)(content)
+def _usable_certificates(security: Security) -> tuple[Certificate, Certificate]:
+    """Read our certificate and the server's anew; UaError where one is not valid now."""
+    found = []
+    for path in (security.certificate, security.server_certificate):
+        try:
+            one = read_certificate(path)
+        except ValueError as why:
+            raise ua.UaError(str(why)) from None
+        if trouble := one.trouble(now()):
+            raise ua.UaError(f"{path}: {trouble}")
+        found.append(one)
+    return found[0], found[1]
+
+
+async def why_refused(access: Access, why: BaseException) -> str:
+    """Say why a secured session could not be opened, as far as the server tells anybody.
+
+    Who cannot read what is encrypted for another one just ends the connection. So the server is
+    asked without security what it offers; nothing of that is believed but for the words.
+    """
+    security, words = access.security, words_of_failure(why)
+    if security is None:
+        return words
+    client = Client(access.endpoint, timeout=ANSWER_S)
     try:
-        names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
-        return None
-    uris = names.get_values_for_type(x509.UniformResourceIdentifier)
-    return uris[0] if uris else None
+        async with asyncio.timeout(OPEN_S):
+            offered = await client.connect_and_get_server_endpoints()
+    except Exception:
+        return words
+    finally:
+        await _leave(client)
+    mode = ua.MessageSecurityMode[security.mode]
+    uri = getattr(security_policies, f"SecurityPolicy{security.policy}").URI
+    fitting = [one for one in offered if (one.SecurityMode, one.SecurityPolicyUri) == (mode, uri)]
+    if not fitting:
+        return (
+            f"expected a server that offers {security.policy} with {security.mode}, got one that "
+            f"offers {_offers(offered)}"
+        )
+    pinned = read_certificate(security.server_certificate)
+    shown = [sent_certificate(one.ServerCertificate) for one in fitting if one.ServerCertificate]
+    if shown and all(one.der != pinned.der for one in shown):
+        return (
+            f"expected the server with the certificate {pinned.words} in "
+            f"{security.server_certificate}, got one with {shown[0].words}"
+        )
+    return f"{words}{_REMEDIES.get(getattr(why, 'code', 0), '')}"
+
+
+_REMEDIES: Final = dict.fromkeys(
+    (
+        ua.StatusCodes.BadCertificateUntrusted,
+        ua.StatusCodes.BadSecurityChecksFailed,
+        ua.StatusCodes.BadCertificateUseNotAllowed,
+    ),
+    "; the server has to trust our certificate",
+) | dict.fromkeys(
+    (ua.StatusCodes.BadUserAccessDenied, ua.StatusCodes.BadIdentityTokenRejected),
+    "; the server does not take this user and password",
+)
+
+
+def _offers(offered: Sequence[ua.EndpointDescription]) -> str:
+    found = {
+        f"{(one.SecurityPolicyUri or '').rpartition('#')[2][:40]} with "
+        f"{one.SecurityMode.name.rstrip('_')}"
+        for one in offered[:SHOWN]
+    }
+    return list_names(sorted(found)) if found else "nothing"
+
+
+def words_of_failure(why: BaseException) -> str:
+    """Put in words what went wrong with a session."""
+    if isinstance(why, TimeoutError) and not str(why):
+        return "no answer in time"
+    return str(why) or type(why).__name__
 
 
 async def _leave(client: Client) -> None:

@@ -2,8 +2,8 @@
 
     python -m tests.connections.opcua_server_example PORT [FOLDER]
 
-serves without security, or with the certificate in FOLDER and for a user; it takes a command a
-line and answers each with a line.
+serves without security, or with FOLDER's server.der, to clients whose certificates are in
+FOLDER/trusted, and for a user. It takes a command a line and answers each with a line.
 """
 
 import asyncio
@@ -142,7 +142,9 @@ class _Served:
 
 async def _serve(port, folder):
     from asyncua import Server, ua
+    from asyncua.common.utils import ServiceError
     from asyncua.crypto.permission_rules import User, UserRole
+    from cryptography.hazmat.primitives import serialization
 
     class OneUser:
         def get_user(self, iserver, username=None, password=None, certificate=None):
@@ -155,10 +157,22 @@ async def _serve(port, folder):
     if folder is None:
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
     else:
-        server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+        names = ("Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss")
+        modes = ("Sign", "SignAndEncrypt")
+        server.set_security_policy(
+            [ua.SecurityPolicyType[f"{name}_{mode}"] for name in names for mode in modes]
+        )
         server.set_identity_tokens([ua.UserNameIdentityToken])
+        await server.set_application_uri("urn:cell:server")
         await server.load_certificate(str(folder / "server.der"))
         await server.load_private_key(str(folder / "server.pem"))
+
+        async def validate(certificate, _description):
+            sent = certificate.public_bytes(serialization.Encoding.DER)
+            if all(sent != one.read_bytes() for one in (folder / "trusted").iterdir()):
+                raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+
+        server.set_certificate_validator(validate)
     index = await server.register_namespace(URI)
     served = _Served(server, index)
     async with server:
