@@ -37,6 +37,10 @@ from app.services.status import Stored, stored_of_machines
 
 log = logging.getLogger("thermap")
 
+# They log each refused request, with tracebacks of what nobody can read: as many as anybody sends.
+for _name in ("uaprocessor", "binary_server_asyncio"):
+    logging.getLogger(f"asyncua.server.{_name}").setLevel(logging.CRITICAL)
+
 NAMESPACE: Final = "urn:thermap:machines"
 """Of all nodes; clients find its index by it."""
 

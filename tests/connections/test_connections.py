@@ -16,7 +16,7 @@ from app.connections.mtconnect_connection import AgentConnection, MtconnectTable
 from app.errors import InvalidContent
 from app.main import create_app
 from app.settings import Settings
-from tests.connections.certificates import write_certificates
+from tests.connections.certificates import write_application, write_certificates
 from tests.connections.mtconnect_agent_example import ExampleAgent, listening
 from tests.connections.opcua_server_example import example_server, free_port
 from tests.service_examples import ROOM, client_of, furnish_database
@@ -34,8 +34,10 @@ def file_of(tmp_path, text):
 
 def test_the_documented_file_is_one(tmp_path, monkeypatch):
     examples = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
-    for name in ("thermap.der", "thermap.pem", "press.der"):
-        (tmp_path / name).write_bytes(b"")
+    write_application(tmp_path, "thermap", "urn:thermap")
+    write_application(tmp_path, "press", "urn:press")
+    (tmp_path / "trusted").mkdir()
+    monkeypatch.setenv("THERMAP_PLC_PASSWORD", "secret")
     monkeypatch.setenv("THERMAP_PRESS_PASSWORD", "secret")
     monkeypatch.setenv("THERMAP_MQTT_PASSWORD", "secret")
     write_certificates(tmp_path)
@@ -51,6 +53,8 @@ def test_the_documented_file_is_one(tmp_path, monkeypatch):
     assert server.sensors["bed"].unit == "KELVIN"
     assert server.access.password == "secret"
     assert server.access.security.server_certificate == tmp_path / "press.der"
+    assert found.opcua_server.modes == ("Sign", "SignAndEncrypt")
+    assert found.opcua_server.users[0].password == "secret"
     (broker,) = found.mqtt
     assert broker.endpoint == "mqtts://192.168.10.5:8883"
     assert broker.topics[2].topic.filter == "$share/thermap/plc/8/#"
