@@ -15,7 +15,7 @@ from http import HTTPStatus
 from typing import Final
 
 import uvicorn
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 SLOWEST_BYTES_PER_S: Final = 200
 """Of a body, or of an answer that is waited for to be read, once it has had twice the patience: the
@@ -61,7 +61,18 @@ class PatientProtocol(HttpToolsProtocol):
         self.is_receiving = True
         self.has_headers = False
         self.unread: tuple[float, int] | None = None
+        self.unanswered: list[RequestResponseCycle] = []
         super().connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Let every request know that nobody waits for its answer.
+
+        The server tells it to the last one that came only. Where several were sent at once, it is
+        another one that is being answered, and would write to what is closed.
+        """
+        for cycle in self.unanswered:
+            cycle.disconnected = True
+        super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Note when something came, and how much."""
@@ -81,6 +92,10 @@ class PatientProtocol(HttpToolsProtocol):
         """Know that only a body is still to come."""
         self.has_headers = True
         super().on_headers_complete()
+        waiting = [cycle for cycle in self.unanswered if not cycle.response_complete]
+        if self.cycle is not None and self.cycle not in waiting:  # none where it is no longer HTTP
+            waiting.append(self.cycle)
+        self.unanswered = waiting
 
     def on_message_complete(self) -> None:
         """Know that all of the request has come."""
@@ -142,7 +157,8 @@ class PatientProtocol(HttpToolsProtocol):
         """Answer 503 and close, where the answer has not begun."""
         if self.transport.is_closing():
             return
-        if self.cycle is not None and not self.cycle.response_started:
+        waiting = [cycle for cycle in self.unanswered if not cycle.response_complete]
+        if waiting and not waiting[0].response_started:
             self.transport.write(_ENDS)
         self.transport.close()
 

@@ -2,6 +2,7 @@
 
 import json
 import socket
+import struct
 import time
 from contextlib import closing, suppress
 from threading import Event
@@ -185,3 +186,18 @@ def test_a_reader_whom_as_much_awaits_again_is_none_that_stopped(goes_on):
         if goes_on:  # between two looks a part was read, and the next written
             connection.resume_writing()
     assert connection.transport.is_let_go is not goes_on
+
+
+def test_who_asks_for_much_at_once_and_goes_leaves_no_error(port, caplog):
+    for path in ("", "/error-maps", "/models", "/error-maps/1") * 5:
+        client = socket.create_connection(("127.0.0.1", port), timeout=60)
+        ask = b"GET %s%s HTTP/1.1\r\nHost: localhost\r\n\r\n" % (PATH, path.encode())
+        client.sendall(ask * 5)
+        # Gone at once, with what it has not read.
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        client.close()
+    again = answer_to(
+        port, b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    )
+    assert again.startswith(b"HTTP/1.1 200")
+    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
