@@ -1,1 +1,1 @@
-"""A fleet that works while everything goes wrong, and every table that it is given computed again."""
+"""A fleet at work while everything goes wrong, and every table that it is given computed again."""

@@ -294,10 +294,11 @@ def differences(answer: Body, expected: Mapping[str, Line], version: int | None)
 
 
 def _differences_of_line(line: Body, expected: Line) -> list[str]:
-    found = []
-    for name in ("sensor", "lower_map", "upper_map", "status", "temperature_c"):
-        if line[name] != getattr(expected, name):
-            found.append(f"{name} {line[name]}, expected {getattr(expected, name)}")
+    found = [
+        f"{name} {line[name]}, expected {getattr(expected, name)}"
+        for name in ("sensor", "lower_map", "upper_map", "status", "temperature_c")
+        if line[name] != getattr(expected, name)
+    ]
     if abs(line["weight"] - expected.weight) > 1e-6 * max(1.0, abs(expected.weight)):
         found.append(f"weight {line['weight']}, expected {expected.weight}")
     if line.get("positions_mm") != expected.positions_mm:

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from typing import Any
 
 from tests.faults.soak.asking import Answered, Asker, Ended, Shop
@@ -321,7 +322,7 @@ class Owner(threading.Thread):
         breaks = {t - CLOCKS_DIFFER_S for t in self._readings}
         breaks |= {t + MAX_AGE_S for t in self._readings}
         edges = [low, *sorted(t for t in breaks if low < t < high), high]
-        return [(a + b) / 2.0 for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [(a + b) / 2.0 for a, b in pairwise(edges)]
 
     def _judged_live(self, answered: Answered, now_s: float) -> list[str]:
         sensors = sensors_at(self._machine.body, self._readings.items(), now_s)

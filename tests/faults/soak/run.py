@@ -219,7 +219,7 @@ def _database_mib(database_url: str) -> float:
         size = 0
         for name in (f"{url.database}", f"{url.database}-wal"):
             with suppress(OSError):
-                size += os.stat(name).st_size
+                size += Path(name).stat().st_size
         return size / 2**20
     plain = url.set(drivername="postgresql").render_as_string(hide_password=False)
     with suppress(psycopg.Error), psycopg.connect(plain, connect_timeout=5) as connection:
