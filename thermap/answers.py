@@ -867,6 +867,9 @@ class LargestValue(Shape):
     position_mm: float | None
     """Where it is [mm], null for a component without positions"""
 
+    is_backward: bool
+    """Whether it is that of the backward approach, where both directions have maps"""
+
 
 class LevelTable(Shape):
     """One table of a controller."""

@@ -86,6 +86,11 @@ class ComponentCompensation:
         """What is to be added to the command: minus the error, and 0 for 0."""
         return 0.0 - self.errors
 
+    @property
+    def backward_compensation(self) -> FloatArray | None:
+        """The same approached backward; None where the maps have one direction."""
+        return None if self.backward_errors is None else 0.0 - self.backward_errors
+
 
 @dataclass(frozen=True, slots=True)
 class Sureness:

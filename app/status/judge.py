@@ -153,7 +153,10 @@ def judge(situation: Situation) -> MachineStatus:
         model_version=situation.model_version,
         components=len(components),
         complete=not isinstance(table, ThermapError) and table.complete,
-        largest=largest_of((c.component, c.positions_mm, c.compensation) for c in components),
+        largest=largest_of(
+            (c.component, c.positions_mm, c.compensation, c.backward_compensation)
+            for c in components
+        ),
         change_per_h=None if stands_still else _change_per_h(situation),
         beyond=tuple(beyond),
         watch=situation.watch,
@@ -163,26 +166,28 @@ def judge(situation: Situation) -> MachineStatus:
 
 
 def largest_of(
-    values: Iterable[tuple[Component, FloatArray, FloatArray]],
+    values: Iterable[tuple[Component, FloatArray, FloatArray, FloatArray | None]],
 ) -> Largest | None:
     """Find the largest value of components: of a displacement where there is one.
 
     Parameters
     ----------
     values
-        Component, its positions [mm], and its values there [its unit].
+        Component, its positions [mm], and its values there [its unit]: approached forward, and
+        backward where those differ.
     """
     found = [
-        (component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS), abs(own[at]), component, own[at], p)
-        for component, positions, own in values
-        if own.size
+        (component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS), abs(own[at]), component, own[at], p, b)
+        for component, positions, *sides in values
+        for b, own in enumerate(sides)
+        if own is not None and own.size
         for at in (int(np.abs(own).argmax()),)
         for p in (float(positions[at]) if component.is_table else None,)
     ]
     if not found:
         return None
-    _, _, component, value, position_mm = max(found, key=lambda one: one[:2])
-    return Largest.of(component, float(value), position_mm)
+    _, _, component, value, position_mm, backward = max(found, key=lambda one: one[:2])
+    return Largest.of(component, float(value), position_mm, is_backward=bool(backward))
 
 
 def _no_table(situation: Situation, why: ThermapError) -> Cause:
@@ -440,7 +445,7 @@ def _lacking(state: GroupState, members: Sequence[Member]) -> Largest | None:
     added = (state.weight - going_on) * (maps.nodes[1] - maps.nodes[0])
     codes = {m.component.code for m in members}
     return largest_of(
-        (m.component, m.positions_mm, added[m.forward])
+        (m.component, m.positions_mm, *_both(m, added))
         for m in maps.members
         if m.component.code in codes
     )
@@ -465,11 +470,17 @@ def _change_per_h(situation: Situation) -> Largest | None:
             per_k = np.zeros_like(per_k)
         codes = {m.component.code for m in members}
         found += [
-            (m.component, m.positions_mm, -rate * per_k[m.forward])
+            (m.component, m.positions_mm, *_both(m, -rate * per_k))
             for m in maps.members
             if m.component.code in codes
         ]
     return largest_of(found)
+
+
+def _both(member: Member, values: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    """Take a component's values of a row, approached forward and backward."""
+    backward = None if member.backward is None else values[member.backward]
+    return values[member.forward], backward
 
 
 def _sensors_now(situation: Situation) -> Iterator[SensorNow]:

@@ -69,19 +69,30 @@ class Largest(Answer, published_as="LargestValue"):
     """Axis of the position, null for a component without positions"""
     position_mm: Position
     """Where it is [mm], null for a component without positions"""
+    is_backward: bool = False
+    """Whether it is that of the backward approach, where both directions have maps"""
 
     @classmethod
-    def of(cls, component: Component, value: float, position_mm: float | None) -> Largest:
+    def of(
+        cls,
+        component: Component,
+        value: float,
+        position_mm: float | None,
+        *,
+        is_backward: bool = False,
+    ) -> Largest:
         """Describe a value of a component, to 0.1 nm or 0.1 nrad."""
         at = position_mm if component.is_table else None
-        return cls(component.code, round(value, 4), component.unit.symbol, component.axis, at)
+        unit = component.unit.symbol
+        return cls(component.code, round(value, 4), unit, component.axis, at, is_backward)
 
     @property
     def place(self) -> str:
         """Where it is, in words that follow its value: `at Z 400`; empty without a position."""
         if self.axis is None or self.position_mm is None:
             return ""
-        return f" at {self.axis.upper()} {self.position_mm:g}"
+        direction = " backward" if self.is_backward else ""
+        return f" at {self.axis.upper()} {self.position_mm:g}{direction}"
 
 
 @dataclass(frozen=True, slots=True)

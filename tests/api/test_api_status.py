@@ -73,6 +73,7 @@ async def test_a_fresh_machine_between_its_maps_is_trusted(client, clock):
     assert found["reading_age_s"] == 4.0
     # EZZ at Z 500 is 10 µm/K times 5.3 K above 20 °C, and 0.6 K/h warmer.
     place = {"component": "EZZ", "unit": "µm", "axis": "z", "position_mm": 500.0}
+    place |= {"is_backward": False}
     assert found["largest"] == {**place, "value": -53.0}
     assert found["change_per_h"] == {**place, "value": -6.0}
     assert found["watch"] == "not-judged"
@@ -118,6 +119,7 @@ async def test_beyond_the_hottest_map_it_says_how_far_and_what_going_on_would_ad
     assert first["components"] == ["EXX", "EBX", "SXY"]
     assert (first["outside_k"], first["held_at"]) == (1.4, "Run #6")
     assert second["lacks"] == {
+        "is_backward": False,
         "component": "EZZ",
         "value": -14.0,
         "unit": "µm",

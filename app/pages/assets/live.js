@@ -25,8 +25,10 @@ function takeOver(page) {
   for (const old of document.querySelectorAll("[data-live]")) {
     const fresh = page.getElementById(old.id);
     if (fresh && fresh.outerHTML !== old.outerHTML) {
+      const opened = [...old.querySelectorAll("details[id][open]")].map((one) => one.id);
       old.className = fresh.className;
       old.innerHTML = fresh.innerHTML;
+      for (const id of opened) document.getElementById(id)?.setAttribute("open", "");
     }
   }
   speak();

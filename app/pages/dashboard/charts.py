@@ -97,7 +97,10 @@ def course_svg(
 
 
 def curve_svg(curve: Curve, scale: Scale, ends_mm: Sequence[float], name: str) -> Markup:
-    """Draw a component's compensation now, its two maps, its uncertainty and where it is held."""
+    """Draw a component's compensation now, its two maps, its uncertainty and where it is held.
+
+    What is thin is approached backward; maps and uncertainty are drawn forward.
+    """
     entry = curve.entry
     parts = [
         f'<line class="{"zero" if tick == 0.0 else "grid"}" x2="1000" '
@@ -112,7 +115,7 @@ def curve_svg(curve: Curve, scale: Scale, ends_mm: Sequence[float], name: str) -
         parts.append(_line("held", entry.positions_mm, entry.compensation, scale, ends_mm))
         trend = curve.trend
         parts.append(_line("trend", trend.positions_mm, trend.compensation, scale, ends_mm))
-    parts.append(_line("now", entry.positions_mm, entry.compensation, scale, ends_mm))
+    parts += _both_ways("now", entry, scale, ends_mm)
     return _svg("curve", name, parts)
 
 
@@ -133,7 +136,7 @@ def small_svg(curve: Curve, largest: float, ends_mm: Sequence[float]) -> Markup:
             ],
         )
     parts = ['<line class="zero" x2="1000" y1="500" y2="500"/>']
-    parts.append(_line("now", entry.positions_mm, entry.compensation, scale, ends_mm))
+    parts += _both_ways("now", entry, scale, ends_mm)
     return _svg("small", "", parts)
 
 
@@ -145,7 +148,10 @@ def before_after_svg(
     lost_mm: tuple[float, float] | None,
     name: str,
 ) -> Markup:
-    """Draw a component's compensation as it is and as it would be, and where it would have none."""
+    """Draw a component's compensation as it is and as it would be, and where it would have none.
+
+    What is thin is approached backward.
+    """
     parts = [
         f'<line class="{"zero" if tick == 0.0 else "grid"}" x2="1000" '
         f'y1="{_up(scale, tick):.0f}" y2="{_up(scale, tick):.0f}"/>'
@@ -159,8 +165,23 @@ def before_after_svg(
         )
     for style, one in (("before", before), ("now", after)):
         if one is not None:
-            parts.append(_line(style, one.positions_mm, one.compensation, scale, ends_mm))
+            parts += _both_ways(style, one, scale, ends_mm)
     return _svg("curve", name, parts)
+
+
+def values_of(entry: ComponentCompensation) -> FloatArray:
+    """Every value that a drawing of both directions has to hold."""
+    backward = entry.backward_compensation
+    return entry.compensation if backward is None else np.append(entry.compensation, backward)
+
+
+def _both_ways(
+    style: str, entry: ComponentCompensation, scale: Scale, ends_mm: Sequence[float]
+) -> Iterator[str]:
+    if entry.backward_compensation is not None:
+        back = entry.backward_compensation
+        yield _line(f"{style} backward", entry.positions_mm, back, scale, ends_mm)
+    yield _line(style, entry.positions_mm, entry.compensation, scale, ends_mm)
 
 
 def _stretches(course: Course) -> Iterator[range]:

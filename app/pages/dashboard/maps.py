@@ -11,7 +11,7 @@ from app.compensation.table_difference import ComponentChange
 from app.effects.adopted.model_difference import Part
 from app.errors import counted
 from app.geometry.components import COMPONENTS
-from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale
+from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale, values_of
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock, number, signed
 from app.pages.environment import render_live
@@ -167,9 +167,22 @@ def _worst(preview: Preview, subject: str) -> str:
 
 
 def _changes(changes: Sequence[ComponentChange]) -> dict[str, Any]:
-    """List what is seen to change, and fold the others into how many there are."""
+    """List what is seen to change, and fold the others into how many there are.
+
+    >>> _changes([])["folded"]
+    'No component is in both tables.'
+    """
     seen = [one for one in changes if abs(one.change) >= SEEN]
-    return {"rows": [_row(one) for one in seen], "same": len(changes) - len(seen)}
+    same = len(changes) - len(seen)
+    others = f"{'The other' if seen else 'All'} {counted(same, 'component')}"
+    folded = f"{others} {'changes' if same == 1 else 'change'} by less than {SEEN:g}."
+    if not changes:
+        folded = "No component is in both tables."
+    elif not same:
+        folded = ""
+    elif not seen and max(abs(one.change) for one in changes) == 0.0:
+        folded = f"All {counted(same, 'component')} are the same."
+    return {"rows": [_row(one) for one in seen], "folded": folded}
 
 
 def _row(one: ComponentChange) -> dict[str, Any]:
@@ -202,11 +215,12 @@ def _picture(preview: Preview) -> dict[str, Any] | None:
     component = shown[0].component
     if not component.is_table:
         return None
-    scale = Scale.over(float(v) for one in shown for v in one.compensation)
+    scale = Scale.over(float(v) for one in shown for v in values_of(one))
     ends = (
         min(float(one.positions_mm[0]) for one in shown),
         max(float(one.positions_mm[-1]) for one in shown),
     )
+    is_both_ways = any(one.backward_errors is not None for one in shown)
     name = f"{component.code} compensation in {component.unit.symbol}: grey now, black afterwards"
     lost_mm = _lost_mm(lost, ends)
     return {
@@ -219,6 +233,7 @@ def _picture(preview: Preview) -> dict[str, Any] | None:
         ],
         "positions": [f"{x:g}" for x in positions_scale(*ends)],
         "axis": (component.axis or "").upper(),
+        "is_both_ways": is_both_ways,
         "lost": lost.text if lost is not None and lost_mm is not None else "",
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import groupby
@@ -19,6 +19,7 @@ from app.pages.dashboard.charts import (
     curve_svg,
     positions_scale,
     small_svg,
+    values_of,
 )
 from app.pages.dashboard.events import event_row
 from app.pages.dashboard.navigation import Shown
@@ -32,6 +33,12 @@ from app.units import Unit
 
 GROUPS: Final = ("not-trusted", "limited", "service", "trusted")
 """In the order of the page: `service` are machines that can be trusted although a sensor failed."""
+
+MOST_LARGE: Final = 6
+"""So many sensors are drawn large; of more, only the bad ones are."""
+
+MOST_BAD_LARGE: Final = 3
+"""So many of the bad ones."""
 
 _LIMITED: Final = frozenset({Status.CLAMPED, Status.EXTRAPOLATED, "held"})
 """Statuses of components that are marked."""
@@ -104,7 +111,7 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
         state=_state_words(status, now),
         watch=_WATCH[status.watch],
         events=[event_row(event) for event in view.events],
-        sensors=[_sensor(view, sensor) for sensor in _worst_first(status.sensors)],
+        **_sensors(view),
         axes=axes,
         tick_letters=max((len(t["words"]) for a in axes for t in a.get("ticks", ())), default=0),
         uncertainty=_uncertainty(view.curves),
@@ -187,12 +194,36 @@ def _leading(status: MachineStatus) -> SensorNow | None:
     return next((s for s in assigned if largest in s.assigned_to), assigned[0])
 
 
+def _is_well(sensor: SensorNow) -> bool:
+    return sensor.health is Health.OK and not sensor.outside_maps_k
+
+
 def _worst_first(sensors: Iterable[SensorNow]) -> list[SensorNow]:
     """Put the bad ones on top, and those that drive something before the others."""
     return sorted(
         sensors,
-        key=lambda s: (not s.assigned_to, s.health is Health.OK, -abs(s.outside_maps_k or 0.0)),
+        key=lambda s: (
+            _is_well(s),
+            not s.assigned_to,
+            s.health is Health.OK,
+            -abs(s.outside_maps_k or 0.0),
+        ),
     )
+
+
+def _sensors(view: MachineView) -> dict[str, Any]:
+    """Lay out the sensors: large where they are few or bad, those that drive nothing folded."""
+    ordered = _worst_first(view.status.sensors)
+    if len(ordered) <= MOST_LARGE:
+        return {"sensors": [_sensor(view, s) for s in ordered], "slim_rows": [], "idle": []}
+    bad = [s for s in ordered if not _is_well(s)]
+    large, slim = bad[:MOST_BAD_LARGE], bad[MOST_BAD_LARGE:]
+    well = [s for s in ordered if _is_well(s)]
+    return {
+        "sensors": [_sensor(view, s) for s in large],
+        "slim_rows": [_sensor(view, s) for s in [*slim, *(s for s in well if s.assigned_to)]],
+        "idle": [_sensor(view, s) for s in well if not s.assigned_to],
+    }
 
 
 def _state_words(status: MachineStatus, now: datetime) -> str:
@@ -217,6 +248,7 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
         "now": sensor,
         "is_fault": is_fault,
         "is_old": sensor.health is Health.STALE,
+        "is_well": _is_well(sensor),
         "words": words,
         "course": course_svg(
             view.courses[sensor.sensor],
@@ -310,6 +342,8 @@ def _chart(
         )
     if curve.entry.effects:
         label += Markup("; with {}").format(", ".join(curve.entry.effects))
+    if curve.entry.backward_errors is not None:
+        label += Markup("; thin: backward")
     value, place = _largest_of(curve)
     name = (
         f"{curve.component.code}: compensation now, largest {signed(value)} "
@@ -352,16 +386,18 @@ def _component_row(
 
 
 def _largest_of(curve: Curve) -> tuple[float, str]:
-    """Find a component's largest compensation, and write its place."""
-    values = curve.entry.compensation
+    """Find a component's largest compensation in either direction, and write its place."""
+    values, count = values_of(curve.entry), curve.entry.compensation.size
     at = int(np.abs(values).argmax())
     axis = curve.component.axis
-    place = "" if axis is None else f"at {axis.upper()} {round(curve.entry.positions_mm[at], 1):g}"
-    return float(values[at]), place
+    place = ""
+    if axis is not None:
+        place = f"at {axis.upper()} {round(curve.entry.positions_mm[at % count], 1):g}"
+    return float(values[at]), (place + (" backward" if at >= count else "")).strip()
 
 
 def _size(curve: Curve) -> float:
-    return float(np.abs(curve.entry.compensation).max(initial=0.0))
+    return float(np.abs(values_of(curve.entry)).max(initial=0.0))
 
 
 def _lengths(curves: Sequence[Curve]) -> dict[Unit, float]:
@@ -384,7 +420,7 @@ def _ends_mm(curves: Sequence[Curve]) -> tuple[float, float]:
 
 def _drawn_values(curve: Curve) -> list[float]:
     """Every value that a chart has to hold."""
-    drawn = [curve.entry.compensation, *(m.compensation for m in curve.maps)]
+    drawn = [values_of(curve.entry), *(m.compensation for m in curve.maps)]
     if curve.trend is not None:
         drawn.append(curve.trend.compensation)
     return [float(v) for values in drawn for v in (values.min(), values.max())]
@@ -408,20 +444,25 @@ def _tables(curves: Sequence[Curve]) -> Iterable[dict[str, Any]]:
         return curve.component.axis or "", tuple(curve.entry.positions_mm.tolist())
 
     for (axis, at), own in groupby(sorted(tables, key=positions), key=positions):
-        yield {"axis": axis, "positions": [f"{x:g}" for x in at], "rows": _rows(own)}
+        yield {"axis": axis, "positions": [f"{x:g}" for x in at], "rows": list(_rows(own))}
     if single:
-        yield {"axis": counted(len(single), "value"), "positions": [""], "rows": _rows(single)}
-
-
-def _rows(curves: Iterable[Curve]) -> list[dict[str, Any]]:
-    return [
-        {
-            "code": c.component.code,
-            "unit": c.component.unit.symbol,
-            "values": [float(v) for v in c.entry.compensation],
+        yield {
+            "axis": counted(len(single), "value"),
+            "positions": [""],
+            "rows": list(_rows(single)),
         }
-        for c in curves
-    ]
+
+
+def _rows(curves: Iterable[Curve]) -> Iterator[dict[str, Any]]:
+    for c in curves:
+        ways = ("", c.entry.compensation), (" backward", c.entry.backward_compensation)
+        for way, values in ways:
+            if values is not None:
+                yield {
+                    "code": c.component.code + way,
+                    "unit": c.component.unit.symbol,
+                    "values": values.tolist(),
+                }
 
 
 def _tick(value: float) -> str:
