@@ -53,12 +53,16 @@ CONDITIONS: Final[Mapping[str, Mapping[str, Any]]] = {
     "quantised, nothing stated": {"measured_quantum_um": 2.0, "state_repeatability": False},
     "noise that lingers": {"ar1_um": 1.0},
     "instrument drifts": {"instrument_drift_um_per_h": 1.0},
+    "no air compensation": {"length_um_per_m_per_k": -0.93},
+    "no material temperature": {"length_um_per_m_per_k": 11.7, "length_sensor": "bed"},
 }
 """Under which campaigns are made. `datum declared wrongly` is handed out as absolute."""
 
 OF_INSTRUMENT: Final[Mapping[str, frozenset[str]]] = {
     "laser warms up": frozenset({"instrument-warm-up"}),
     "instrument drifts": frozenset({"instrument-warm-up", "drift"}),
+    "no air compensation": frozenset({"instrument-compensation"}),
+    "no material temperature": frozenset({"instrument-compensation"}),
 }
 """What is rightly named where the instrument does it, though nothing is planted."""
 
@@ -130,6 +134,7 @@ def run(task: Task) -> Outcome:
         errors.append(float(np.sqrt(np.mean((true + residuals.values) ** 2))))
     floor = made.later.error_um(made.later.contribution_um)
     right = made.truth.effects
+    named = tuple(_named(e) for e in answer["effects"])
     lies = OF_INSTRUMENT.get(task.condition, frozenset()) - {e["kind"] for e in right}
     answer = {**answer, "effects": [e for e in answer["effects"] if e["kind"] not in lies]}
     confirmed = [e for e in answer["effects"] if e["status"] == "confirmed"]
@@ -142,7 +147,7 @@ def run(task: Task) -> Outcome:
         task,
         judge(answer, right),
         answer["verdict"],
-        tuple(_named(e) for e in answer["effects"]),
+        named,
         "; ".join(f"{e['kind']}:{e['variant']} {e['components']} {e['parameters']}" for e in right),
         len(adopted),
         *errors,

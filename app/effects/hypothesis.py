@@ -107,6 +107,9 @@ class Hypothesis:
         Of a mistake in the data, instead of `unit_terms`: what it would leave in every row.
     expected
         What its one amplitude is, where that is known beforehand.
+    apart
+        Of such a mistake, an effect for each place where it is the claim that their sizes are one:
+        what each would leave in every row.
     """
 
     kind: str
@@ -124,6 +127,7 @@ class Hypothesis:
     adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
     supposed: Supposed | None = None
     expected: Expected | None = None
+    apart: Sequence[Supposed] = ()
 
     @property
     def key(self) -> str:
@@ -157,7 +161,18 @@ class Hypothesis:
             only_once=self.is_only_once,
             expected=self.expected,
             flexible=None if self.supposed else partial(self._flexible, projection),
+            apart=self._apart(projection) if self.apart else None,
         )
+
+    def _apart(self, projection: Projection) -> Candidate:
+        """Lay out what it does with a size for each place."""
+
+        def columns(theta: float | None) -> list[Part]:
+            return projection.parts_of(
+                np.column_stack([supposed(projection, theta) for supposed in self.apart])
+            )
+
+        return Candidate(f"{self.key} apart", self.kind, columns)
 
     @property
     def forms(self) -> tuple[Hypothesis, ...]:

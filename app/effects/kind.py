@@ -84,7 +84,9 @@ class EffectKind(ABC):
 
     A mistake in the data or the wiring is `not_adopted`, for the stated reason: there is nothing
     that the model lacks, and what is wrong is to be put right where it is. What it `spoils`, by
-    kind with the reason, is not adopted beside it either.
+    kind with the reason, is not adopted beside it either. One is `never_sure`, for the stated
+    reason, where the machine may do just the same: it is suspected at most, and what cannot be
+    told from it is not adopted unasked.
     """
 
     kind: ClassVar[str]
@@ -99,6 +101,7 @@ class EffectKind(ABC):
     share_of: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
     not_adopted: ClassVar[str] = ""
+    never_sure: ClassVar[str] = ""
     spoils: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod

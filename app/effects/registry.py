@@ -18,6 +18,7 @@ from app.effects.kinds.clock_offset import ClockOffset
 from app.effects.kinds.detached_sensor import DetachedSensor
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.exchanged_sensors import ExchangedSensors
+from app.effects.kinds.instrument_compensation import InstrumentCompensation
 from app.effects.kinds.instrument_warm_up import InstrumentWarmUp
 from app.effects.kinds.late_sensor import LateSensor
 from app.effects.kinds.map_factor import MapFactor
@@ -61,6 +62,7 @@ KINDS: Final[dict[str, EffectKind]] = {
         MapFactor(),
         MapTemperature(),
         InstrumentWarmUp(),
+        InstrumentCompensation(),
         ClockOffset(),
         MirroredAxis(),
         LateSensor(),

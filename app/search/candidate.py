@@ -123,6 +123,9 @@ class Candidate:
     forms
         The same cause with another course and as many parameters: never chosen, and held beside
         it where it is.
+    apart
+        The same with an amplitude for each of its places, where it is the claim that they are
+        one: nothing of its family is chosen where these explain more for their price.
     """
 
     key: str
@@ -138,6 +141,7 @@ class Candidate:
     expected: Expected | None = None
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None
     forms: tuple[Form, ...] = ()
+    apart: Candidate | None = None
 
     def __post_init__(self) -> None:
         if any(b <= a for a, b in zip(self.grid, self.grid[1:], strict=False)):

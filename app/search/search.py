@@ -43,6 +43,7 @@ from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.screening import screen
 from app.search.selection import Selection, Selector
+from app.search.shared import not_shared
 from app.search.splits import Splits, split
 from app.search.validation import Rivals, Validation, status_of, validate
 
@@ -138,7 +139,12 @@ def search(
             ],
             step=lambda: report(0.35, "searching"),
         )
-        return splits, draws, selector, selector.select(draws)
+        main = selector.select(draws)
+        if refuted := not_shared(selector, main.terms):
+            own = [library.candidates[e.candidate].family in refuted for e in library.entries]
+            selector.allowed = selector.allowed & ~np.array(own)
+            main = selector.select(draws)
+        return splits, draws, selector, main
 
     use, excluded = screen(rows, nuisance)
     residuals = rows

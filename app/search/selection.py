@@ -177,8 +177,12 @@ class Selector:
         fit, place
             A fit of it, and where its amplitudes begin there.
         """
+        return self.price(term) + unexpected(term, fit, place)
+
+    def price(self, term: Term) -> float:
+        """Give what a term costs whatever its size: its parameters, and its family's prior."""
         same = self.groups == self.library.candidates.index(term.candidate)
-        return float(self.penalty[same][0]) + unexpected(term, fit, place)
+        return float(self.penalty[same][0])
 
     def refined(self, term: Term, others: Sequence[Term]) -> Term:
         """Refine a term's nonlinear parameter on these cells."""

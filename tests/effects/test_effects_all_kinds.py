@@ -262,6 +262,7 @@ def test_all_kinds_are_listed():
         *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map"),
         "response",
         *("exchanged-sensors", "map-factor", "map-temperature", "instrument-warm-up"),
+        "instrument-compensation",
         *("clock-offset", "mirrored-axis"),
         *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
     ]

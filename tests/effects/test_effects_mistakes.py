@@ -358,3 +358,102 @@ def test_directions_at_points_settle_by_themselves(view):
     left = column(view, proposed(view, "instrument-warm-up", components=("points y",)), 600.0)
     moved = {view.rows.channels[c] for c in view.rows.channel[left > 0.0]}
     assert moved == {"points y"}
+
+
+LENGTHS = "instrument-compensation"
+
+
+def test_an_instruments_lengths_grow_alike_on_all_axes_and_nothing_else_does(view):
+    """c (T − 20 °C) x: at 500 mm and 24 °C one µm/(m K) is 2 µm."""
+    everywhere = ("EXX", "EYY", "EZZ", "points x", "points y", "points z")
+    hypothesis = proposed(view, LENGTHS, "", everywhere, ("z-column",))
+    left = column(view, hypothesis, 20.0)
+    above_k = view.conditions.temperature("z-column") - 20.0
+    expected = np.zeros(len(view.rows))
+    for channel in everywhere:
+        own = view.rows.of_channel(channel)
+        at_mm = view.rows.points_mm[own, "xyz".index(channel[-1].lower())]
+        expected[own] = above_k[own] * at_mm / 1000.0
+    np.testing.assert_allclose(left, expected, atol=1e-12)
+    assert np.abs(left).max() > 1.0
+    assert not left[view.rows.of_channel("SXY")].any()
+
+
+def test_one_instrument_measured_lines_or_points_or_both(view):
+    together = {h.components for h in kind_of(LENGTHS).candidates(view).hypotheses}
+    lines, points = ("EXX", "EYY", "EZZ"), ("points x", "points y", "points z")
+    assert together == {lines, points, lines + points}
+
+
+def test_maps_measured_with_the_same_instrument_contain_what_it_was_then(view):
+    """At the maps' own temperatures nothing is left: x-middle and y-front are 1 K apart there."""
+    lines = ("EXX", "EYY", "EZZ")
+    hypothesis = proposed(view, LENGTHS, "beyond the maps", lines, ("y-front",))
+    left, rows = column(view, hypothesis), view.rows.of_channel("EXX")
+    own, other = (view.conditions.temperature(s)[rows] for s in ("x-middle", "y-front"))
+    beyond_k = other - (np.clip(own, 20.0, 30.0) - 1.0)
+    np.testing.assert_allclose(left[rows], beyond_k * view.rows.points_mm[rows, 0] / 1000.0)
+
+
+def test_one_axis_of_several_says_nothing_of_the_others(view):
+    """EXX and EYY follow x-middle, and their maps contain all of it: only EZZ could show it."""
+    beyond = [h for h in kind_of(LENGTHS).candidates(view).hypotheses if h.variant]
+    assert {h.sensors for h in beyond} == {("z-column",), ("y-front",), ("spindle",)}
+    of_column = next(h for h in beyond if h.sensors == ("z-column",))
+    assert len(of_column.apart) == 2
+
+
+def test_apart_each_axis_has_its_own_part_of_the_same(view):
+    hypothesis = proposed(view, LENGTHS, "", ("EXX", "EYY", "EZZ"), ("y-front",))
+    parts = hypothesis.candidate(view.projection).apart.columns(20.0)
+    assert {part.columns.shape[1] for part in parts} == {3}
+    together = np.zeros(len(view.rows))
+    for part in parts:
+        assert np.count_nonzero(np.abs(part.columns).max(axis=0)) == 1
+        together[part.rows] += part.columns.sum(axis=1)
+    np.testing.assert_array_equal(together, column(view, hypothesis, 20.0))
+
+
+def only(*codes):
+    return example_view(
+        verifications=[
+            replace(v, observations=[o for o in v.observations if o.component in codes])
+            for v in observations(with_points=False)
+        ]
+    )
+
+
+def test_on_one_axis_alone_a_length_must_grow_as_air_or_steel_would_have_it(view):
+    """Nothing but its size tells it there from the machine's own expansion."""
+    one = {h.expected for h in kind_of(LENGTHS).candidates(only("EXX")).hypotheses}
+    two = {h.expected for h in kind_of(LENGTHS).candidates(only("EXX", "EYY")).hypotheses}
+    (expected,) = one
+    assert set(expected.values) == {-0.93, 11.7, -11.7}
+    assert two == {None}
+
+
+def test_without_lengths_no_instruments_compensation_can_be_seen():
+    found = kind_of(LENGTHS).candidates(only("SXY"))
+    assert not found.hypotheses
+    assert "two positions" in found.not_testable[-1].reason
+
+
+@pytest.mark.parametrize(
+    ("size", "error", "words"),
+    [
+        (-0.91, 0.05, "a laser that is not corrected for the air"),
+        (11.2, 0.2, "not told the temperature of steel"),
+        (-12.0, 0.2, "not told the temperature of steel"),
+        (4.0, 0.2, "does not correct lengths rightly"),
+    ],
+)
+def test_what_has_such_a_size_is_said_and_that_a_machine_may_have_it(view, size, error, words):
+    hypothesis = proposed(view, LENGTHS, "", ("EXX", "EYY", "EZZ"), ("y-front",))
+    estimate = Estimate(20.4, 0.5, np.array([size]), np.array([[error**2]]))
+    effect = hypothesis.fitted(estimate)
+    told = explain(effect)
+    assert "alike on all axes" in told
+    assert "µm/(m K) with y-front from 20.4 ± 0.5 °C" in told
+    assert words in told
+    assert told.endswith("or of a machine whose scales all expand alike with it")
+    assert "weather station" in kind_of(LENGTHS).what_to_do(effect)

@@ -9,7 +9,7 @@ import pytest
 from app.effects.effect import Effect
 from app.effects.observations import Observation, Verification, observation_rows
 from app.identification.analysis.adoption import OF_EITHER, judge_help
-from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Slope, Status
+from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
 from app.search.rows import Datum
 
 DAY_S = 86400.0
@@ -99,6 +99,17 @@ def test_what_is_right_helps_whatever_its_name_is_worth(status):
     right = swinging(campaign())
     (one,) = judged(right, right, terms=(term(status=status),))
     assert one == (True, None)
+
+
+@pytest.mark.parametrize(("tied", "helps"), [(True, False), (False, True)])
+def test_what_an_instrument_may_have_done_as_well_is_not_adopted_unasked(tied, helps):
+    """Lengths of one axis that grow with the room: its scale, or a laser without air's."""
+    right = swinging(campaign())
+    family = "instrument-compensation"
+    rival = Rival(f"{family} EXX ambient", family, 20.0, 1.0, 0.99, tied)
+    (one,) = judged(right, right, terms=(term(rivals=(rival,)),))
+    assert one.helps is helps
+    assert helps or "of the instrument, or of the machine" in one.why_not
 
 
 def test_a_slope_that_is_known_badly_is_no_reason_where_visits_get_smaller():

@@ -78,3 +78,55 @@ def test_what_imitates_a_hidden_cause_in_one_record_is_not_confirmed(seed, plant
     assert {e.status for e in found} == {status}
     odd = "what is left beside it wanders as in no other component"
     assert all((odd in e.doubts) == (status == "suspected") for e in found)
+
+
+LENGTHS = ("instrument-compensation", "additional-sensor", "sensor-gradient", "other-sensor")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("per_k", "sensor", "words"),
+    [(-0.93, "ambient", "the air's temperature"), (11.7, "bed", "the temperature of steel")],
+)
+def test_lengths_that_no_instrument_corrected_are_no_expansion_of_the_machine(per_k, sensor, words):
+    """They were confirmed as three sensitivities to the room; adopting these did harm."""
+    made = make_campaign(3, visits=30, length_um_per_m_per_k=per_k, length_sensor=sensor)
+    answer = analysed(made, kinds=LENGTHS)
+    (found,) = answer.effects
+    assert (found.kind, found.effect.sensors) == ("instrument-compensation", (sensor,))
+    size = found.effect.parameters["length_um_per_m_per_k"]
+    error = found.effect.standard_errors["length_um_per_m_per_k"]
+    assert abs(size - per_k) < 4.0 * error
+    assert error < 0.2 * abs(per_k)
+    assert found.status == "suspected"
+    assert not found.helps
+    assert words in found.explanation
+    assert answer.what_next[0].startswith("Look at the instrument first")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "axes", "visits"), [(7, 2, 30), (8, 3, 60)])
+def test_a_machine_whose_scales_expand_is_not_called_an_instrument(seed, axes, visits):
+    """With seed 8 X and Y follow one sensor, not alike: it was one size, and a rest of Y's own."""
+    made = make_campaign(seed, ["additional-sensor:expansion"] * axes, 2.0, visits=visits)
+    found = analysed(made, kinds=LENGTHS).effects
+    told = {e.effect.components: e.effect.sensors for e in found if e.kind == "additional-sensor"}
+    assert len(found) == len(told) == axes
+    assert told == {tuple(e["components"]): tuple(e["sensors"]) for e in made.truth.effects}
+    assert all(e.helps for e in found)
+
+
+@pytest.mark.slow
+def test_on_one_axis_alone_nobody_can_tell_air_from_a_scale():
+    """The same lengths of X, and of nothing else."""
+    made = make_campaign(3, visits=60, length_um_per_m_per_k=-0.93)
+    lines = [
+        body | {"observations": [o for o in body["observations"] if o.get("component") == "EXX"]}
+        for body in made.verifications
+    ]
+    found = analysed(made, [body for body in lines if body["observations"]], LENGTHS).effects
+    assert found
+    for effect in found:
+        either = {effect.kind, *(a.kind for a in effect.alternatives if a.tied)}
+        assert "instrument-compensation" in either
+        assert (effect.status, effect.helps) == ("suspected", False)

@@ -254,6 +254,9 @@ def _why_not(
         return not_adopted
     if not_lasting := _why_not_lasting(found, effect, term):
         return not_lasting
+    either = (kind_of(rival.family).never_sure for rival in term.rivals if rival.tied)
+    if of_either := next(filter(None, either), None):
+        return of_either
     if not np.isfinite(found.findings.adopted[found.use]).any():
         return NOT_HELD_OUT
     forward = term.forward_slope

@@ -135,11 +135,15 @@ def what_next(
 
 
 def mistakes_first(effects: Sequence[FoundEffect]) -> list[str]:
-    """Say how to put the mistakes right that are sure: all else is to be judged anew after it."""
+    """Say how to put the mistakes right that are sure: all else is to be judged anew after it.
+
+    Those that are never sure are to be looked at first too.
+    """
     return [
         what_to_do(effect)
         for effect in effects
-        if kind_of(effect.kind).not_adopted and effect.status == Status.CONFIRMED
+        if (kind := kind_of(effect.kind)).not_adopted
+        and (effect.status == Status.CONFIRMED or kind.never_sure)
     ]
 
 
@@ -147,10 +151,11 @@ def what_to_do(effect: FoundEffect) -> str:
     """Say what to do about an effect, in a sentence; empty where nothing need be done.
 
     Of one whose name is not sure it is said under that condition: nobody swaps plugs on a
-    suspicion.
+    suspicion. Of a kind that is never sure it is how to find out.
     """
-    words = kind_of(effect.kind).what_to_do(effect.effect)
-    if not words or effect.status == Status.CONFIRMED:
+    kind = kind_of(effect.kind)
+    words = kind.what_to_do(effect.effect)
+    if not words or effect.status == Status.CONFIRMED or kind.never_sure:
         return words
     return f"If it is confirmed, {words[:1].lower()}{words[1:]}"
 

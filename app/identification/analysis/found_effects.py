@@ -11,7 +11,7 @@ from app.arrays import FloatArray
 from app.effects.adopted.held import use_until
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, in_turn
-from app.effects.registry import explain, separating_measurement
+from app.effects.registry import explain, kind_of, separating_measurement
 from app.identification.analysis.adoption import Help, Judged
 from app.identification.analysis.analysis import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.analysis.before_after import lengths, without_zeros
@@ -100,7 +100,7 @@ def _found_effect(
     alternatives = _alternatives(found, term)
     # Held-out visits show what a tied one would do as well: they say nothing of which it is.
     is_tied = any(a.tied and not a.is_other_form_of(effect) for a in alternatives)
-    is_open = is_proxy or is_unsure or is_tied
+    is_open = is_proxy or is_unsure or is_tied or bool(kind_of(effect.kind).never_sure)
     return FoundEffect(
         effect=effect,
         before_rms=before,

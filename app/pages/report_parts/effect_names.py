@@ -46,9 +46,9 @@ TESTS: Final = {
 
 _UNIX_TIME: Final = "_unix_s"
 _PARAMETER: Final = re.compile(
-    r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|k)(_per_(?P<per>\w+))?"
+    r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|k|c)(_per_(?P<per>\w+))?"
 )
-_SYMBOLS: Final = {"min": "min", "k": "K", "k2": "K²", "day": "day"}
+_SYMBOLS: Final = {"min": "min", "k": "K", "c": "°C", "k2": "K²", "day": "day"}
 
 
 def parameter_name(name: str) -> str:
@@ -82,6 +82,8 @@ def parameter_unit(name: str) -> str:
     ('µm/K', 'µm/m/day')
     >>> parameter_unit("slope_um_per_payload_kg"), parameter_unit("share")
     ('µm/payload_kg', '')
+    >>> parameter_unit("length_um_per_m_per_k"), parameter_unit("assumed_c")
+    ('µm/m/K', '°C')
     """
     found = _PARAMETER.fullmatch(name)
     if found is None:
@@ -128,6 +130,8 @@ def adoption_text(effect: FoundEffect) -> str:
     """Say in sentences whether an effect is adopted, and what to do about one that never is."""
     if reason := kind_of(effect.kind).not_adopted:
         what_to_do = advice.what_to_do(effect)
+        if kind_of(effect.kind).never_sure:
+            return f"It is never adopted: {reason}. {what_to_do}"
         return f"It is never adopted, but put right where it was made: {reason}. {what_to_do}"
     if effect.helps:
         return "It helps visits that were held out, and is adopted unless effects are named."

@@ -38,7 +38,7 @@ from app.simulation.undeclared.observations import (
 )
 from app.simulation.undeclared.oracle import OracleFit, fit_oracle
 from app.simulation.undeclared.planting import chance, plant_effects
-from app.simulation.undeclared.scatter import Scatter, datum_of, draw_scatter
+from app.simulation.undeclared.scatter import Scatter, datum_of, draw_scatter, length_errors
 from app.simulation.undeclared.sensors import SensorRecord, read_sensors
 from app.simulation.undeclared.truth import Truth
 
@@ -269,7 +269,9 @@ def _measure(
     starts_min = planned.time_min[np.unique(planned.visit, return_index=True)[1]]
     record = read_sensors(chance(seed, "sensors"), history, under, shown, starts_min)
     observations = planned.without(machine.unmeasured)
-    scatter = _scatter_of(draw_scatter(chance(seed, "scatter"), planned, under), planned, machine)
+    drawn = draw_scatter(chance(seed, "scatter"), planned, under)
+    drawn = replace(drawn, instrument=drawn.instrument + length_errors(planned, history, under))
+    scatter = _scatter_of(drawn, planned, machine)
     truth = _truth(seed, names, effects, machine, history, observations)
     measured = truth.true_um + scatter.total()
     zero = datum_of(chance(seed, "datum"), measured, observations, under)

@@ -73,6 +73,9 @@ class Conditions:
     warm_up_um, warm_up_min
         Standard deviation of what the instrument's own warming adds in the end, alike in every
         set-up, and its time constant [min].
+    length_um_per_m_per_k, length_sensor, length_assumed_c
+        What the instrument's lengths grow by, on all axes and at points, with a temperature above
+        the one that it counts on: no air compensation, or none for the material.
     setup_correlation
         Correlation of a component's set-up shift and tilt with those of the visit before.
     frozen
@@ -114,6 +117,9 @@ class Conditions:
     instrument_drift_um_per_h: float = 0.0
     warm_up_um: float = 0.0
     warm_up_min: float = 30.0
+    length_um_per_m_per_k: float = 0.0
+    length_sensor: str = "ambient"
+    length_assumed_c: float = 20.0
     setup_correlation: float = 0.0
     frozen: int = 0
     ar1_um: float = 0.0

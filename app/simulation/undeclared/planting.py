@@ -38,8 +38,9 @@ def _parse(name: str) -> tuple[str, Family, str | None]:
     if kind not in ALL:
         raise ValueError(f"expected an effect of {', '.join(ALL)}, got {kind!r}")
     family = ALL[kind]
-    if variant and variant not in family.variants:
-        raise ValueError(f"expected {kind}:{'|'.join(family.variants)}, got {variant!r}")
+    variants = (*family.variants, *family.only_asked_for)
+    if variant and variant not in variants:
+        raise ValueError(f"expected {kind}:{'|'.join(variants)}, got {variant!r}")
     return kind, family, variant or None
 
 

@@ -12,8 +12,16 @@ import numpy as np
 from scipy.signal import lfilter
 
 from app.simulation.undeclared.base_machine import TRAVELS_MM
-from app.simulation.undeclared.components import AXES, CODES, BoolArray, FloatArray, IntArray
+from app.simulation.undeclared.components import (
+    AXES,
+    CODES,
+    MM_PER_M,
+    BoolArray,
+    FloatArray,
+    IntArray,
+)
 from app.simulation.undeclared.conditions import Conditions
+from app.simulation.undeclared.history import History
 from app.simulation.undeclared.observations import Observations
 
 GROUPS = (*CODES, *AXES)
@@ -129,6 +137,30 @@ def instrument_errors(
     found += conditions.instrument_drift_um_per_h * rates[group] * since_min / 60.0
     ends = of_warm_up.standard_normal(len(GROUPS))
     found += conditions.warm_up_um * ends[group] * -np.expm1(-since_min / conditions.warm_up_min)
+    return found
+
+
+def length_errors(
+    observations: Observations, history: History, conditions: Conditions
+) -> FloatArray:
+    """Say what an instrument adds that does not correct its lengths for a temperature.
+
+    Lengths are positioning errors along their lines, and the coordinates of points, from 0.
+
+    Returns
+    -------
+    ndarray, shape (m,) [µm]
+    """
+    found = np.zeros(observations.of_value.size)
+    if not conditions.length_um_per_m_per_k:
+        return found
+    warm_c = history.temperature(conditions.length_sensor, observations.time_min)
+    above_k = (warm_c - conditions.length_assumed_c)[observations.of_value]
+    group = observations.group
+    for i, axis in enumerate(AXES):
+        own = (group == axis) | (group == f"E{axis}{axis}".upper())
+        length_m = observations.point_mm[observations.of_value, i] / MM_PER_M
+        found[own] = (conditions.length_um_per_m_per_k * above_k * length_m)[own]
     return found
 
 

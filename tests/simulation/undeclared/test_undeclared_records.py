@@ -166,6 +166,21 @@ def test_an_instrument_warms_up_alike_in_every_visit():
     assert not truth.scatter.instrument[since == 0].any()
 
 
+def test_lengths_that_nothing_corrects_grow_from_zero_on_all_axes_and_nothing_else_does():
+    campaign = make_campaign(
+        3, visits=12, length_um_per_m_per_k=-0.93, length_assumed_c=21.0, **QUIET
+    )
+    truth = campaign.truth
+    own = truth.observations.of_value
+    above_k = campaign.history.temperature("ambient", truth.observations.time_min)[own] - 21.0
+    for group in np.unique(truth.group):
+        here = truth.group == group
+        is_length = str(group).lower() in ("x", "y", "z", "exx", "eyy", "ezz")
+        along = truth.observations.point_mm[own, "xyz".index(str(group)[-1].lower())] / 1000.0
+        expected = -0.93 * (above_k * along)[here] * is_length
+        np.testing.assert_allclose(truth.scatter.instrument[here], expected, atol=1e-12)
+
+
 @pytest.mark.slow
 def test_set_ups_are_correlated_from_visit_to_visit():
     campaign = make_campaign(

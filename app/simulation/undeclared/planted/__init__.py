@@ -39,16 +39,19 @@ from app.simulation.undeclared.setting import Setting
 
 
 class Family(NamedTuple):
-    """How effects of one family are planted."""
+    """How effects of one family are planted; some variants only where they are asked for."""
 
     variants: tuple[str, ...]
     plant: Callable[[Setting, str], Effect]
+    only_asked_for: tuple[str, ...] = ()
 
 
 FAMILIES: Final = {
     "thermal-lag": Family(thermal_lag.VARIANTS, thermal_lag.plant),
     "other-sensor": Family(other_sensor.VARIANTS, other_sensor.plant),
-    "additional-sensor": Family(additional_sensor.VARIANTS, additional_sensor.plant),
+    "additional-sensor": Family(
+        additional_sensor.VARIANTS, additional_sensor.plant, additional_sensor.ONLY_ASKED_FOR
+    ),
     "sensor-gradient": Family(sensor_gradient.VARIANTS, sensor_gradient.plant),
     "temperature-curvature": Family(temperature_curvature.VARIANTS, temperature_curvature.plant),
     "state-variable": Family(state_variable.VARIANTS, state_variable.plant),

@@ -6,17 +6,24 @@ from typing import Final
 
 from app.simulation.undeclared.components import COMPONENTS
 from app.simulation.undeclared.effect import Effect
-from app.simulation.undeclared.setting import Setting, driven
+from app.simulation.undeclared.setting import Profile, Setting, driven
 
 VARIANTS: Final = ("component",)
+EXPANSION: Final = "expansion"
+ONLY_ASKED_FOR: Final = (EXPANSION,)
+"""A positioning error grows in proportion to the length from the axis' zero, as a scale expands."""
+
+LENGTHS: Final = ("EXX", "EYY", "EZZ")
 
 
 def plant(setting: Setting, variant: str) -> Effect:
     """Let one component follow one more sensor."""
-    code = setting.choose_component()
+    code = setting.choose_component(LENGTHS if variant == EXPANSION else None)
     assigned = COMPONENTS[code].sensor
     second = setting.choose_other_sensor(assigned)
     profile = setting.choose_profile(code)
+    if variant == EXPANSION:
+        profile = Profile(code, profile.level, profile.level)
     driver = setting.beyond_maps(
         code,
         lambda circumstances: circumstances.temperature(second),
