@@ -361,12 +361,13 @@ def test_directions_at_points_settle_by_themselves(view):
 
 
 LENGTHS = "instrument-compensation"
+LINES = ("EXX", "EYY", "EZZ")
 
 
 def test_an_instruments_lengths_grow_alike_on_all_axes_and_nothing_else_does(view):
     """c (T − 20 °C) x: at 500 mm and 24 °C one µm/(m K) is 2 µm."""
     everywhere = ("EXX", "EYY", "EZZ", "points x", "points y", "points z")
-    hypothesis = proposed(view, LENGTHS, "", everywhere, ("z-column",))
+    hypothesis = proposed(view, LENGTHS, "along lines and at points", LINES, ("z-column",))
     left = column(view, hypothesis, 20.0)
     above_k = view.conditions.temperature("z-column") - 20.0
     expected = np.zeros(len(view.rows))
@@ -379,16 +380,22 @@ def test_an_instruments_lengths_grow_alike_on_all_axes_and_nothing_else_does(vie
     assert not left[view.rows.of_channel("SXY")].any()
 
 
-def test_one_instrument_measured_lines_or_points_or_both(view):
-    together = {h.components for h in kind_of(LENGTHS).candidates(view).hypotheses}
-    lines, points = ("EXX", "EYY", "EZZ"), ("points x", "points y", "points z")
-    assert together == {lines, points, lines + points}
+@pytest.mark.parametrize(
+    ("variant", "shown"),
+    [
+        ("", {*LINES}),
+        ("at points", {"points x", "points y", "points z"}),
+        ("along lines and at points", {*LINES, "points x", "points y", "points z"}),
+    ],
+)
+def test_one_instrument_measured_lines_or_points_or_both(view, variant, shown):
+    left = column(view, proposed(view, LENGTHS, variant, LINES, ("y-front",)), 20.0)
+    assert {view.rows.channels[c] for c in view.rows.channel[left != 0.0]} == shown
 
 
 def test_maps_measured_with_the_same_instrument_contain_what_it_was_then(view):
     """At the maps' own temperatures nothing is left: x-middle and y-front are 1 K apart there."""
-    lines = ("EXX", "EYY", "EZZ")
-    hypothesis = proposed(view, LENGTHS, "beyond the maps", lines, ("y-front",))
+    hypothesis = proposed(view, LENGTHS, "beyond the maps", LINES, ("y-front",))
     left, rows = column(view, hypothesis), view.rows.of_channel("EXX")
     own, other = (view.conditions.temperature(s)[rows] for s in ("x-middle", "y-front"))
     beyond_k = other - (np.clip(own, 20.0, 30.0) - 1.0)
@@ -397,14 +404,15 @@ def test_maps_measured_with_the_same_instrument_contain_what_it_was_then(view):
 
 def test_one_axis_of_several_says_nothing_of_the_others(view):
     """EXX and EYY follow x-middle, and their maps contain all of it: only EZZ could show it."""
-    beyond = [h for h in kind_of(LENGTHS).candidates(view).hypotheses if h.variant]
+    every = kind_of(LENGTHS).candidates(view).hypotheses
+    beyond = [h for h in every if h.variant.endswith("beyond the maps")]
     assert {h.sensors for h in beyond} == {("z-column",), ("y-front",), ("spindle",)}
     of_column = next(h for h in beyond if h.sensors == ("z-column",))
     assert len(of_column.apart) == 2
 
 
 def test_apart_each_axis_has_its_own_part_of_the_same(view):
-    hypothesis = proposed(view, LENGTHS, "", ("EXX", "EYY", "EZZ"), ("y-front",))
+    hypothesis = proposed(view, LENGTHS, "", LINES, ("y-front",))
     parts = hypothesis.candidate(view.projection).apart.columns(20.0)
     assert {part.columns.shape[1] for part in parts} == {3}
     together = np.zeros(len(view.rows))
@@ -448,7 +456,7 @@ def test_without_lengths_no_instruments_compensation_can_be_seen():
     ],
 )
 def test_what_has_such_a_size_is_said_and_that_a_machine_may_have_it(view, size, error, words):
-    hypothesis = proposed(view, LENGTHS, "", ("EXX", "EYY", "EZZ"), ("y-front",))
+    hypothesis = proposed(view, LENGTHS, "", LINES, ("y-front",))
     estimate = Estimate(20.4, 0.5, np.array([size]), np.array([[error**2]]))
     effect = hypothesis.fitted(estimate)
     told = explain(effect)

@@ -52,6 +52,9 @@ ASSUMED: Final = "assumed_c"
 BEYOND: Final = "beyond the maps"
 """The maps were measured with the same mistake, and contain what it was then."""
 
+AT_POINTS, EVERYWHERE = "at points", "along lines and at points"
+"""What one instrument measured, where that is not lines alone."""
+
 
 class InstrumentCompensation(EffectKind):
     """Measured minus predicted is c · (T − T_assumed) · length, with one c for all axes.
@@ -163,7 +166,8 @@ def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> I
     zeros_mm = {channel: _zero_mm(view, channel) for channel in channels}
     one = Hypothesis(
         kind=InstrumentCompensation.kind,
-        components=channels,
+        variant=_measured(channels),
+        components=tuple(dict.fromkeys(_code(channel) for channel in channels)),
         sensors=(sensor,),
         unit_terms=no_terms,
         adopted_terms=no_terms,
@@ -185,11 +189,16 @@ def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> I
         return
     yield replace(
         one,
-        variant=BEYOND,
+        variant=", ".join(filter(None, (one.variant, BEYOND))),
         supposed=partial(_beyond_maps, zeros_mm, drivers, channels),
         expected=WHOLE if len(by_axis) == 1 else None,
         apart=[partial(_beyond_maps, zeros_mm, drivers, own) for own in left],
     )
+
+
+def _measured(channels: Collection[str]) -> str:
+    at_points = [channel in POINT_CHANNELS for channel in channels]
+    return "" if not any(at_points) else AT_POINTS if all(at_points) else EVERYWHERE
 
 
 def _by_axis(channels: Collection[str]) -> list[tuple[str, ...]]:
