@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -49,6 +50,7 @@ from app.api.short_way import ThermapService
 from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns
 from app.connections.config import ConnectionsFile, read_connections
+from app.connections.reports import ConnectionReports
 from app.connections.running import Connections
 from app.connections.serving_tables import expect_servable, serving_tables
 from app.services.access_keys import KeyRing
@@ -59,7 +61,7 @@ from app.services.keep_readings import ReadingKeeper
 from app.services.machines import check_readiness
 from app.services.run_analyses import make_runner
 from app.services.watching_values import shop_values
-from app.settings import Settings, make_own_folder
+from app.settings import Settings, is_postgresql, make_own_folder
 from app.storage.database import Database
 from app.storage.limits import Limits
 from app.storage.migrate import upgrade
@@ -147,6 +149,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
                     lambda: service.state.context, settings.opcua_endpoint, stated.opcua_server
                 ),
                 service.state.connections.running(),
+                service.state.connection_reports.running(),
             ):
                 yield
         finally:
@@ -185,6 +188,11 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.connections = Connections(
         stated, lambda: service.state.context, service.state.streams.all_tables
     )
+    service.state.connection_reports = ConnectionReports(
+        service.state.connections,
+        lambda: service.state.context,
+        _name_of_process(settings) if is_postgresql(settings.database_url) else None,
+    )
     service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
@@ -203,6 +211,12 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     document_problems(service)
     _add_documentation(service)
     return service
+
+
+def _name_of_process(settings: Settings) -> str:
+    """Name who has the connections of a file, the same after a restart."""
+    where = "" if settings.config is None else settings.config.resolve()
+    return f"{socket.gethostname()} {where}"[-200:]
 
 
 class _Files(StaticFiles):

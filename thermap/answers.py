@@ -468,6 +468,16 @@ class Connection(Shape):
     lost: int
     """Observations that were gone before they could be read, as far as the sender tells"""
 
+    taken: int
+    """Messages whose values were stored since the service began; one may say of several sensors
+    """
+
+    dropped: int
+    """Messages whose values were dropped, as too many waited for the database"""
+
+    refused: int
+    """Messages or values that were refused"""
+
 
 class ConnectionsNow(Shape):
     """All connections, and what became of what they read."""
@@ -486,6 +496,12 @@ class ConnectionsNow(Shape):
 
     last_refusal: str
     """The last of these, and why; empty without any"""
+
+    wrong_clocks: int
+    """Values with a time of their sender that was more than 5 s off the service's clock"""
+
+    machines_with_wrong_clocks: list[str]
+    """Machines of whose senders one stated such a time within the last minute"""
 
 
 class CoverageAnswer(Shape):

@@ -120,6 +120,10 @@ def connections_view(found: ConnectionsNow) -> RenderableType:
         f"{counted(found.stored, 'reading')} stored, {found.dropped} dropped, "
         f"{counted(found.refused, 'value')} refused"
     )
+    if found.wrong_clocks:
+        of = list_names(found.machines_with_wrong_clocks, limit=5)
+        now = f"; now of {of}" if found.machines_with_wrong_clocks else ""
+        counts += f", {counted(found.wrong_clocks, 'value')} with a wrong clock{now}"
     last = [Text(f"last refused: {found.last_refusal}")] if found.last_refusal else []
     nothing = "no connections; `thermap serve --config FILE.toml` names their file"
     return Group(or_nothing(table, nothing), Text(), Text(counts), *last)

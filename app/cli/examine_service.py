@@ -13,6 +13,7 @@ import httpx
 
 import app as package
 from app.cli.options import connect
+from app.errors import list_names
 from app.services.doctor import Finding, examine_clock, examine_machines, ok, trouble, warning
 from app.settings import is_this_computer
 from thermap.connection import service_url
@@ -139,6 +140,12 @@ def _connections(thermap: ThermapClient) -> Iterator[Finding]:
                 about,
                 f"There is {'' if one.connected else 'no '}contact with {one.endpoint}{what}.",
             )
+    if now.machines_with_wrong_clocks:
+        yield warning(
+            "clocks of senders",
+            f"Senders of {list_names(now.machines_with_wrong_clocks, limit=5)} state times that "
+            "are more than 5 s off the service's clock.",
+        )
     if now.dropped or now.refused:
         last = f", at last {now.last_refusal}" if now.last_refusal else ""
         yield warning(

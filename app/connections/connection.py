@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, NamedTuple, Protocol, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from app.answer import Answer
-from app.connections.intake import Intake
+from app.connections.intake import TakesValues
 from app.errors import list_names
 from app.services.context import Context
 from app.units import TemperatureUnit
@@ -55,6 +55,12 @@ class Connection(Answer):
     """What is the matter, empty where nothing"""
     lost: int
     """Observations that were gone before they could be read, as far as the sender tells"""
+    taken: int = 0
+    """Messages whose values were stored since the service began; one may say of several sensors"""
+    dropped: int = 0
+    """Messages whose values were dropped, as too many waited for the database"""
+    refused: int = 0
+    """Messages or values that were refused"""
 
 
 class TableEvent(NamedTuple):
@@ -110,5 +116,5 @@ class ConnectionTable(Table):
         """Refuse what only its library sees to be wrong, with ValueError."""
 
     @abstractmethod
-    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
         """Make what runs; only this needs the library."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
 from time import monotonic
-from typing import Final
+from typing import Final, Protocol
 
 from starlette.concurrency import run_in_threadpool
 
@@ -146,6 +146,51 @@ class _Collected:
                 waiting.set_result(Fate.REFUSED if sensors & self.refused else fate)
 
 
+class TakesValues(Protocol):
+    """Where a connection hands over what it reads, as `Intake` has it."""
+
+    def offer(
+        self,
+        machine: str,
+        temperatures_c: Mapping[str, float],
+        time: datetime | None = None,
+        state: Mapping[str, float] | None = None,
+    ) -> asyncio.Future[Fate]:
+        """Take values of one machine."""
+
+    def refuse(self, where: str, reason: str) -> None:
+        """Count what cannot be used."""
+
+
+class Sender:
+    """One connection's way to the intake: what became of its own messages is counted."""
+
+    def __init__(self, intake: Intake) -> None:
+        self._intake = intake
+        self.fates = dict.fromkeys(Fate, 0)
+
+    def offer(
+        self,
+        machine: str,
+        temperatures_c: Mapping[str, float],
+        time: datetime | None = None,
+        state: Mapping[str, float] | None = None,
+    ) -> asyncio.Future[Fate]:
+        """Take values of one machine."""
+        told = self._intake.offer(machine, temperatures_c, time, state)
+        told.add_done_callback(self._count)
+        return told
+
+    def refuse(self, where: str, reason: str) -> None:
+        """Count what cannot be used."""
+        self.fates[Fate.REFUSED] += 1
+        self._intake.refuse(where, reason)
+
+    def _count(self, told: asyncio.Future[Fate]) -> None:
+        if not told.cancelled():
+            self.fates[told.result()] += 1
+
+
 class Intake:
     """Takes values of all connections; `run` stores them until it is cancelled.
 
@@ -237,6 +282,12 @@ class Intake:
         if machine in self._usual and collected.names >= self._usual[machine]:
             self._close(key)
         return told
+
+    @property
+    def machines_with_wrong_clocks(self) -> tuple[str, ...]:
+        """Machines of whose senders one stated a wrong time within the last minute."""
+        since_s = monotonic() - RIGHT_AGAIN_S
+        return tuple(sorted(one for one, at_s in self._wrong_clocks.items() if at_s >= since_s))
 
     async def run(self) -> None:
         """Store what is closed, for as long as it is not cancelled; then what is left is dropped.

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from datetime import datetime
 from typing import Final
 
-from app.connections.intake import Fate, Intake
+from app.connections.intake import Fate, TakesValues
 
 REPEATED_S: Final = 10.0
 """What has not changed is stored again after so long [s]; a temperature that nobody tells of any
@@ -24,7 +24,11 @@ class KnownValues:
     """
 
     def __init__(
-        self, intake: Intake, machine: str, sensors: Collection[str], states: Collection[str] = ()
+        self,
+        intake: TakesValues,
+        machine: str,
+        sensors: Collection[str],
+        states: Collection[str] = (),
     ) -> None:
         self._intake = intake
         self._machine = machine

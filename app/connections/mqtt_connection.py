@@ -11,7 +11,7 @@ from time import monotonic
 from typing import Final
 
 from app.connections.connection import Connection, TellsTables
-from app.connections.intake import Fate, Intake
+from app.connections.intake import Fate, TakesValues
 from app.connections.known_values import REPEATED_S
 from app.connections.mqtt_link import Arrived, Broker, BrokerRefused, Link, LinkLost
 from app.connections.mqtt_payloads import Unusable
@@ -47,7 +47,9 @@ MOST_HEARD: Final = 10_000
 class MqttConnection(TellsTables):
     """One broker."""
 
-    def __init__(self, table: MqttTable, intake: Intake, context: Callable[[], Context]) -> None:
+    def __init__(
+        self, table: MqttTable, intake: TakesValues, context: Callable[[], Context]
+    ) -> None:
         self._table = table
         self._intake = intake
         self._context = context

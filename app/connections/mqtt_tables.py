@@ -24,7 +24,7 @@ from app.connections.connection import (
     StatedUnit,
     Table,
 )
-from app.connections.intake import Intake
+from app.connections.intake import TakesValues
 from app.connections.mqtt_payloads import JsonPath, TimeForm
 from app.connections.mqtt_topics import TopicPattern
 from app.services.context import Context
@@ -240,7 +240,7 @@ class MqttTable(ConnectionTable):
                 ) from None
         return made
 
-    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
         """Make what runs; only this needs the library."""
         from app.connections.mqtt_connection import MqttConnection
 

@@ -18,7 +18,7 @@ from app.connections.connection import (
     StatedUnit,
     Table,
 )
-from app.connections.intake import Intake
+from app.connections.intake import TakesValues
 from app.connections.known_values import REPEATED_S, KnownValues
 from app.services.context import Context
 
@@ -56,7 +56,7 @@ class MtconnectTable(ConnectionTable):
             return stated
         return {k: {"item": v} if isinstance(v, str) else v for k, v in stated.items()}
 
-    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
         """Make what runs; only this needs the library."""
         return AgentConnection(self, intake, context)
 
@@ -65,7 +65,7 @@ class AgentConnection:
     """One MTConnect agent, whose values become readings of one machine."""
 
     def __init__(
-        self, table: MtconnectTable, intake: Intake, context: Callable[[], Context]
+        self, table: MtconnectTable, intake: TakesValues, context: Callable[[], Context]
     ) -> None:
         self._table = table
         self._context = context

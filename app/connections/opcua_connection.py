@@ -17,7 +17,7 @@ from app.connections.connection import (
     StatedUnit,
     Table,
 )
-from app.connections.intake import Intake
+from app.connections.intake import TakesValues
 from app.connections.known_values import REPEATED_S, KnownValues
 from app.connections.opcua_security import SecurityTable, UserTable
 from app.services.context import Context
@@ -68,7 +68,7 @@ class OpcuaTable(ConnectionTable):
             return stated
         return {k: {"node": v} if isinstance(v, str) else v for k, v in stated.items()}
 
-    def connection(self, intake: Intake, context: Callable[[], Context]) -> RunningConnection:
+    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
         """Make what runs; only this needs the library."""
         return ServerConnection(self, intake, context)
 
@@ -93,7 +93,9 @@ class OpcuaTable(ConnectionTable):
 class ServerConnection:
     """One OPC UA server, whose values become readings of one machine."""
 
-    def __init__(self, table: OpcuaTable, intake: Intake, context: Callable[[], Context]) -> None:
+    def __init__(
+        self, table: OpcuaTable, intake: TakesValues, context: Callable[[], Context]
+    ) -> None:
         self._table = table
         self._context = context
         self._known = KnownValues(intake, table.machine, table.sensors, table.state)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from app.answer import Answer
 from app.connections.config import ConnectionsFile
-from app.connections.connection import Connection, FollowTables, TellsTables
-from app.connections.intake import Intake
+from app.connections.connection import (
+    Connection,
+    FollowTables,
+    RunningConnection,
+    TellsTables,
+)
+from app.connections.intake import Fate, Intake, Sender
 from app.services.context import Context
 
 
@@ -28,6 +33,10 @@ class ConnectionsNow(Answer):
     """Values or readings that were refused"""
     last_refusal: str
     """The last of these, and why; empty without any"""
+    wrong_clocks: int = 0
+    """Values with a time of their sender that was more than 5 s off the service's clock"""
+    machines_with_wrong_clocks: tuple[str, ...] = ()
+    """Machines of whose senders one stated such a time within the last minute"""
 
 
 class Connections:
@@ -37,20 +46,29 @@ class Connections:
         self, stated: ConnectionsFile, context: Callable[[], Context], follow_tables: FollowTables
     ) -> None:
         self._intake = Intake(context, stated.intake.limits)
-        self._connections = [one.connection(self._intake, context) for one in stated.connections]
-        for one in self._connections:
+        self._connections: list[tuple[Sender, RunningConnection]] = []
+        for table in stated.connections:
+            sender = Sender(self._intake)
+            one = table.connection(sender, context)
             if isinstance(one, TellsTables):
                 one.follow_tables = follow_tables
+            self._connections.append((sender, one))
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self._connections)
 
     def now(self) -> ConnectionsNow:
         """Say how all fare."""
         counts = self._intake.counts
         return ConnectionsNow(
-            tuple(one.now() for one in self._connections),
+            tuple(_with_counts(one.now(), sender) for sender, one in self._connections),
             counts.stored,
             counts.dropped,
             counts.refused,
             counts.last_refusal,
+            counts.wrong_clocks,
+            self._intake.machines_with_wrong_clocks,
         )
 
     @asynccontextmanager
@@ -60,7 +78,7 @@ class Connections:
             yield
             return
         tasks = [asyncio.create_task(self._intake.run())]
-        tasks += [asyncio.create_task(one.run()) for one in self._connections]
+        tasks += [asyncio.create_task(one.run()) for _, one in self._connections]
         try:
             yield
         finally:
@@ -68,3 +86,10 @@ class Connections:
                 task.cancel()
             with suppress(asyncio.CancelledError):
                 await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _with_counts(now: Connection, sender: Sender) -> Connection:
+    fates = sender.fates
+    return replace(
+        now, taken=fates[Fate.STORED], dropped=fates[Fate.DROPPED], refused=fates[Fate.REFUSED]
+    )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from time import monotonic
 from typing import Final
 
-from app.connections.intake import Fate, Intake
+from app.connections.intake import Fate, TakesValues
 from app.connections.known_values import KnownValues
 from app.connections.mqtt_tables import SparkplugTable
 from app.connections.sparkplug_nodes import NAMESPACE, Heard, Nodes
@@ -20,7 +20,7 @@ REBIRTH_EVERY_S: Final = 10.0
 class SparkplugFollower:
     """The nodes of one broker, as far as the file names them."""
 
-    def __init__(self, tables: Sequence[SparkplugTable], intake: Intake) -> None:
+    def __init__(self, tables: Sequence[SparkplugTable], intake: TakesValues) -> None:
         self._intake = intake
         self._nodes = Nodes()
         self._asked_s: dict[tuple[str, str], float] = {}

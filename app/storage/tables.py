@@ -353,6 +353,16 @@ class BrowserSessionRow(Base):
     expires_at: Mapped[datetime]
 
 
+class ConnectionReportRow(Base):
+    """What one process last told of its connections beside HTTP; others read it."""
+
+    __tablename__ = "connection_report"
+
+    owner: Mapped[str] = mapped_column(String(200), primary_key=True)
+    told_at: Mapped[datetime]
+    content: Mapped[str] = mapped_column(Text)
+
+
 _LASTS = text("until IS NULL AND subject <> ''")
 
 

@@ -186,6 +186,7 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
         "watch": 0,
         "access_key": 0,
         "browser_session": 0,
+        "connection_report": 0,
     }
 
 

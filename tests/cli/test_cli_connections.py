@@ -39,6 +39,9 @@ def test_those_with_trouble_come_first():
                 "known": 3,
                 "trouble": "",
                 "lost": 0,
+                "taken": 4,
+                "dropped": 0,
+                "refused": 0,
                 **more,
             }
         )
@@ -53,6 +56,8 @@ def test_those_with_trouble_come_first():
         dropped=1,
         refused=1,
         last_refusal="machine 'vmc': no",
+        wrong_clocks=7,
+        machines_with_wrong_clocks=["vmc"],
     )
     console = Console(width=200, record=True, highlight=False)
     console.print(connections_view(found))
@@ -61,7 +66,9 @@ def test_those_with_trouble_come_first():
     assert "no answer in time" in lines[1]
     assert "x-middle: expected a number; 2 observations lost" in lines[2]
     assert "2026-03-01 06:00" in lines[3]
-    assert lines[5] == "5 readings stored, 1 dropped, 1 value refused"
+    assert lines[5] == (
+        "5 readings stored, 1 dropped, 1 value refused, 7 values with a wrong clock; now of vmc"
+    )
     assert lines[6] == "last refused: machine 'vmc': no"
 
 

@@ -99,6 +99,36 @@ def test_workers_share_a_socket_are_started_again_and_end_together(start, free_p
 
 
 @pytest.mark.slow
+def test_every_worker_says_how_the_first_ones_connections_fare(
+    start, run, free_port, shared_url, tmp_path
+):
+    file = tmp_path / "thermap.toml"
+    file.write_text(
+        '[[mtconnect]]\nname = "mill"\nmachine = "mcfv5050"\nurl = "http://127.0.0.1:9"\n'
+        'sensors = { x-middle = "X" }\n',
+        encoding="utf-8",
+    )
+    start(
+        *("serve", "--workers", "2", "--port", free_port, "--database-url", shared_url),
+        *("--config", file),
+    )
+    url = f"http://127.0.0.1:{free_port}"
+    wait_until_it_answers(url)
+    everybody_answers(url)
+
+    def names():
+        found = httpx.get(f"{url}/v1/connections", trust_env=False, timeout=SOON_S).json()
+        return [one["name"] for one in found["connections"]]
+
+    until(lambda: names() == ["mill"])
+    # Each time another connection, and so another worker now and then.
+    assert [names() for _ in range(30)] == [["mill"]] * 30
+    assert "mill" in run("connections", "--url", url).stdout
+    doctor = run("doctor", "--url", url, columns=300)
+    assert "no contact with http://127.0.0.1:9" in doctor.stdout
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 def test_workers_end_when_what_started_them_is_killed(start, free_port, shared_url):
     process = start(*("serve", "--workers", "2", "--port", free_port, "--database-url", shared_url))

@@ -124,7 +124,7 @@ def fill(database, machine_id):
         return maps
 
 
-OF_THE_SERVICE = {"access_key", "browser_session", "event"}
+OF_THE_SERVICE = {"access_key", "browser_session", "event", "connection_report"}
 TABLES_OF_MACHINES = [t for t in Base.metadata.sorted_tables if t.name not in OF_THE_SERVICE]
 """Keys are not a machine's, and what happened to one stays in the log."""
 

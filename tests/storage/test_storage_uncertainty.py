@@ -25,7 +25,7 @@ NEW_SETTINGS = {"withdrawals": 0, "extrapolation_error_ratio": 3.0, "waiting_ver
 """Columns of a machine that came after it, and what they hold then."""
 LATER = (
     *("verification", "analysis", "watch", "withdrawn_reading"),
-    *("access_key", "browser_session", "event"),
+    *("access_key", "browser_session", "event", "connection_report"),
 )
 """Tables that came after it too."""
 
