@@ -360,6 +360,19 @@ curl -X POST http://127.0.0.1:8000/v1/machines/practice/analyses/1/adopt \
      -H "Content-Type: application/json" \
      -d '{"effects": [0]}'
 
+# 200: how far the analyses of all machines are, and once they ended what they say together
+curl "http://127.0.0.1:8000/v1/fleet?effects=backlash"
+
+# 202: asks for those that are missing; `done` lists the machines
+curl -X POST http://127.0.0.1:8000/v1/fleet/analyses \
+     -H "Content-Type: application/json" \
+     -d '{"effects": ["backlash"]}'
+
+# 200: cancels those that wait or run
+curl -X POST http://127.0.0.1:8000/v1/fleet/analyses/cancel \
+     -H "Content-Type: application/json" \
+     -d '{"effects": ["backlash"]}'
+
 # 422: an effect is tried on another machine than the one on which it was found
 curl -X POST http://127.0.0.1:8000/v1/fleet/tried-effects \
      -H "Content-Type: application/json" \

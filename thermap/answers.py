@@ -740,6 +740,67 @@ class FiguresAnswer(Shape):
     """
 
 
+class FleetMachine(Shape):
+    """One machine of the fleet."""
+
+    machine: str
+    """Its id"""
+
+    name: str
+    """Its name for people"""
+
+    sisters: list[str]
+    """Machines that state the same configuration, travels and sensors"""
+
+    watch: str | None
+    """`within` or `beyond` its limits by the last verifications; null where none was judged"""
+
+    drifts: str | None
+    """Why it is no longer what its model says; null where nothing says so"""
+
+    analysis: int | None
+    """Number of its analysis; null where there is none"""
+
+    verdict: Literal["effects-found", "nothing-found", "unexplained", "not-judged"] | None
+    """What that says; null where it came to nothing"""
+
+    why_not: str | None
+    """Why it was not judged; null where it was"""
+
+    unit: str | None
+    """Unit of the figures"""
+
+    before_rms_um: float | None
+    """Root mean square of residuals, on held-out visits where there are any [µm]; see `unit`"""
+
+    after_rms_um: float | None
+    """The same with the effects that were found [µm]; see `unit`"""
+
+    found: list[str]
+    """What was found, a sentence each"""
+
+
+class FleetMemberAnswer(Shape):
+    """How far one machine's analysis is."""
+
+    machine: str
+    """Its id"""
+
+    name: str
+    """Its name for people"""
+
+    analysis: AnalysisHead | None
+    """The analysis that asked this of the active model and all stored verifications; null where
+    there is none
+    """
+
+    to_be_asked: bool
+    """Whether none was asked for, or the last one failed or was cancelled"""
+
+    why_not: str | None
+    """Why none can be asked for; null where one can"""
+
+
 class FollowedNumber(Shape):
     """One number that is followed from visit to visit."""
 
@@ -779,6 +840,31 @@ class FollowsAnswer(Shape):
     then 0.9975 of the other sensor at the edge, 1 of the assigned one now, and -0.9975 of the
     assigned one at the edge
     """
+
+
+class FoundOn(Shape):
+    """One machine on which an effect was found by its own analysis."""
+
+    machine: str
+    """The machine"""
+
+    analysis: int
+    """The analysis that found it"""
+
+    effect: int
+    """Which of its effects, from 0"""
+
+    status: str
+    """How sure its name is there: `confirmed`, `suspected` or `not-confirmable`"""
+
+    helps: bool
+    """Whether held-out visits of that machine get better with it"""
+
+    parameters: dict[str, float]
+    """Its parameters there; the unit ends each name"""
+
+    standard_errors: dict[str, float]
+    """One standard deviation of each"""
 
 
 class HealthAnswer(Shape):
@@ -1806,6 +1892,16 @@ class TriedEffectAnswer(Shape):
 
     share_interval: list[float] | None
     """Interval of `share`; the wider the more machines are tried together"""
+
+
+class TriedOn(Shape):
+    """One sister on which the effect was tried as it stands."""
+
+    machine: str
+    """The sister"""
+
+    result: TriedEffectAnswer
+    """What that said"""
 
 
 class UnexplainedAnswer(Shape):
@@ -3028,6 +3124,40 @@ class RotaryErrorAnswer(AnswerHead):
     """
 
 
+class SharedEffect(Shape):
+    """An effect, on whom it was found and what its sisters say of it."""
+
+    kind: str
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: list[str]
+    """Components that it acts on"""
+
+    sensors: list[str]
+    """Sensors that drive it"""
+
+    states: list[str]
+    """States that drive it"""
+
+    explanation: str
+    """What it is on the machine from which it was tried on the others"""
+
+    found_on: list[FoundOn]
+    """Machines whose own analysis found it; the first is the one from which it was tried"""
+
+    tried_on: list[TriedOn]
+    """Sisters on which it was tried"""
+
+    not_tried_on: dict[str, str]
+    """Sisters on which it was not, with the reason"""
+
+    summary: str
+    """Found on how many, tried on how many, with which answer"""
+
+
 class SimulatedStepDiagonal(AnswerHead):
     """What a laser would read: the body of `…/measurements/step-diagonal`, and what it is of."""
 
@@ -3346,6 +3476,22 @@ class ErrorMapAnswer(Shape):
     """What is unusual about it"""
 
 
+class FleetJudgement(Shape):
+    """What the analyses of a fleet say together."""
+
+    summary: str
+    """Two plain sentences"""
+
+    machines: list[FleetMachine]
+    """Every machine; those that drift come first"""
+
+    effects: list[SharedEffect]
+    """What was found, on most machines first"""
+
+    tried_together: int
+    """How many trials there were, by which their thresholds rose"""
+
+
 class PlanAnswer(Shape):
     """What a plan of measurements could see and tell apart, and which visit to add."""
 
@@ -3421,6 +3567,36 @@ class AnalysisAnswer(AnalysisHead):
 
     result: AnalysisResult | None = None
     """What was found; null before that"""
+
+
+class FleetAnswer(Shape):
+    """How far the analyses of all machines are, and what they say together."""
+
+    machines: list[FleetMemberAnswer]
+    """Every machine"""
+
+    going_on: bool
+    """Whether more will be said without anybody asking for more: an analysis waits or runs, or
+    effects are still to be tried on sisters
+    """
+
+    tried: int
+    """Effects that were tried on sisters so far"""
+
+    wanted: int
+    """How many are to be tried; 0 until every analysis has ended"""
+
+    judgement: FleetJudgement | None
+    """What the analyses say together; null as long as something goes on"""
+
+    done: list[str]
+    """Machines whose analysis was asked for, or cancelled, by this request"""
+
+    refused: dict[str, str]
+    """By machine, why that was not done"""
+
+    queue_full: bool
+    """Whether some were refused because too many analyses wait: ask again later"""
 
 
 class MeasurementAnswer(Shape):

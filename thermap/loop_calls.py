@@ -9,6 +9,7 @@ from thermap.answers import (
     AnalysisAnswer,
     AnalysisHead,
     ChangedModelAnswer,
+    FleetAnswer,
     ModelComparisonAnswer,
     PlanAnswer,
     PreviewAnswer,
@@ -97,6 +98,25 @@ def plan_analysis(machine_id: str, plan: Content) -> Call[PlanAnswer]:
     """POST …/analyses/plan."""
     path = of_machine(machine_id, "analyses", "plan")
     return Call("POST", path, reader_of(PlanAnswer), plan, patience_s=PLANNING_S)
+
+
+def fleet(effects: Iterable[str] | None, holdout_fraction: float) -> Call[FleetAnswer]:
+    """GET /v1/fleet."""
+    query = {
+        "effects": None if effects is None else list(effects),
+        "holdout_fraction": holdout_fraction,
+    }
+    return Call("GET", "/v1/fleet", reader_of(FleetAnswer), query=query, patience_s=PLANNING_S)
+
+
+def analyse_fleet(question: Content) -> Call[FleetAnswer]:
+    """POST /v1/fleet/analyses."""
+    return Call("POST", "/v1/fleet/analyses", reader_of(FleetAnswer), question)
+
+
+def cancel_fleet(question: Content) -> Call[FleetAnswer]:
+    """POST /v1/fleet/analyses/cancel."""
+    return Call("POST", "/v1/fleet/analyses/cancel", reader_of(FleetAnswer), question)
 
 
 def try_effect(question: Content) -> Call[TriedEffectAnswer]:

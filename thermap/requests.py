@@ -226,6 +226,16 @@ class ExportRequest(Shape):
     """
 
 
+class FleetRequest(Shape):
+    """What every machine's analysis is asked."""
+
+    effects: list[str] | None = None
+    """Kinds of effects that are looked for; all of them where it is left out"""
+
+    holdout_fraction: float = 0.3
+    """Share of the visits that take no part in the search, below 0.9"""
+
+
 class HoleSchema(Shape):
     """One hole of a plate."""
 

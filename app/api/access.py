@@ -52,7 +52,7 @@ _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f]")
 
 _KEYS: Final = re.compile(r"/v1/keys(/.*)?")
 
-_ALL_MACHINES: Final = re.compile(r"/metrics|/fleet|/v1/fleet/.*|/v1/keys(/.*)?")
+_ALL_MACHINES: Final = re.compile(r"/metrics|/fleet|/v1/fleet(/.*)?|/v1/keys(/.*)?")
 """What is of all machines at once, and cannot be told in part."""
 
 

@@ -17,6 +17,7 @@ from app.api.turns import Turns
 from app.errors import InvalidContent, StorageUnavailable, list_names
 from app.live.registry import LiveMachine
 from app.services.context import Context
+from app.services.fleet import HOLDOUT, FleetQuestion
 from app.services.load_machine import lacks_reading, load_machine, restore_past
 from app.services.run_analyses import AnalysisRunner
 
@@ -99,8 +100,30 @@ AcceptLossesQuery = Annotated[
 ]
 
 ContextDep = Annotated[Context, Depends(get_context)]
+RunnerDep = Annotated[AnalysisRunner, Depends(get_runner)]
 MapPath = Annotated[int, Path(description="The map's number", examples=[1])]
 VerificationPath = Annotated[int, Path(description="The verification's number", examples=[1])]
 AnalysisPath = Annotated[int, Path(description="The analysis' number", examples=[1])]
 VersionPath = Annotated[int, Path(description="Number of the version", examples=[3])]
 MachinePath = Annotated[str, Path(description="The machine's id", examples=["mcfv5050"])]
+
+
+def fleet_question(
+    effects: Annotated[
+        list[str] | None,
+        Query(max_length=100, description="A kind of effect that is looked for; all without it"),
+    ] = None,
+    holdout_fraction: Annotated[
+        float,
+        Query(
+            gt=0.0,
+            lt=0.9,
+            description="Share of the visits that take no part in the search, below 0.9",
+        ),
+    ] = HOLDOUT,
+) -> FleetQuestion:
+    """Read what the machines' analyses are asked."""
+    return FleetQuestion(effects, holdout_fraction)
+
+
+FleetQuestionQuery = Annotated[FleetQuestion, Depends(fleet_question)]

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications
 from app.cli.analyse_view import analysis_view, plan_view
-from app.cli.fleet import judge_every_machine
+from app.cli.fleet import cancel_every_analysis, judge_every_machine
 from app.cli.import_checks import naming
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import (
@@ -116,6 +116,14 @@ def analyse(
             "sisters; interrupted and run again, it goes on.",
         ),
     ] = False,
+    cancel: Annotated[
+        bool,
+        typer.Option(
+            "--cancel",
+            envvar="THERMAP_CANCEL",
+            help="With --fleet: cancel what waits or runs of it; what is done stays.",
+        ),
+    ] = False,
     output: ReportOption = None,
     next_visit: NextVisitOption = None,
     json: Annotated[
@@ -129,6 +137,11 @@ def analyse(
     """
     _check_usage(output, next_visit, plan=plan, adopt=adopt)
     _check_fleet(machine, verification, next_visit, is_fleet=fleet, changes=plan or adopt)
+    _check_cancel(output, cancels=cancel, is_fleet=fleet, json=json)
+    if cancel:
+        with connect(url) as thermap:
+            cancel_every_analysis(thermap, effects=effects, holdout=holdout)
+        return
     if fleet:
         with connect(url) as thermap:
             judge_every_machine(thermap, effects=effects, holdout=holdout, output=output, json=json)
@@ -219,6 +232,20 @@ def _check_fleet(
             "a fleet is judged by what is stored, and nothing is adopted: leave MACHINE (and "
             "THERMAP_MACHINE), --verification, --next-visit, --plan and --adopt away",
             param_hint="--fleet",
+        )
+
+
+def _check_cancel(output: Path | None, *, cancels: bool, is_fleet: bool, json: bool) -> None:
+    """Refuse to cancel without a fleet, and to show what is not there then."""
+    if cancels and not is_fleet:
+        raise typer.BadParameter(
+            "expected --fleet beside it, got none; of one machine, `thermap analyses cancel NUMBER "
+            "--machine MACHINE` cancels one",
+            param_hint="--cancel",
+        )
+    if cancels and (json or output is not None):
+        raise typer.BadParameter(
+            "there is no answer to show: leave --json and --output away", param_hint="--cancel"
         )
 
 

@@ -7,51 +7,39 @@ model and verifications serve, whether they are done or go on: so what was inter
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 import typer
 from pydantic import TypeAdapter
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 
-from app.api.schemas import analyses
+from app.api.schemas.fleet import FleetAnswer
 from app.cli.options import write_file
-from app.identification.analysis.tried_effect import TriedEffect
-from app.identification.fleet import FleetJudgement, Member, Trial, judge_fleet, trials
+from app.errors import list_names
+from app.identification.fleet import FleetJudgement
 from app.pages.fleet_report import fleet_report
 from app.pages.report_parts.words import sentence
-from thermap import (
-    ServiceUnavailableError,
-    ThermapClient,
-    ThermapClientError,
-    TooManyRequestsError,
-    loop_calls,
-)
-from thermap.answers import AnalysisHead, MachineAnswer
+from app.services.fleet import GOING_ON
+from thermap import ServiceUnavailableError, ThermapClient, loop_calls
+from thermap.call import Call
 
 POLL_S: Final = 0.5
 ROOM_S: Final = 5.0
 """When a service whose queue is full is asked again [s]."""
 
-LOOKED_AT: Final = 20
-"""So many analyses are looked at between two pauses: a service runs few at a time."""
-
-_GOING_ON: Final = ("queued", "running")
-_TRIED: Final = TypeAdapter(TriedEffect)
 _JUDGEMENT: Final = TypeAdapter(FleetJudgement)
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """A machine, its verifications, and its analysis as far as there is one."""
-
-    member: Member
-    verifications: list[int]
-    job: AnalysisHead | None = None
 
 
 def judge_every_machine(
@@ -66,11 +54,14 @@ def judge_every_machine(
 
     Ctrl-C leaves the analyses to the service; the same command goes on with them.
     """
-    question = {"holdout_fraction": holdout, "effects": None if effects is None else list(effects)}
     try:
-        judgement = _judged(thermap, question)
+        judgement = _judged(thermap, _question(effects, holdout))
     except KeyboardInterrupt:
-        typer.echo("interrupted: what was asked for goes on, and the same again goes on", err=True)
+        typer.echo(
+            "interrupted: what was asked for goes on, and the same again goes on with it; the same "
+            "with --cancel ends it",
+            err=True,
+        )
         raise typer.Exit(130) from None
     if json:
         typer.echo(_JUDGEMENT.dump_json(judgement).decode())
@@ -81,119 +72,74 @@ def judge_every_machine(
         typer.echo(f"{output}: the report of {len(judgement.machines)} machines", err=True)
 
 
-def _judged(thermap: ThermapClient, question: dict[str, Any]) -> FleetJudgement:
+def cancel_every_analysis(
+    thermap: ThermapClient, *, effects: Sequence[str] | None, holdout: float
+) -> None:
+    """Cancel the analyses of a fleet that wait or run."""
+    answer = _read(thermap, loop_calls.cancel_fleet(_question(effects, holdout)))
+    _say_refused(answer)
+    said = f"cancelled: {list_names(answer.done)}" if answer.done else "nothing was going on"
+    typer.echo(said, err=True)
+
+
+def _question(effects: Sequence[str] | None, holdout: float) -> dict[str, Any]:
+    return {"effects": None if effects is None else list(effects), "holdout_fraction": holdout}
+
+
+def _read(thermap: ThermapClient, call: Call[Any]) -> FleetAnswer:
+    """Read an answer with the application's own shapes, which the report is written from."""
+    return FleetAnswer.model_validate_json(thermap.content(call), extra="ignore")
+
+
+def _say_refused(answer: FleetAnswer) -> None:
+    for machine, why in answer.refused.items():
+        typer.echo(f"{machine}: {why}", err=True)
+
+
+def _judged(thermap: ThermapClient, question: Mapping[str, Any]) -> FleetJudgement:
+    """Ask for what is missing, and follow it until there is a judgement."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     console = Console(stderr=True)
     with Progress(
         *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
     ) as progress:
-        machines = thermap.machines()
-        asking = progress.add_task("asking", total=len(machines))
-        asked = []
-        for machine in machines:
-            asked.append(_ask(thermap, machine, question))
-            progress.advance(asking)
-        analysing = progress.add_task("analysing", total=len(machines))
-        done = []
-        for one in _ended(thermap, asked):
-            done.append(one)
-            progress.advance(analysing)
-        order = [machine.id for machine in machines]
-        done.sort(key=lambda one: order.index(one.member.id))
-        members = [one.member for one in done]
-        verifications = {one.member.id: one.verifications for one in done}
-        wanted = trials(members)
-        trying = progress.add_task("trying on sisters", total=len(wanted))
-        tried = {}
-        for trial in wanted:
-            tried[trial] = _try(thermap, trial, verifications[trial.on], len(wanted))
-            progress.advance(trying)
-    return judge_fleet(members, tried)
-
-
-def _ask(thermap: ThermapClient, machine: MachineAnswer, question: dict[str, Any]) -> _Asked:
-    """Ask for a machine's analysis, or find the one that asked the same."""
-    member = _member(machine)
-    if machine.active_model is None:
-        return _Asked(replace(member, why_not="it has no model yet"), [])
-    numbers = [one.id for one in thermap.verifications(machine.id)]
-    if not numbers:
-        return _Asked(replace(member, why_not="nothing was measured to judge it by"), [])
-    member = replace(member, has_verifications=True)
-    for job in reversed(thermap.analyses(machine.id)):
-        same = (job.model_version, job.verifications, job.holdout_fraction, job.effects, job.seed)
-        wanted = (machine.active_model, numbers, question["holdout_fraction"], question["effects"])
-        if same == (*wanted, 0) and job.status in (*_GOING_ON, "done"):
-            return _Asked(member, numbers, job)
-    while True:
-        try:
-            job = thermap.analyse(machine.id, {"verifications": numbers, **question})
-        except (TooManyRequestsError, ServiceUnavailableError):
+        task = progress.add_task("analysing", total=None)
+        while True:
+            asked = _read(thermap, loop_calls.analyse_fleet(question))
+            judged = _follow(thermap, question, asked, progress, task)
+            if not asked.queue_full:
+                _say_refused(asked)
+                return judged
+            progress.update(task, description="waiting: too many analyses wait")
             time.sleep(ROOM_S)
-        except ThermapClientError as error:
-            return _Asked(replace(member, why_not=error.sentence), numbers)
+
+
+def _follow(
+    thermap: ThermapClient,
+    question: Mapping[str, Any],
+    answer: FleetAnswer,
+    progress: Progress,
+    task: TaskID,
+) -> FleetJudgement:
+    """Look at it until nothing goes on; a service that is away for a while is waited for."""
+    call = loop_calls.fleet(question["effects"], question["holdout_fraction"])
+    while answer.judgement is None:
+        if answer.wanted:
+            words, total, done = "trying on sisters", answer.wanted, answer.tried
         else:
-            return _Asked(member, numbers, job)
+            total = len(answer.machines)
+            words, done = "analysing", total - len(_going_on(answer))
+        progress.update(task, description=words, total=total, completed=done)
+        time.sleep(POLL_S)
+        with suppress(ServiceUnavailableError):
+            answer = _read(thermap, call)
+    return answer.judgement
 
 
-def _member(machine: MachineAnswer) -> Member:
-    travels = sorted((axis, t.min_mm, t.max_mm) for axis, t in machine.axes.items())
-    sensors = sorted(sensor.name for sensor in machine.sensors)
-    likeness = (machine.configuration, tuple(travels), tuple(sensors))
-    return Member(machine.id, machine.name, likeness, machine.watch)
-
-
-def _ended(thermap: ThermapClient, asked: Iterable[_Asked]) -> Iterator[_Asked]:
-    """Give each machine as its analysis has ended, in the order in which they do."""
-    going_on = []
-    for one in asked:
-        if one.job is None:
-            yield one
-        else:
-            going_on.append(one)
-    while going_on:
-        looked_at, going_on = going_on[:LOOKED_AT], going_on[LOOKED_AT:]
-        still = []
-        for one in looked_at:
-            found = _result(thermap, one)
-            if found is None:
-                still.append(one)
-            else:
-                yield found
-        going_on = still + going_on
-        if len(still) == len(looked_at):
-            time.sleep(POLL_S)
-
-
-def _result(thermap: ThermapClient, one: _Asked) -> _Asked | None:
-    """Read an analysis that has ended; None where it goes on."""
-    assert one.job is not None
-    try:
-        content = thermap.content(loop_calls.analysis(one.member.id, one.job.id))
-    except ServiceUnavailableError:
-        return None
-    except ThermapClientError as error:
-        return replace(one, member=replace(one.member, why_not=error.sentence))
-    job = analyses.AnalysisAnswer.model_validate_json(content, extra="ignore")
-    if job.status in _GOING_ON:
-        return None
-    why_not = None if job.result else f"analysis {job.id} {job.status}: {job.message}"
-    member = replace(one.member, analysis=job.id, result=job.result, why_not=why_not)
-    return replace(one, member=member)
-
-
-def _try(
-    thermap: ThermapClient, trial: Trial, verifications: list[int], together: int
-) -> TriedEffect:
-    question = {
-        "machine": trial.machine,
-        "analysis": trial.analysis,
-        "effect": trial.effect,
-        "on": trial.on,
-        "verifications": verifications,
-        "tried_together": together,
-    }
-    return _TRIED.validate_json(thermap.content(loop_calls.try_effect(question)))
+def _going_on(answer: FleetAnswer) -> list[str]:
+    """List the machines whose analysis waits or runs."""
+    jobs = [(one.machine, one.analysis) for one in answer.machines]
+    return [machine for machine, job in jobs if job is not None and job.status in GOING_ON]
 
 
 def _show(judgement: FleetJudgement) -> None:

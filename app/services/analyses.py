@@ -155,12 +155,25 @@ def request_analysis(
         _, version = choose_version(session, machine_id)
         for verification_id in verification_ids:
             find_verification(session, machine_id, verification_id)
-        _expect_room(session, machine_id, context.queue_limits)
         task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)
-        queued = insert_analysis(session, machine_id, task, context.now())
-        hand_out(session, queued.id, machine_id)
-        note_analysis(session, machine_id, queued.id, "queued", context.now())
-        return queued
+        return queue_analysis(context, session, machine_id, task)
+
+
+def queue_analysis(
+    context: Context, session: Session, machine_id: str, task: AnalysisTask
+) -> StoredAnalysis:
+    """Put what was checked at the end of the queue, in a transaction that locks the machine.
+
+    Raises
+    ------
+    MachineQueueFull, QueueFull
+        If as many analyses wait as may, of the machine or in all.
+    """
+    _expect_room(session, machine_id, context.queue_limits)
+    queued = insert_analysis(session, machine_id, task, context.now())
+    hand_out(session, queued.id, machine_id)
+    note_analysis(session, machine_id, queued.id, "queued", context.now())
+    return queued
 
 
 def try_found_effect(

@@ -6,29 +6,32 @@ the same model version and the same verifications serves, whoever asked for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.effects.registry import kind_of
-from app.errors import ThermapError, expect_each_once
+from app.errors import QueueFull, ThermapError, expect_each_once
 from app.identification.analysis.tried_effect import TriedEffect
 from app.identification.fleet import FleetJudgement, Likeness, Member, Trial, judge_fleet, trials
-from app.services.analyses import try_found_effect
-from app.services.context import Context
+from app.services.analyses import cancel_analysis, queue_analysis, try_found_effect
+from app.services.context import Context, repeated
 from app.storage.analyses import find_analysis, list_analyses
 from app.storage.analysis_results import RESULTS
-from app.storage.machines import list_machines
-from app.storage.records import AnalysisStatus, StoredAnalysis, StoredMachine
+from app.storage.machines import RowLock, find_machine, list_machines, stored_machine
+from app.storage.records import AnalysisStatus, AnalysisTask, StoredAnalysis, StoredMachine
 from app.storage.verifications import list_verifications
 from app.storage.watches import watch_statuses
 from app.thermal.machine import Machine
 
 HOLDOUT: Final = 0.3
 """Share of the visits that takes no part in the search, as where nothing is stated."""
+
+SEED: Final = 0
+"""Of all that an analysis draws, as where nothing is stated."""
 
 TRYING_S: Final = 2.0
 """So long one question tries effects on sisters; the next one goes on [s]."""
@@ -37,6 +40,25 @@ MOST_TRIED: Final = 5000
 """Answers of trials that are remembered."""
 
 GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetQuestion:
+    """What every machine's analysis is asked; `kinds` of effects None for all of them.
+
+    Raises
+    ------
+    InvalidContent
+        If there is no such kind, or one is named twice.
+    """
+
+    kinds: Sequence[str] | None = None
+    holdout_fraction: float = HOLDOUT
+
+    def __post_init__(self) -> None:
+        for kind in self.kinds or ():
+            kind_of(kind)
+        expect_each_once("effects", self.kinds or ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +90,18 @@ class FleetMember:
 class FleetView:
     """The machines, and what they say together once none of their analyses goes on.
 
-    `judgement` is None before that, without any result, and as long as fewer effects are tried on
-    sisters than wanted.
+    `judgement` is None before that, and as long as fewer effects are tried on sisters than wanted.
+    `done` lists the machines where what was asked now was done, `refused` says of the others why it
+    was not, and `queue_full` that some may be asked again as soon as fewer analyses wait.
     """
 
     members: Sequence[FleetMember]
     tried: int = 0
     wanted: int = 0
     judgement: FleetJudgement | None = None
+    done: Sequence[str] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    queue_full: bool = False
 
     @property
     def is_going_on(self) -> bool:
@@ -89,30 +115,79 @@ def likeness_of(machine: Machine) -> Likeness:
     return machine.chain.text, tuple(travels), tuple(sorted(machine.sensors))
 
 
-def show_fleet(context: Context, kinds: Sequence[str] | None = None) -> FleetView:
+def analyse_fleet(context: Context, question: FleetQuestion) -> FleetView:
+    """Ask for the analyses that are missing, and for those again that failed or were cancelled."""
+    asked = [one for one in _members(context, question) if one.is_to_be_asked]
+    return _after(context, question, asked, _ask)
+
+
+def cancel_fleet(context: Context, question: FleetQuestion) -> FleetView:
+    """Cancel those of its analyses that wait or run, whoever asked for them."""
+    going_on = [one for one in _members(context, question) if one.is_going_on]
+    # What waits first: else each that is cancelled would let another one begin.
+    going_on.sort(key=lambda one: one.job is not None and one.job.status is AnalysisStatus.RUNNING)
+    return _after(context, question, going_on, _cancel)
+
+
+def _members(context: Context, question: FleetQuestion) -> list[FleetMember]:
+    with context.database.reading() as session:
+        return [_member(session, one, question) for one in list_machines(session)]
+
+
+@repeated
+def _ask(context: Context, machine_id: str, question: FleetQuestion) -> bool:
+    """Ask for a machine's analysis, unless somebody else did meanwhile."""
+    with context.database.writing() as session:
+        stored = stored_machine(find_machine(session, machine_id, RowLock.CHANGED))
+        one = _member(session, stored, question)
+        if stored.active_version is None or not one.is_to_be_asked:
+            return False
+        task = _task(stored.active_version, one.verifications, question)
+        queue_analysis(context, session, machine_id, task)
+        return True
+
+
+def _cancel(context: Context, machine_id: str, question: FleetQuestion) -> bool:
+    """Cancel a machine's analysis, unless it ended meanwhile."""
+    with context.database.reading() as session:
+        one = _member(session, stored_machine(find_machine(session, machine_id)), question)
+    if one.job is None or not one.is_going_on:
+        return False
+    cancel_analysis(context, machine_id, one.job.id)
+    return True
+
+
+def _after(
+    context: Context,
+    question: FleetQuestion,
+    members: Sequence[FleetMember],
+    act: Callable[[Context, str, FleetQuestion], bool],
+) -> FleetView:
+    """Do it to one machine after the other, and gather what was refused of it."""
+    done: list[str] = []
+    refused: dict[str, str] = {}
+    is_full = False
+    for one in members:
+        try:
+            if act(context, one.id, question):
+                done.append(one.id)
+        except ThermapError as error:
+            refused[one.id] = error.detail
+            is_full = is_full or isinstance(error, QueueFull)
+    return replace(show_fleet(context, question), done=done, refused=refused, queue_full=is_full)
+
+
+def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
     """Gather how far the machines' analyses are, and what they say together.
 
     An effect is tried on a sister as it stands; a question tries for `TRYING_S` at most, and
     what was tried is remembered, so that the next one goes on.
-
-    Parameters
-    ----------
-    kinds
-        Of analyses that looked for these kinds of effects; None: for all.
-
-    Raises
-    ------
-    InvalidContent
-        If there is no such kind, or one is named twice.
     """
-    for kind in kinds or ():
-        kind_of(kind)
-    expect_each_once("effects", kinds or ())
     with context.database.reading() as session:
         stored = list_machines(session)
         watched = watch_statuses(session)
-        members = [_member(session, one, kinds) for one in stored]
-        if any(one.is_going_on for one in members) or not any(one.job for one in members):
+        members = [_member(session, one, question) for one in stored]
+        if any(one.is_going_on for one in members):
             return FleetView(members)
         judged = [
             _judged(session, own, one, watched.get(one.id))
@@ -143,7 +218,7 @@ def show_fleet(context: Context, kinds: Sequence[str] | None = None) -> FleetVie
     return FleetView(members, len(wanted), len(wanted), judge_fleet(judged, found))
 
 
-def _member(session: Session, one: StoredMachine, kinds: Sequence[str] | None) -> FleetMember:
+def _member(session: Session, one: StoredMachine, question: FleetQuestion) -> FleetMember:
     machine = one.machine
     if one.active_version is None:
         return FleetMember(machine.id, machine.name, (), None, "it has no model yet")
@@ -151,23 +226,27 @@ def _member(session: Session, one: StoredMachine, kinds: Sequence[str] | None) -
     if not numbers:
         why_not = "nothing was measured to judge it by"
         return FleetMember(machine.id, machine.name, (), None, why_not)
-    wanted = (one.active_version, numbers, HOLDOUT, None if kinds is None else list(kinds), 0)
-    same = [
-        job
-        for job in list_analyses(session, machine.id)
-        for task in [job.task]
-        if (
-            task.model_version,
-            list(task.verification_ids),
-            task.holdout_fraction,
-            None if task.kinds is None else list(task.kinds),
-            task.seed,
-        )
-        == wanted
-    ]
+    asked = _task(one.active_version, numbers, question)
+    same = [job for job in list_analyses(session, machine.id) if _is_same(job.task, asked)]
     serving = [job for job in same if job.status in (*GOING_ON, AnalysisStatus.DONE)]
     job = next(iter(reversed(serving)), next(iter(reversed(same)), None))
     return FleetMember(machine.id, machine.name, numbers, job)
+
+
+def _task(version: int, verifications: Sequence[int], question: FleetQuestion) -> AnalysisTask:
+    return AnalysisTask(version, verifications, question.holdout_fraction, question.kinds, SEED)
+
+
+def _is_same(one: AnalysisTask, other: AnalysisTask) -> bool:
+    """Say whether two ask the same, in whatever order."""
+    kinds = [None if task.kinds is None else set(task.kinds) for task in (one, other)]
+    verifications = [set(task.verification_ids) for task in (one, other)]
+    return (
+        (one.model_version, one.holdout_fraction, one.seed)
+        == (other.model_version, other.holdout_fraction, other.seed)
+        and kinds[0] == kinds[1]
+        and verifications[0] == verifications[1]
+    )
 
 
 def _judged(session: Session, stored: StoredMachine, one: FleetMember, watch: str | None) -> Member:

@@ -138,3 +138,16 @@ def test_a_fleet_is_analysed_and_says_what_sisters_share(chromium, shop):
         page.set_viewport_size({"width": 390, "height": 844})
         assert page.locator("html").evaluate("e => e.scrollWidth") <= 390
         assert wrong == []
+
+
+def test_a_fleets_analyses_are_cancelled_and_asked_again(chromium, shop):
+    """Of all kinds they take long enough to be cancelled; what was cancelled can be asked again."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + "/fleet")
+        page.get_by_role("button", name="Analyse 1 machine").click()
+        expect(page.locator("#cancel")).to_have_text("Cancel 1 analysis")
+        assert barriers(page) == []
+        page.locator("#cancel").click()
+        expect(page.locator("#every")).to_contain_text("cancelled")
+        expect(page.get_by_role("button", name="Analyse 1 machine")).to_be_enabled()
+        assert wrong == []

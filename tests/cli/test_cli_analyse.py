@@ -425,3 +425,17 @@ def test_a_fleet_is_judged_and_asked_again_it_serves(thermap, service_url, tmp_p
         page = client.get("/fleet", params={"effects": "backlash"}).text
         assert judged["summary"] in page
         assert "found on 2 of 3" in page
+        shown = client.get("/v1/fleet", params={"effects": "backlash"}).json()
+        assert shown["judgement"] == judged
+        nothing = thermap("analyse", "--fleet", *QUICK, "--cancel")
+        assert plain(nothing.stderr).strip() == "nothing was going on"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(["campaign", "--cancel"], "--fleet"), (["--fleet", "--cancel", "--json"], "--json")],
+)
+def test_cancelling_is_for_a_fleet_and_has_no_answer(thermap, options, said):
+    found = thermap("analyse", *options, columns=200)
+    assert found.exit_code == 2
+    assert said in plain(found.stderr)

@@ -30,6 +30,7 @@ from thermap.answers import (
     ErrorMapAnswer,
     Events,
     ExportAnswer,
+    FleetAnswer,
     GridAnswer,
     HealthAnswer,
     LevelsAnswer,
@@ -596,6 +597,20 @@ class ThermapClient:
     def plan_analysis(self, machine: str, plan: Content) -> PlanAnswer:
         """Say what the observations of a `PlanRequest` could see, before anyone measures."""
         return self.send(loop_calls.plan_analysis(machine, plan))
+
+    def fleet(
+        self, effects: Sequence[str] | None = None, holdout_fraction: float = 0.3
+    ) -> FleetAnswer:
+        """Say how far the analyses of all machines are, and what they say together."""
+        return self.send(loop_calls.fleet(effects, holdout_fraction))
+
+    def analyse_fleet(self, question: Content) -> FleetAnswer:
+        """Ask for the analyses that are missing with a `FleetRequest`."""
+        return self.send(loop_calls.analyse_fleet(question))
+
+    def cancel_fleet(self, question: Content) -> FleetAnswer:
+        """Cancel those that wait or run of the analyses that asked a `FleetRequest`."""
+        return self.send(loop_calls.cancel_fleet(question))
 
     def try_effect(self, question: Content) -> TriedEffectAnswer:
         """Hold an effect that was found on one machine, as it stands, against another one."""

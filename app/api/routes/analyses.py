@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import orjson
-from fastapi import Depends, Response
+from fastapi import Response
 from fastapi.responses import HTMLResponse
 
 from app.api.bodies import BodyRoute, body_of_at_most
@@ -15,7 +13,7 @@ from app.api.dependencies import (
     ContextDep,
     MachinePath,
     PreviewQuery,
-    get_runner,
+    RunnerDep,
 )
 from app.api.media_types import JSON
 from app.api.pages import Page
@@ -42,13 +40,10 @@ from app.services.analyses import (
     show_analyses,
     show_analysis,
 )
-from app.services.run_analyses import AnalysisRunner
 
 router = Router(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/analyses", tags=["closing the loop"]
 )
-
-RunnerDep = Annotated[AnalysisRunner, Depends(get_runner)]
 
 
 @router.post("", status_code=202, summary="Ask for an analysis")

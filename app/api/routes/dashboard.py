@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
-from app.api.dependencies import ContextDep, MachinePath, VersionPath
+from app.api.dependencies import ContextDep, FleetQuestionQuery, MachinePath, VersionPath
 from app.api.pages import Page
 from app.api.router import Router
 from app.controllers.registry import format_named
@@ -63,15 +63,13 @@ def get_machine(
 
 
 @router.get("/fleet", response_class=Page)
-def get_fleet(
-    context: ContextDep, effects: Annotated[list[str] | None, Query(max_length=100)] = None
-) -> Page:
+def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> Page:
     """Show how far the analyses of all machines are, and what they say together.
 
-    `effects` names the kinds that the analyses look for, all where none is named.
+    The address says what is asked, as of `GET /v1/fleet`.
     """
-    view = show_fleet(context, effects)
-    return Page(fleet_page(view, context.now(), effects), scripts=0, headers=_HEADERS)
+    view = show_fleet(context, question)
+    return Page(fleet_page(view, context.now(), question), scripts=0, headers=_HEADERS)
 
 
 @router.get("/favicon.ico")

@@ -3,13 +3,49 @@
 from __future__ import annotations
 
 from app.api.bodies import BodyRoute
-from app.api.dependencies import ContextDep
+from app.api.dependencies import ContextDep, FleetQuestionQuery, RunnerDep
 from app.api.router import Router
 from app.api.schemas.analyses import TriedEffectRequest
+from app.api.schemas.fleet import FleetAnswer, FleetRequest
 from app.identification.analysis.tried_effect import TriedEffect
 from app.services.analyses import try_found_effect
+from app.services.fleet import analyse_fleet, cancel_fleet, show_fleet
 
 router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the loop"])
+
+
+@router.get("", summary="Show what all machines' analyses say together")
+def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> FleetAnswer:
+    """Say of every machine how far its analysis is, and of all what they say together.
+
+    An analysis serves that asked the same of the active model and all stored verifications. What
+    helps where it was found is tried on sisters: for two seconds at most in one answer, so ask
+    again until nothing goes on.
+    """
+    return FleetAnswer.of(show_fleet(context, question))
+
+
+@router.post("/analyses", status_code=202, summary="Analyse every machine")
+def post_analyses(
+    context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
+) -> FleetAnswer:
+    """Ask for the analyses that are missing, and again for those that failed or were cancelled.
+
+    What was asked already serves, by whomever. `refused` says which machine's could not be asked.
+    """
+    view = analyse_fleet(context, (body or FleetRequest()).to_question())
+    runner.wake()
+    return FleetAnswer.of(view)
+
+
+@router.post("/analyses/cancel", summary="Cancel the analyses of every machine")
+def post_cancel(
+    context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
+) -> FleetAnswer:
+    """Cancel those that wait or run of the ones that asked this; what is done stays."""
+    view = cancel_fleet(context, (body or FleetRequest()).to_question())
+    runner.wake()
+    return FleetAnswer.of(view)
 
 
 @router.post("/tried-effects", summary="Try an effect of one machine on another")

@@ -1,5 +1,5 @@
-// The fleet: asks for the analyses that are missing, machine by machine, by the route that every
-// analysis has, and follows them. What they say together the service says.
+// The fleet: asks for the analyses that are missing, follows them, and cancels them. Which they are,
+// and what they say together, the service says.
 import { list, refused, Refusal, send } from "./ask.js";
 
 const EVERY_MS = 2000;
@@ -7,8 +7,10 @@ const main = document.querySelector("main");
 let timer = 0;
 
 function ready() {
-  const start = document.getElementById("start");
-  if (start) start.disabled = false;
+  for (const id of ["start", "cancel"]) {
+    const button = document.getElementById(id);
+    if (button) button.disabled = false;
+  }
   clearTimeout(timer);
   if (document.querySelector("#fleet[data-going-on]")) timer = setTimeout(refresh, EVERY_MS);
 }
@@ -18,10 +20,14 @@ async function refresh() {
     const answer = await fetch(location.href, { cache: "no-store" });
     if (answer.ok) {
       const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+      const focused = document.activeElement?.id;
       const said = document.getElementById("said").childNodes;
       const fresh = document.adoptNode(page.getElementById("fleet"));
       fresh.querySelector("#said").append(...said);
       document.getElementById("fleet").replaceWith(fresh);
+      ready();
+      if (focused) document.getElementById(focused)?.focus();
+      return;
     }
   } catch {
     // the connection says so by itself
@@ -29,22 +35,28 @@ async function refresh() {
   ready();
 }
 
+const ROUTES = {
+  start: ["/v1/fleet/analyses", "Not started on every machine."],
+  cancel: ["/v1/fleet/analyses/cancel", "Not cancelled on every machine."],
+};
+
 main.addEventListener("click", async (event) => {
-  if (event.target.id !== "start") return;
+  const asked = ROUTES[event.target.id];
+  if (!asked) return;
   event.target.disabled = true;
+  clearTimeout(timer);
   const said = document.getElementById("said");
   said.replaceChildren();
-  const wrong = [];
-  for (const { machine, body } of JSON.parse(document.getElementById("fleet").dataset.ask)) {
-    try {
-      await send("POST", `/v1/machines/${encodeURIComponent(machine)}/analyses`, body);
-    } catch (error) {
-      wrong.push(`${machine}: ${error.message}`);
+  const [path, words] = asked;
+  try {
+    const found = await send("POST", path, document.getElementById("fleet").dataset.asked);
+    const wrong = Object.entries(found.refused).map(([machine, why]) => `${machine}: ${why}`);
+    if (wrong.length) {
+      refused(said, words, new Refusal(found.queue_full ? "Ask again when fewer analyses wait." : "Nothing else was left out."));
+      said.firstChild.append(list(wrong));
     }
-  }
-  if (wrong.length) {
-    refused(said, "Not started on every machine.", new Refusal("The others go on; it can be asked again."));
-    said.firstChild.append(list(wrong));
+  } catch (error) {
+    refused(said, words, error);
   }
   refresh();
 });

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
@@ -11,12 +10,13 @@ from app.errors import counted
 from app.pages.environment import render_live
 from app.pages.fleet_report import ANSWERS, gain_text, parameters, rms_text, share_text
 from app.pages.report_parts.effect_names import MARKS, STATUSES, VERDICTS, explanation_name
-from app.services.fleet import HOLDOUT, FleetMember, FleetView
+from app.services.fleet import HOLDOUT, FleetMember, FleetQuestion, FleetView
 from app.storage.records import AnalysisStatus
 
 
-def fleet_page(view: FleetView, now: datetime, kinds: Sequence[str] | None = None) -> str:
+def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
     """Write the page of all machines' analyses together."""
+    going_on = [one for one in view.members if one.is_going_on]
     ended = [one for one in view.members if one.job is not None and not one.is_going_on]
     asked = [one for one in view.members if one.job is not None]
     to_ask = [one for one in view.members if one.is_to_be_asked]
@@ -30,9 +30,12 @@ def fleet_page(view: FleetView, now: datetime, kinds: Sequence[str] | None = Non
         title=_title(view, len(to_ask)),
         progress=_progress(view, len(ended), len(asked)),
         share=_share(view),
-        to_ask=json.dumps([_question(one, kinds) for one in to_ask]),
-        kinds=kinds or (),
-        start_words=f"Analyse {counted(len(to_ask), 'machine')}",
+        asked=json.dumps(_body(question)),
+        question=question,
+        is_usual=question == FleetQuestion(),
+        command=_command(question),
+        start_words=f"Analyse {counted(len(to_ask), 'machine')}" if to_ask else "",
+        cancel_words=f"Cancel {counted(len(going_on), 'analysis', 'analyses')}" if going_on else "",
         rows=[_row(one, judged.get(one.id)) for one in _ordered(view, judged)],
         several=[e for e in judged_effects(view) if len(e.found_on) > 1],
         effects=judged_effects(view),
@@ -48,10 +51,22 @@ def fleet_page(view: FleetView, now: datetime, kinds: Sequence[str] | None = Non
     )
 
 
-def _question(one: FleetMember, kinds: Sequence[str] | None) -> dict[str, Any]:
-    """Write what a machine's analysis is asked with, as the route takes it."""
-    body = {"verifications": list(one.verifications), "holdout_fraction": HOLDOUT}
-    return {"machine": one.id, "body": body | ({} if kinds is None else {"effects": list(kinds)})}
+def _body(question: FleetQuestion) -> dict[str, Any]:
+    """Write what is asked as the routes take it."""
+    kinds = None if question.kinds is None else list(question.kinds)
+    return {"effects": kinds, "holdout_fraction": question.holdout_fraction}
+
+
+def _command(question: FleetQuestion) -> str:
+    """Write what asks the same in a shell.
+
+    >>> _command(FleetQuestion(["backlash"], 0.4))
+    'thermap analyse --fleet --effects backlash --holdout 0.4'
+    """
+    words = ["thermap analyse --fleet", *(f"--effects {kind}" for kind in question.kinds or ())]
+    if question.holdout_fraction != HOLDOUT:
+        words.append(f"--holdout {question.holdout_fraction:g}")
+    return " ".join(words)
 
 
 def judged_effects(view: FleetView) -> list[Any]:
@@ -67,7 +82,8 @@ def _ordered(view: FleetView, judged: dict[str, Any]) -> list[FleetMember]:
 
 
 def _title(view: FleetView, to_ask: int) -> str:
-    if view.judgement is not None:
+    is_analysed = any(one.job is not None for one in view.members)
+    if view.judgement is not None and is_analysed:
         more = f" {counted(to_ask, 'machine')} not analysed." if to_ask else ""
         return view.judgement.summary + more
     if view.is_going_on:
