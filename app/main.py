@@ -193,7 +193,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         lambda: service.state.context,
         _name_of_process(settings) if is_postgresql(settings.database_url) else None,
     )
-    service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
+    service.state.access = AccessControl(
+        ring, is_on=settings.asks_for_keys, workers=settings.workers
+    )
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
     service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)

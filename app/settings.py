@@ -155,6 +155,7 @@ class Settings(BaseSettings):
         le=86_400,
         description="Of each sensor one value in so long is left of what is thinned [s]",
     )
+    workers: int = Field(1, ge=1, description="Processes of one host that answer side by side")
     worker: int = Field(
         0, ge=0, description="Number among the workers of one host, which `thermap serve` gives"
     )

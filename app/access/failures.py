@@ -18,9 +18,16 @@ class Failures:
     """Wrong keys, by the address that they came from.
 
     A right key is always taken: who guesses behind the same proxy locks nobody out.
+
+    Parameters
+    ----------
+    sharers
+        So many processes of one host count for themselves, and whoever asks is answered by any of
+        them: each allows its share, and one at least.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sharers: int = 1) -> None:
+        self._at_most = max(1, AT_MOST // sharers)
         self._found: OrderedDict[str, tuple[float, int]] = OrderedDict()
 
     def count(self, address: str, now_s: float) -> float:
@@ -38,4 +45,4 @@ class Failures:
         self._found.move_to_end(address)
         if len(self._found) > _ADDRESSES:
             self._found.popitem(last=False)
-        return began_s + WITHIN_S - now_s if number >= AT_MOST else 0.0
+        return began_s + WITHIN_S - now_s if number >= self._at_most else 0.0

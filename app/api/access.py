@@ -90,12 +90,14 @@ class AccessControl:
         The keys in memory.
     is_on
         Whether keys are asked for at all.
+    workers
+        Processes of this host that answer side by side.
     """
 
-    def __init__(self, ring: KeyRing, *, is_on: bool) -> None:
+    def __init__(self, ring: KeyRing, *, is_on: bool, workers: int = 1) -> None:
         self.ring = ring
         self.is_on = is_on
-        self.failures = Failures()
+        self.failures = Failures(workers)
         self._asking = asyncio.Lock()
         self._following: asyncio.Task[None] | None = None
 

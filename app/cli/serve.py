@@ -170,7 +170,7 @@ def serve(
             min=1,
             help="Processes that answer side by side; more than one needs PostgreSQL.",
         ),
-    ] = 1,
+    ] = _FIELDS["workers"].default,
     log_level: Annotated[
         Literal["debug", "info", "warning", "error", "critical"],
         typer.Option(
@@ -213,6 +213,7 @@ def serve(
         keep_readings=keep_readings,
         thin_readings_after=thin_readings_after,
         thin_readings_to_s=thin_readings_to_s,
+        workers=workers,
         log_level=log_level,
     )
     write_log_as(log_format)

@@ -8,6 +8,8 @@ from threading import Lock
 from time import monotonic
 from typing import Final
 
+from sqlalchemy.orm import Session
+
 from app.access.keys import (
     AccessKey,
     NewAccessKey,
@@ -29,11 +31,12 @@ from app.storage.access_keys import (
     note_uses,
     stored_keys,
     turn_of_admins,
+    unbind_machine,
 )
 from app.storage.database import Database
 from app.storage.events import write_event
 from app.storage.limits import QUESTION
-from app.storage.machines import list_machines
+from app.storage.machines import hold_machines, list_machines
 
 BROWSER_LASTS: Final = timedelta(days=30)
 """How long a browser need not be told the key again."""
@@ -76,7 +79,10 @@ def create_key(
         chosen = None
         if machines is not None:
             chosen = tuple(dict.fromkeys(machines))
+            kept = hold_machines(session, chosen)
             _check_machines(chosen, [stored.machine.id for stored in list_machines(session)])
+            if len(kept) < len(chosen):
+                raise Conflict("a machine that the key is to be for is being deleted")
         key = add_key(session, name, role, chosen, digest_of(secret), now())
         whole = "all machines" if chosen is None else list_names(chosen)
         text = f"key {name!r} made: {role}, for {whole}"
@@ -156,6 +162,22 @@ def revoke_key(
             )
         delete_key(session, name)
         write_event(session, None, EventKind.KEY, f"key {name!r} revoked", now(), {"key": name})
+
+
+def unbind_keys(session: Session, machine_id: str, now: datetime) -> None:
+    """Let keys that were for a machine not fit another one that gets its id.
+
+    Who deletes or makes a machine does this in the same transaction: what an older version left
+    is no key to a new machine either.
+    """
+    for name, is_gone in unbind_machine(session, machine_id).items():
+        text = (
+            f"key {name!r} revoked with its only machine, {machine_id!r}"
+            if is_gone
+            else f"key {name!r} is no longer for {machine_id!r}, which was deleted"
+        )
+        details = {"key": name, "machine": machine_id}
+        write_event(session, None, EventKind.KEY, text, now, details)
 
 
 class KeyRing:

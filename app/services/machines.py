@@ -16,6 +16,7 @@ from app.events.event import EventKind
 from app.geometry.components import COMPONENTS
 from app.live.database_watch import TroubleKind
 from app.live.registry import Arrived
+from app.services.access_keys import unbind_keys
 from app.services.change_model import MachineChange, changing_machine
 from app.services.context import Context, repeated
 from app.services.load_machine import adopted_effects, as_live, compile_version
@@ -52,6 +53,7 @@ def create_machine(context: Context, machine: Machine) -> StoredMachine:
     try:
         with context.database.writing() as session:
             stored = insert_machine(session, machine, context.now())
+            unbind_keys(session, machine.id, context.now())
             write_event(session, machine.id, EventKind.MACHINE, "machine made", context.now())
     except IntegrityError:
         raise Conflict(
@@ -245,6 +247,7 @@ def delete_machine(context: Context, machine_id: str) -> None:
         session.delete(find_machine(session, machine_id, RowLock.DELETED))
         tell(session, NewsKind.MACHINE, machine_id)
         end_all_passing(session, machine_id, context.now())
+        unbind_keys(session, machine_id, context.now())
         write_event(session, machine_id, EventKind.MACHINE, "machine deleted", context.now())
     context.live.forget(machine_id)
 

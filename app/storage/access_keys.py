@@ -86,6 +86,30 @@ def delete_key(session: Session, name: str) -> None:
     tell(session, NewsKind.KEYS)
 
 
+def unbind_machine(session: Session, machine_id: str) -> dict[str, bool]:
+    """Let no key be for a machine any more: one that was for no other is deleted.
+
+    Returns
+    -------
+    dict
+        Names of the keys that were for it, and whether each was deleted.
+    """
+    # JSON is not searched alike by both databases, and keys are few.
+    limited = select(AccessKeyRow).order_by(AccessKeyRow.id).with_for_update()
+    found: dict[str, bool] = {}
+    for row in session.scalars(limited).all():
+        if row.machines is None or machine_id not in row.machines:
+            continue
+        others = [other for other in row.machines if other != machine_id]
+        found[row.name] = not others
+        if others:
+            row.machines = others
+            tell(session, NewsKind.KEYS)
+        else:
+            delete_key(session, row.name)
+    return found
+
+
 def turn_of_admins(session: Session) -> list[str]:
     """Name the keys of admins; whoever else asks waits until this transaction has ended."""
     rows = (

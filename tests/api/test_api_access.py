@@ -130,6 +130,43 @@ async def test_a_key_for_one_machine_sees_and_changes_that_one_only(guarded):
         assert (await client.get("/v1/machines/second")).status_code == 200
 
 
+async def test_a_key_for_a_machine_is_none_for_another_that_gets_its_id(guarded):
+    admin = key(guarded, "admin")
+    async with with_key(guarded, admin) as client:
+        await client.post("/v1/machines", json=MACHINE | {"id": "second"})
+        only = key(guarded, "viewer", "second")
+        both = key(guarded, "viewer", "second", "mcfv5050")
+        everywhere = key(guarded, "viewer")
+        assert (await client.delete("/v1/machines/second")).status_code == 204
+        await client.post("/v1/machines", json=MACHINE | {"id": "second"})
+        kept = {k["name"]: k["machines"] for k in (await client.get("/v1/keys")).json()}
+        texts = [e["text"] for e in (await client.get("/v1/events?kind=key")).json()["events"]]
+    expected = {only: (401, 401), both: (403, 200), everywhere: (200, 200)}
+    for secret, codes in expected.items():
+        async with with_key(guarded, secret) as client:
+            paths = ("/v1/machines/second", ROOM)
+            assert tuple([(await client.get(path)).status_code for path in paths]) == codes
+    assert kept == {"admin-0": None, "viewer-2": ["mcfv5050"], "viewer-3": None}
+    assert "key 'viewer-1' revoked with its only machine, 'second'" in texts
+    assert "key 'viewer-2' is no longer for 'second', which was deleted" in texts
+
+
+async def test_what_an_older_version_left_is_no_key_to_a_new_machine(guarded):
+    async with with_key(guarded, key(guarded, "admin")) as client:
+        old = key(guarded, "viewer", "mcfv5050")
+        with guarded.state.context.database.writing() as session:
+            session.execute(
+                update(AccessKeyRow)
+                .where(AccessKeyRow.name == "viewer-1")
+                .values(machines=["second"])
+            )
+        await client.post("/v1/machines", json=MACHINE | {"id": "second"})
+        assert [k["name"] for k in (await client.get("/v1/keys")).json()] == ["admin-0"]
+    guarded.state.access.ring.refresh()
+    async with with_key(guarded, old) as client:
+        assert (await client.get("/v1/machines/second")).status_code == 401
+
+
 async def test_no_way_of_writing_a_path_leads_past_what_a_key_may(guarded):
     """What routes take for one of theirs must not be another path to the keys."""
     async with with_key(guarded, key(guarded, "admin")) as client:
@@ -333,6 +370,14 @@ async def test_who_guesses_has_to_wait_and_who_has_a_key_has_not(guarded):
 
 def bearer(secret):
     return {"Authorization": f"Bearer {secret}"}
+
+
+async def test_workers_of_one_host_share_what_a_guesser_may_try(new_app, furnished_url):
+    service = new_app(furnished_url, require_keys=True, refresh_s=3600, workers=4)
+    async with with_key(service) as client:
+        codes = [(await client.get(ROOM, headers=bearer("wrong"))).status_code for _ in range(4)]
+    assert codes == [401, 401, 429, 429]
+    assert [Failures(50).count("a", 0.0), Failures(1).count("a", 0.0)] == [0.0, 0.0]
 
 
 def test_failures_are_forgotten_after_a_minute_and_by_address():
