@@ -65,15 +65,20 @@ def multiply(url: str, n: int) -> None:
     database.close()
 
 
-def resident_mib(port: int) -> float:
-    """Resident memory of the process that listens on a port [MiB]."""
+def process_of(port: int) -> Path:
+    """Find the folder below /proc of the process that listens on a port."""
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
             command = (folder / "cmdline").read_bytes().split(b"\0")
             if str(port).encode() in command and b"--port" in command:
-                status = (folder / "status").read_text()
-                return int(status.split("VmRSS:")[1].split()[0]) / 1024
+                return folder
     raise RuntimeError(f"nothing listens on {port}")
+
+
+def resident_mib(port: int) -> float:
+    """Resident memory of the process that listens on a port [MiB]."""
+    status = (process_of(port) / "status").read_text()
+    return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
 
 def first_tables(client: httpx.Client, n: int) -> list[float]:
