@@ -38,8 +38,16 @@ TICK_SPACING: Final = 0.2
 NARROW_PX: Final = 560
 """Of a window's width: numbers stand over each other in narrower ones [px]."""
 
-NARROW_SCALE: Final[Json] = {"y": 1.0, "yanchor": "top", "len": 0.42, "nticks": 2}
-"""The colour scale of a narrow picture: above the label at the right."""
+NARROW_SCALE: Final[Json] = {
+    "orientation": "h",
+    **{"x": 0.5, "xanchor": "center", "y": 1.0, "yanchor": "top"},
+    **{"len": 0.9, "thickness": 12, "nticks": 6, "xpad": 0, "ypad": 0},
+    **{"title.text": "", "ticksuffix": " µm"},
+}
+"""The colour scale of a narrow picture: lying above the box, which leaves it this room."""
+
+NARROW_BOX: Final = [0.0, 0.82]
+"""Of a narrow picture's height: what is above is the colour scale's."""
 
 
 def scene(volume: WorkVolume, drawn_mm: FloatArray) -> Json:
@@ -86,8 +94,8 @@ def narrow_scene(volume: WorkVolume, wide: Json) -> Json:
     """What changes in a scene where its window is too narrow for an axis' numbers.
 
     Letters do not become smaller with the window, and would stand over each other: each axis keeps
-    one label, at its far end, with both of its ends. The colour scale stands above them, out of
-    their way.
+    one label, at its far end, with both of its ends. The colour scale lies above the box, out of
+    its way and as wide as the picture.
 
     Returns
     -------
@@ -96,6 +104,7 @@ def narrow_scene(volume: WorkVolume, wide: Json) -> Json:
     """
     changes: Json = {
         "scene.domain.x": [0.0, 1.0],
+        "scene.domain.y": NARROW_BOX,
         **{f"coloraxis.colorbar.{name}": value for name, value in NARROW_SCALE.items()},
     }
     for letter, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True):

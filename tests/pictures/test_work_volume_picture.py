@@ -276,6 +276,14 @@ def test_in_a_narrow_window_an_axis_has_one_label_with_both_ends(name):
             assert label.endswith(f"{high:g} mm".replace("-", "−"))
 
 
+def test_in_a_narrow_window_the_colour_scale_is_as_wide_as_it_and_above_the_box():
+    changes = random_picture(next(iter(VOLUMES.values()))).layout.meta["narrow"]["changes"]
+    scale = {name: changes[f"coloraxis.colorbar.{name}"] for name in ("orientation", "len", "y")}
+    assert scale == {"orientation": "h", "len": 0.9, "y": 1.0}
+    assert changes["coloraxis.colorbar.ticksuffix"] == " µm"
+    assert changes["scene.domain.y"][1] < 0.9
+
+
 @pytest.mark.parametrize("long_mm", [2500.0, 4000.0])
 def test_an_axis_without_two_round_numbers_shows_its_ends(long_mm):
     # There is room for two or three intervals; of steps of 500 mm only 1500 lies inside.

@@ -40,7 +40,12 @@ async function draw() {
   why.textContent = "The 3D picture is being loaded.";
   try {
     const [answer] = await Promise.all([
-      fetch(space.dataset.figure, { headers: { Accept: "application/json" }, cache: "no-store" }),
+      fetch(space.dataset.figure, {
+        method: "POST",
+        headers: { Accept: "application/json", "Content-Type": "application/json" },
+        body: space.dataset.asked,
+        cache: "no-store",
+      }),
       window.Plotly ? null : load(PLOTLY),
     ]);
     const figure = await answer.json();
@@ -49,7 +54,9 @@ async function draw() {
     space.setAttribute("role", "img");
     space.setAttribute("aria-label", drawn);
     // Its colours are those of paper.
-    const layout = { ...figure.layout, title: {}, annotations: [], paper_bgcolor: "#fff", autosize: true };
+    // What stands around the picture on paper stands on the page.
+    const margin = { l: 8, r: 8, t: 36, b: 64 };
+    const layout = { ...figure.layout, title: {}, annotations: [], margin, paper_bgcolor: "#fff", autosize: true };
     delete layout.width;
     delete layout.height;
     show(true);
@@ -57,7 +64,7 @@ async function draw() {
     // Letters stay as large in a narrow window: what is said there is less, and does not collide.
     const { narrow } = figure.layout.meta;
     if (space.clientWidth < narrow.below_px) await window.Plotly.relayout(space, narrow.changes);
-    why.textContent = `${drawn} As of ${new Date().toISOString().slice(11, 19)} UTC, with its own exaggeration, without tool offset; 3D draws it anew.`;
+    why.textContent = `${drawn} As of ${new Date().toISOString().slice(11, 19)} UTC; 3D draws it anew.`;
   } catch (error) {
     show(false);
     why.textContent = `The 3D picture was not drawn: ${error.message}. The flat drawing shows the same numbers.`;

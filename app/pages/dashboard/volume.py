@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Sequence
 from datetime import datetime
@@ -69,6 +70,7 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         "zero": _zero(now),
         "warnings": now.warnings,
         "times": f"{now.exaggeration:g}",
+        "asked": _asked(now),
         "columns": f"{x:.2f}fr {y:.2f}fr",
         "views": [_view(one, now, m) for one in now.slices],
         "bars": _bars(now, y, m),
@@ -95,6 +97,16 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
             ("ELSv", now.accuracy.lines.elsv_um),
         ],
     }
+
+
+def _asked(now: VolumeNow) -> str:
+    """Write what the picture in 3D is asked with: the factor and the tool of this page."""
+    asked = {
+        "exaggeration": now.exaggeration,
+        "tool_offset_mm": list(now.tool_offset_mm),
+        "missing_components": "zero",
+    }
+    return json.dumps(asked)
 
 
 def _place(one: PointError) -> str:
