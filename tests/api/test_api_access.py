@@ -431,8 +431,18 @@ async def test_a_browser_is_forgotten_on_demand_and_with_its_key(guarded):
         stale = {"Cookie": f"{COOKIE}={session}"}
         assert (await browser.get(ROOM, headers=stale)).status_code == 401
         await browser.post("/login", data={"key": secret})
+        assert "was revoked" not in (await client_page(browser, "/machines/mcfv5050"))
         revoked(guarded, "viewer-0")
         assert (await browser.get(ROOM)).status_code == 401
+        # The page that asks for a key says why it does so again.
+        for path in ("/machines/mcfv5050", "/fleet", "/"):
+            assert "was revoked" in await client_page(browser, path)
+
+
+async def client_page(browser, path):
+    answer = await browser.get(path, headers={"Accept": "text/html"}, follow_redirects=True)
+    assert answer.status_code == 200
+    return answer.text
 
 
 async def test_another_page_cannot_use_a_browser_s_session(guarded):
@@ -538,5 +548,14 @@ async def test_a_page_offers_nobody_what_is_refused_him(guarded):
         for mark in marks:
             assert mark in shown["metrologist"][path], (path, mark)
             assert mark not in shown["viewer"][path], (path, mark)
-        assert "shows, changes nothing" in shown["viewer"][path]
+        assert "reads only" in shown["viewer"][path]
         assert "Log out" in shown["viewer"][path]
+
+
+async def test_a_key_for_one_machine_is_not_led_to_the_page_of_all(guarded):
+    for machines, is_led in ((("mcfv5050",), False), ((), True)):
+        async with with_key(guarded, key(guarded, "viewer", *machines)) as client:
+            assert ('href="/fleet"' in await client_page(client, "/")) == is_led
+            answer = await client.get("/fleet", headers={"Accept": "text/html"})
+            assert answer.headers["Content-Type"].startswith("text/html")
+            assert answer.status_code == (200 if is_led else 403)

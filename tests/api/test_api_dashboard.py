@@ -29,10 +29,12 @@ class Texts(HTMLParser):
     def __init__(self, page):
         super().__init__(convert_charrefs=True)
         self.said, self.addresses, self.tags, self.ids, self._silent = [], [], [], [], False
+        self.lines = []
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
+        self.lines += [value for name, value in attrs if tag == "polyline" and name == "class"]
         self.ids += [value for name, value in attrs if name == "id"]
         self._silent = tag in ("script", "style")
         self.addresses += [value for name, value in attrs if name in ("src", "href")]
@@ -210,3 +212,32 @@ async def test_files_of_a_table_that_stands_still_say_so_before_they_are_made(cl
     page = await shown(client, f"{NOW}/export")
     assert "Not trusted: No reading since 06:00 UTC." in page.text
     assert "latest reading, 1 h 0 min old" in page.text
+
+
+async def test_what_is_larger_approached_backward_is_the_largest(client, clock):
+    """EXX is 3 µm to the other side of its forward errors where it is approached backward."""
+    for label, t_c in (("both ways 1", 22.0), ("both ways 2", 28.0)):
+        errors = [0.0, t_c - 20.0, 5 * (t_c - 20.0)]
+        table = {
+            "component": "EXX",
+            "positions_mm": [0, 100, 500],
+            "errors_um": errors,
+            "backward_errors_um": [e + 300.0 for e in errors],
+        }
+        stored = await client.post(
+            f"{ROOM}/error-maps", json=error_map(label, t_c, components=[table])
+        )
+        assert stored.status_code == 201, stored.text
+    await feed(client, reading(clock(), 25.0))
+    status = (await client.get(f"{ROOM}/status")).json()
+    largest = status["largest"]
+    assert (largest["component"], largest["value"], largest["is_backward"]) == ("EXX", -325.0, True)
+    page = await shown(client, "/machines/mcfv5050")
+    assert "−325.0 µm at X 500 backward" in page.text
+    assert "EXX backward, µm" in page.text
+    assert "thin: backward" in page.text
+    both = [line for line in page.lines if line.split()[0] == "now"]
+    assert "now backward" in both
+    preview = await shown(client, "/machines/mcfv5050/maps/preview/3")
+    assert "Thin: approached backward." in preview.text
+    assert {"before", "before backward"} <= set(preview.lines)

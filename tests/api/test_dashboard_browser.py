@@ -257,3 +257,82 @@ def test_an_instruments_file_asks_for_what_it_does_not_say(chromium, shop):
         expect(page.locator("#preview")).to_contain_text("Map ‘warm’ is stored")
         expect(page.locator(".timeline li")).to_have_count(4)
         assert all("422" in words for words in wrong)
+
+
+DROPPED = """([name, text]) => {
+  const transfer = new DataTransfer();
+  transfer.items.add(new File([text], name));
+  for (const kind of ["dragenter", "dragover", "drop"])
+    document.getElementById("drop").dispatchEvent(
+      new DragEvent(kind, { dataTransfer: transfer, bubbles: true, cancelable: true }));
+}"""
+
+
+def test_what_another_person_changes_meanwhile_is_said_before_a_dropped_map_is_stored(
+    chromium, shop
+):
+    """One looks at what a file would change while another takes a map out of use."""
+    with (
+        shop.open(),
+        opened(chromium, shop) as (one, wrong),
+        opened(chromium, shop) as (other, wrong_too),
+    ):
+        shop.feed(25.0)
+        for page in (one, other):
+            page.goto(shop.url + "/machines/mcfv5050/maps")
+            expect(page.locator("#connection")).to_have_text("Live")
+        one.evaluate(DROPPED, ["run9.csv", MAP_CSV])
+        expect(one.locator("#preview")).to_contain_text("map ‘Run #9’")
+        other.locator("#withdraw-2").click()
+        expect(other.locator("#preview h3")).to_contain_text("Withdrawing ‘Run #3’")
+        other.keyboard.press("Tab")
+        other.keyboard.press("Enter")
+        expect(other.locator("#preview")).to_be_empty()
+        expect(other.locator("#withdraw-2")).to_be_focused()
+        other.keyboard.press("Enter")
+        assert barriers(other) == []
+        other.get_by_role("button", name="Withdraw ‘Run #3’").click()
+        expect(other.locator("#preview")).to_contain_text("The map is out of use.")
+        expect(other.locator("#in-use tbody tr")).to_have_count(2)
+        expect(other.locator(".meanwhile")).to_have_count(0)
+        expect(one.locator(".meanwhile")).to_contain_text("Meanwhile v4 became active")
+        for button in one.locator("#preview [data-do^=store]").all():
+            expect(button).to_be_disabled()
+        one.get_by_role("button", name="Show what it would change").click()
+        expect(one.locator(".meanwhile")).to_have_count(0)
+        one.locator("#preview [data-do^=store]").last.click()
+        expect(one.locator("#preview")).to_contain_text("Map ‘Run #9’ is stored")
+        # The same map cannot be withdrawn by a second person: that is said in words.
+        other.evaluate("document.getElementById('withdraw-1').dataset.withdraw = '2'")
+        other.locator("#withdraw-1").click()
+        expect(other.locator("#preview")).to_contain_text("The map was not withdrawn.")
+        expect(other.locator("#preview")).to_contain_text("Nothing has changed.")
+        assert wrong == []
+        assert all("404" in words for words in wrong_too)
+
+
+def test_thirty_sensors_fit_and_the_sick_ones_stand_first(chromium, shop):
+    names = [f"zone {i:02d}" for i in range(1, 27)]
+    sensors = [*MACHINE["sensors"], *({"name": n, "max_c": 60} for n in names)]
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.send("PATCH", ROOM, {"sensors": sensors})
+        now = datetime.now(UTC)
+        warm = reading(now, 25.0)
+        warm["temperatures_c"] |= dict.fromkeys(names, 24.0) | {"zone 17": 75.0}
+        shop.send("POST", f"{ROOM}/readings", [warm])
+        page.goto(shop.url + "/machines/mcfv5050")
+        expect(page.locator("#connection")).to_have_text("Live")
+        expect(page.locator(".sensor b").first).to_have_text("zone 17")
+        idle = page.locator("#idle")
+        expect(idle.locator("summary")).to_contain_text("sensors that drive nothing, all well")
+        high = page.locator("#temperatures").bounding_box()["height"]
+        assert high < 768
+        idle.locator("summary").click()
+        # What was opened stays open when values change.
+        warm["time"] = datetime.now(UTC).isoformat()
+        warm["temperatures_c"]["zone 02"] = 24.1
+        shop.send("POST", f"{ROOM}/readings", [warm])
+        expect(idle).to_contain_text("24.10")
+        expect(idle).to_have_attribute("open", "")
+        assert barriers(page) == []
+        assert wrong == []

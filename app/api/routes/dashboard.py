@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import Query, Request
+from fastapi import Path, Query, Request
 from starlette.responses import Response
 
 from app.api.access import sees
@@ -19,15 +19,17 @@ from app.pages.dashboard.events import events_page
 from app.pages.dashboard.export import export_page
 from app.pages.dashboard.fleet import fleet_page
 from app.pages.dashboard.loop import loop_page
-from app.pages.dashboard.maps import activation_preview, maps_page
+from app.pages.dashboard.maps import activation_preview, maps_page, withdrawal_preview
 from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.volume import volume_page
 from app.services.compared_checks import show_compared_checks
 from app.services.controllers import writable_components
 from app.services.dashboard import show_machine_view, show_machine_views
+from app.services.error_maps import preview_withdrawal
 from app.services.events import show_events
 from app.services.fleet import show_fleet
 from app.services.loop import show_loop
+from app.services.machines import show_error_map
 from app.services.maps_view import show_maps_view
 from app.services.models import preview_model_activation
 from app.services.status import show_status
@@ -148,6 +150,16 @@ def get_activation_preview(context: ContextDep, machine: MachinePath, version: V
     """Show what activating a version would do, as a part of the page of maps."""
     preview = preview_model_activation(context, machine, version)
     return Page(activation_preview(preview, version), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/maps/withdrawal/{map_id}", response_class=Page)
+def get_withdrawal_preview(
+    context: ContextDep, machine: MachinePath, map_id: Annotated[int, Path(ge=1, le=2**31 - 1)]
+) -> Page:
+    """Show what taking a map out of use would do, as a part of the page of maps."""
+    stored, _ = show_error_map(context, machine, map_id)
+    preview = preview_withdrawal(context, machine, map_id)
+    return Page(withdrawal_preview(preview, stored), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/events", response_class=Page)

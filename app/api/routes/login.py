@@ -33,7 +33,9 @@ async def get_login(request: Request, next: NextQuery = "/") -> Response:
     control: AccessControl = request.app.state.access
     if not control.is_on:
         return RedirectResponse("/", status_code=303)
-    return _page(next, "")
+    was_known = COOKIE in request.cookies
+    words = "The key of this browser was revoked, or its 30 days are over." if was_known else ""
+    return _page(next, words)
 
 
 @router.post(LOGIN, response_class=Page)

@@ -12,6 +12,7 @@ const beside = document.getElementById("beside");
 const LOOK_BACK_S = 900;
 let chosen = null;
 let asked = 0;
+let opener = choose;
 
 function element(name, words, className = "") {
   const made = document.createElement(name);
@@ -72,7 +73,8 @@ async function refused(title, answer) {
   const [lines, first] = place(problem.errors ?? []);
   if (!problem.errors?.length) lines.push(problem.detail ?? `The service answered ${answer.status}.`);
   if (first) lines.push("What the file does not say is asked above.");
-  say(title, [...lines, "Nothing has changed."]);
+  const sure = answer.status < 500 ? "Nothing has changed." : "Whether something has changed shows the page when the service answers again.";
+  say(title, [...lines, sure]);
   first?.focus();
 }
 
@@ -125,6 +127,7 @@ async function look() {
 }
 
 async function take(one) {
+  opener = choose;
   chosen = { name: one.name.slice(-200), bytes: await one.arrayBuffer(), stated: null };
   drop.classList.add("small");
   beside.reset();
@@ -177,6 +180,24 @@ async function activate(version) {
   dispatchEvent(new Event("thermap-changed"));
 }
 
+async function withdraw(map) {
+  const answer = await ask("The map was not withdrawn.", `${api}/error-maps/${map}`, { method: "DELETE" });
+  if (!answer) return;
+  say("The map is out of use.", ["Older versions keep it: activating one of them is the way back."], "fine");
+  dispatchEvent(new Event("thermap-changed"));
+}
+
+// What somebody else has changed meanwhile makes what is shown another thing than what would be done.
+new MutationObserver(() => {
+  const found = document.getElementById("found");
+  const timeline = document.getElementById("timeline");
+  if (!found || !timeline || found.dataset.active === timeline.dataset.active || found.querySelector(".meanwhile")) return;
+  if ("isDone" in found.dataset) return;
+  for (const one of found.querySelectorAll("[data-do]:not([data-do=discard])")) one.disabled = true;
+  const words = `Meanwhile v${timeline.dataset.active} became active: show again what this would change.`;
+  found.querySelector(".decide").before(element("p", words, "meanwhile"));
+}).observe(document.getElementById("answer"), { childList: true, subtree: true });
+
 function discard() {
   asked += 1;
   chosen = null;
@@ -185,21 +206,28 @@ function discard() {
   drop.classList.remove("small");
   beside.hidden = true;
   preview.replaceChildren();
-  choose.focus();
+  (document.getElementById(opener.id) ?? choose).focus();
 }
 
 document.addEventListener("click", async (event) => {
   const button = event.target.closest("button");
+  if (button?.dataset.activate || button?.dataset.withdraw) opener = button;
   if (button?.dataset.activate) {
     const version = button.dataset.activate;
     await show(`v${version} was not activated.`, `/machines/${machine}/maps/preview/${version}`);
     return;
   }
+  if (button?.dataset.withdraw) {
+    await show("The map was not withdrawn.", `/machines/${machine}/maps/withdrawal/${button.dataset.withdraw}`);
+    return;
+  }
   if (!button?.dataset.do) return;
   const found = document.getElementById("found");
+  found.dataset.isDone = "";
   for (const one of found.querySelectorAll("button")) one.disabled = true;
   if (button.dataset.do === "discard") discard();
   else if (button.dataset.do === "activate") await activate(found.dataset.version);
+  else if (button.dataset.do === "withdraw") await withdraw(found.dataset.map);
   else await store(button.dataset.do === "store-all");
 });
 

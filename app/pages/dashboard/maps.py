@@ -17,7 +17,7 @@ from app.pages.dashboard.numbers import clock, number, signed
 from app.pages.environment import render_live
 from app.services.maps_view import MapsView
 from app.services.models import Preview
-from app.storage.records import ModelVersion
+from app.storage.records import ModelVersion, StoredMap
 from app.thermal.error_map import ErrorMap
 from app.units import unit_of_field
 
@@ -48,6 +48,7 @@ def maps_page(view: MapsView, now: datetime) -> str:
         view=view,
         methods=METHODS,
         title=_title(view, now),
+        maps=[_map(one, now) for one in _maps_in_use(view)],
         versions=[_version(one, view, now) for one in view.versions],
         difference=None if view.compared is None else _changes(view.compared.changes),
         why_not="" if view.compared is None else view.compared.why_not,
@@ -96,6 +97,18 @@ def activation_preview(preview: Preview, version: int) -> str:
     )
 
 
+def withdrawal_preview(preview: Preview, stored: StoredMap) -> str:
+    """Write what taking a map out of use would do, before it is done."""
+    label = stored.error_map.label
+    return _preview_page(
+        preview,
+        "withdraw",
+        f"Withdrawing ‘{label}’",
+        f"map ‘{label}’, measured {stored.error_map.measured_at:%Y-%m-%d %H:%M} UTC",
+        withdrawn={"id": stored.id, "label": label},
+    )
+
+
 def _preview_page(
     preview: Preview,
     what: str,
@@ -103,6 +116,7 @@ def _preview_page(
     about: str,
     *,
     version: int | None = None,
+    withdrawn: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
     figures: Sequence[Mapping[str, str]] = (),
 ) -> str:
@@ -112,6 +126,7 @@ def _preview_page(
         what=what,
         about=about,
         version=version,
+        withdrawn=withdrawn,
         active=preview.active_version,
         loses=loses,
         gains=preview.difference.gains,
@@ -131,6 +146,21 @@ def _title(view: MapsView, now: datetime) -> str:
     if active is None:
         return "No version yet: the first error map makes one."
     return f"v{active.version} is active, made {clock(active.created_at, now)}: {_made_of(active)}."
+
+
+def _maps_in_use(view: MapsView) -> Sequence[StoredMap]:
+    return () if view.active_version is None else view.active_version.maps
+
+
+def _map(stored: StoredMap, now: datetime) -> dict[str, Any]:
+    one = stored.error_map
+    return {
+        "id": stored.id,
+        "label": one.label,
+        "measured": clock(one.measured_at, now),
+        "components": len(one.tables),
+        "temperatures": ", ".join(f"{s} {number(t)}" for s, t in one.temperatures_c.items()),
+    }
 
 
 def _made_of(version: ModelVersion) -> str:
@@ -161,7 +191,7 @@ def _worst(preview: Preview, subject: str) -> str:
     if present.why_not:
         return f"{subject} loses nothing; by how much tables change is not known."
     if not present.changes or abs(present.changes[0].change) < SEEN:
-        return f"{subject} loses nothing and changes no value now by more than 0.0."
+        return f"{subject} loses nothing, and no value changes now by {SEEN:g} or more."
     row = _row(present.changes[0])
     return f"{subject} would change {row['code']} by {row['change']} {row['unit']} {row['place']}."
 
