@@ -15,6 +15,7 @@ from starlette.staticfiles import StaticFiles
 
 import app as package
 from app.api.access import AccessControl
+from app.api.connection_metrics import connection_metrics
 from app.api.error_responses import install_error_responses
 from app.api.gate import Gate
 from app.api.machine_metrics import machine_metrics
@@ -181,7 +182,11 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         lambda: check_readiness(service.state.context), READY_S
     )
     service.state.machine_metrics = SharedQuestion(
-        lambda: machine_metrics(shop_values(service.state.context)), METRICS_S
+        lambda: (
+            machine_metrics(shop_values(service.state.context))
+            + connection_metrics(service.state.connection_reports.now, service.state.context.now())
+        ),
+        METRICS_S,
     )
     service.state.metrics = Metrics(context.live, settings.worker)
     service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)

@@ -163,6 +163,49 @@ def _of_database(values: ShopValues) -> Iterator[Metric]:
         value=LIMIT,
     )
     yield from (beyond, waits, analyses, limit)
+    yield from _of_watches(values)
+
+
+def _of_watches(values: ShopValues) -> Iterator[Metric]:
+    """Tell what the last verifications left."""
+    evidence = _family(
+        "thermap_machine_watch_evidence",
+        "Evidence of all verifications that a machine has changed; see the limit",
+    )
+    sigmas = _family(
+        "thermap_machine_watch_largest_sigmas",
+        "Largest latest deviation of a followed number, over the standard deviation that was to be "
+        "expected of it",
+    )
+    times = _family(
+        "thermap_verification_time_seconds", "When the latest verification was measured [Unix time]"
+    )
+    said = "of the latest verification: measured minus predicted"
+    rms = {
+        Unit.UM: _family("thermap_verification_rms_meters", f"Root mean square {said} [m]"),
+        Unit.URAD: _family("thermap_verification_rms_radians", f"Root mean square {said} [rad]"),
+    }
+    largest = {
+        Unit.UM: _family(
+            "thermap_verification_largest_meters", f"Largest, with its sign, {said} [m]"
+        ),
+        Unit.URAD: _family(
+            "thermap_verification_largest_radians", f"Largest, with its sign, {said} [rad]"
+        ),
+    }
+    for machine in values.machines:
+        which, figures = [machine.machine], values.watches.get(machine.machine)
+        if figures is None:
+            continue
+        evidence.add_metric(which, figures.evidence)
+        times.add_metric(which, figures.latest.time_s)
+        if figures.most_sigmas is not None:
+            sigmas.add_metric(which, figures.most_sigmas)
+        for unit, factor in ((Unit.UM, UM_PER_M), (Unit.URAD, URAD_PER_RAD)):
+            if unit.symbol in figures.latest.rms:
+                rms[unit].add_metric(which, figures.latest.rms[unit.symbol] / factor)
+                largest[unit].add_metric(which, figures.latest.largest[unit.symbol] / factor)
+    yield from (evidence, sigmas, times, *rms.values(), *largest.values())
 
 
 _WATCHES: Final = {"within": 0.0, "beyond": 1.0}

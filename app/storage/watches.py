@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple
 
+from pydantic import TypeAdapter, ValidationError
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from app.identification.watch.figures import WatchFigures
 from app.identification.watch.watching import WatchState
 from app.storage.tables import MachineRow, WatchRow
 from app.storage.watch_shapes import WATCH_STATES
@@ -56,6 +59,23 @@ def watch_statuses(session: Session) -> dict[str, str]:
         & (WatchRow.status != NOT_JUDGED),
     )
     return {row.machine_id: row.status for row in session.execute(query)}
+
+
+def watch_figures(session: Session) -> dict[str, WatchFigures]:
+    """Read what is told of each machine's watch of its active version, where there is any."""
+    query = select(WatchRow.machine_id, WatchRow.state["figures"]).join(
+        MachineRow,
+        (MachineRow.id == WatchRow.machine_id)
+        & (MachineRow.active_version == WatchRow.model_version),
+    )
+    found = {}
+    for machine_id, stored in session.execute(query):
+        with suppress(ValidationError):  # what a later version writes otherwise is not told
+            found[machine_id] = _FIGURES.validate_python(stored)
+    return found
+
+
+_FIGURES: Final = TypeAdapter(WatchFigures)
 
 
 class Watched(NamedTuple):

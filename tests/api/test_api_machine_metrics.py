@@ -10,7 +10,11 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from app.api.connection_metrics import connection_metrics
 from app.api.machine_metrics import machine_metrics
+from app.connections.connection import Connection
+from app.connections.running import ConnectionsNow
+from app.errors import StorageUnavailable
 from app.live.database_watch import TroubleKind
 from app.services.watching_values import shop_values
 from tests.service_examples import MACHINE, ROOM, reading
@@ -97,11 +101,87 @@ async def test_the_dashboard_and_alerts_ask_for_what_there_is(client, clock):
         assert set(names) <= known, expression
 
 
+def connection(name, **more):
+    return Connection(
+        **{
+            "name": name,
+            "kind": "mqtt",
+            "machines": ("mcfv5050",),
+            "endpoint": "mqtt://broker",
+            "connected": True,
+            "last_value_at": None,
+            "known": 2,
+            "trouble": "",
+            "lost": 0,
+            "taken": 5,
+            "dropped": 1,
+            "refused": 2,
+        }
+        | more
+    )
+
+
+def connection_samples(clock, *connections, clocks=()):
+    now = ConnectionsNow(connections, 0, 0, 0, "", len(clocks), clocks)
+    return samples(connection_metrics(lambda: now, clock()).decode())
+
+
+async def test_connections_are_told_and_those_of_one_name_together(clock):
+    earlier = clock()
+    clock.advance(7)
+    found = connection_samples(
+        clock,
+        connection("shop", last_value_at=earlier),
+        connection("shop", connected=False, trouble="no answer in time"),
+        connection("mill", kind="mtconnect"),
+        clocks=("mcfv5050",),
+    )
+    shop = ("connection", "shop"), ("kind", "mqtt")
+    mill = ("connection", "mill"), ("kind", "mtconnect")
+    assert found["thermap_connection_up", *shop] == 0.0
+    assert found["thermap_connection_up", *mill] == 1.0
+    assert found["thermap_connection_trouble", *shop] == 1.0
+    assert found["thermap_connection_last_value_age_seconds", *shop] == 7.0
+    assert ("thermap_connection_last_value_age_seconds", *mill) not in found
+    assert found["thermap_connection_known_values", *shop] == 4.0
+    assert found["thermap_connection_taken_total", *shop] == 10.0
+    assert found["thermap_connection_dropped_total", *shop] == 2.0
+    assert found["thermap_connection_refused_total", *mill] == 2.0
+    assert found["thermap_machines_with_wrong_clocks",] == 1.0
+
+
+async def test_of_very_many_connections_the_first_are_told(clock):
+    found = connection_samples(clock, *(connection(f"c{k:05}") for k in range(1200)))
+    assert len([1 for name, *_ in found if name == "thermap_connection_up"]) == 1000
+
+
+async def test_metrics_go_on_where_nobody_says_how_connections_fare(clock):
+    def away():
+        raise StorageUnavailable("the database is away")
+
+    assert connection_metrics(away, clock()) == b""
+
+
+@with_promtool
+def test_alerts_go_off_when_they_should():
+    done = subprocess.run(
+        [PROMTOOL, "test", "rules", MONITORING / "alerts.test.yml"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 @with_promtool
 async def test_prometheus_reads_metrics_rules_and_settings(client, clock):
     await client.post(f"{ROOM}/readings", json=reading(clock(), 22.0))
     text = await scraped(client)
+    # Those of the service that has no connections have no samples.
+    now = ConnectionsNow((connection("shop", last_value_at=clock()),), 0, 0, 0, "")
+    shown = connection_metrics(lambda: now, clock()).decode()
     for words, told in (
+        (["metrics"], shown),
         (["metrics"], text),
         (["config", MONITORING / "prometheus.yml"], ""),
         (["rules", MONITORING / "alerts.yml"], ""),

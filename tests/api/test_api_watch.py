@@ -178,3 +178,44 @@ async def test_nothing_is_judged_before_the_scatter_is_known(room):
     assert "repeatability_um" in judgement["summary"]
     assert (await room.get(f"{ROOM}/watch")).json()["status"] == "no-verification"
     assert (await room.get(ROOM)).json()["watch"] is None
+
+
+async def test_metrics_tell_what_the_latest_verification_left(room):
+    def sample(text, name):
+        found = [line for line in text.splitlines() if line.startswith(f"{name}{{")]
+        assert len(found) <= 1
+        return float(found[0].rpartition(" ")[2]) if found else None
+
+    text = (await room.get("/metrics")).text
+    assert sample(text, "thermap_verification_rms_meters") is None
+    await judged(room, visit(0))
+    judgement = await judged(room, visit(1, shift_um=-10.0))
+    text = (await room.get("/metrics")).text
+    # Of the second alone: its scatter as `visit` draws it, and the shift.
+    left_um = np.random.default_rng(1).normal(0.0, 0.5, 9) - 10.0
+    rms_m = sample(text, "thermap_verification_rms_meters")
+    assert rms_m == pytest.approx(np.sqrt(np.mean(left_um**2)) * 1e-6)
+    assert sample(text, "thermap_verification_largest_meters") == pytest.approx(
+        left_um.min() * 1e-6
+    )
+    assert sample(text, "thermap_verification_largest_radians") is None
+    assert sample(text, "thermap_verification_time_seconds") == pytest.approx(
+        (BEGIN + timedelta(minutes=1, seconds=8)).timestamp()
+    )
+    evidence = sample(text, "thermap_machine_watch_evidence")
+    assert evidence == pytest.approx(judgement["evidence"])
+    followed = (await room.get(f"{ROOM}/watch")).json()["numbers"]
+    assert sample(text, "thermap_machine_watch_largest_sigmas") == pytest.approx(
+        max(abs(one["deviation"]) / one["expected_sd"] for one in followed)
+    )
+
+
+async def test_of_an_instrument_that_was_zeroed_no_constant_is_told(room):
+    body = visit(3, shift_um=300.0, datum="free")
+    await judged(room, body)
+    text = (await room.get("/metrics")).text
+    (line,) = [x for x in text.splitlines() if x.startswith("thermap_verification_largest_meters{")]
+    left_um = np.random.default_rng(3).normal(0.0, 0.5, 9)
+    assert abs(float(line.rpartition(" ")[2])) == pytest.approx(
+        np.abs(left_um - left_um.mean()).max() * 1e-6
+    )

@@ -25,6 +25,7 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.map_uncertainty import ChannelEntries, channel_entries
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.identification.watch.e_process import EProcess, likelihood_ratio
+from app.identification.watch.figures import WatchFigures, latest_residuals
 from app.identification.watch.setups import PAIRS, Track, believed, learn
 from app.search.rows import Datum, Rows
 
@@ -180,11 +181,24 @@ class WatchState:
         Component to what its visits have left beside level and slopes.
     beyond_since_s
         When the limits were first exceeded [s]; None while they are not.
+    figures
+        What is told of all that; None before the first verification, and of states that an earlier
+        version stored.
     """
 
     streams: Mapping[str, Stream] = field(default_factory=dict)
     noise: Mapping[str, Noise] = field(default_factory=dict)
     beyond_since_s: float | None = None
+    figures: WatchFigures | None = None
+
+    def most_sigmas(self) -> float | None:
+        """Give the largest latest deviation over what was to be expected of it."""
+        ratios = [
+            abs(one.value) / one.expected
+            for one in self.streams.values()
+            if one.value is not None and one.expected > 0.0
+        ]
+        return max(ratios, default=None)
 
     def evidence(self) -> float:
         """Average the evidence of all streams; 1 without any."""
@@ -280,6 +294,8 @@ def watch(
             judged |= taken
         if state.beyond_since_s is None and state.evidence() >= LIMIT:
             state = replace(state, beyond_since_s=float(times_s[here].min()))
+    latest = latest_residuals(sheet.residuals)
+    state = replace(state, figures=WatchFigures(state.evidence(), state.most_sigmas(), latest))
     return _judgement(state, judged, len(visits), model_version), state
 
 

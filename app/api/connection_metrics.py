@@ -1,0 +1,103 @@
+"""How connections fare, for Prometheus; from all workers and services alike."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime
+from typing import Final
+
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from app.connections.connection import Connection
+from app.connections.running import ConnectionsNow
+from app.errors import StorageUnavailable
+
+MOST_CONNECTIONS: Final = 1000
+"""Connections that are told of, the first by name: each is some eight time series."""
+
+LABELS: Final = ("connection", "kind")
+
+
+def connection_metrics(ask: Callable[[], ConnectionsNow], now: datetime) -> bytes:
+    """Write in Prometheus' text format how connections fare; nothing where nobody says."""
+    try:
+        found = ask()
+    except StorageUnavailable:
+        return b""
+    registry = CollectorRegistry()
+    registry.register(_Values(found, now))
+    return generate_latest(registry)
+
+
+class _Values(Collector):
+    """The values of one moment."""
+
+    def __init__(self, found: ConnectionsNow, now: datetime) -> None:
+        self._found = found
+        self._now = now
+        self._named: dict[tuple[str, str], list[Connection]] = defaultdict(list)
+        # Services that share a broker's topics have a connection of one name each.
+        for one in sorted(found.connections, key=lambda one: (one.name, one.kind)):
+            self._named[one.name, one.kind].append(one)
+
+    def collect(self) -> Iterator[Metric]:
+        """Hand them out."""
+        yield self._gauge(
+            "thermap_connection_up",
+            "1 while a connection has contact, 0 where it, or one of several of its name, has none",
+            lambda all_: float(all(one.connected for one in all_)),
+        )
+        yield self._gauge(
+            "thermap_connection_last_value_age_seconds",
+            "Age of the last value of a connection, of several of its name the newest [s]",
+            self._age_s,
+        )
+        yield self._gauge(
+            "thermap_connection_known_values",
+            "Sensors and states of a connection that have a value now",
+            lambda all_: float(sum(one.known for one in all_)),
+        )
+        yield self._gauge(
+            "thermap_connection_trouble",
+            "1 where something is the matter with a connection: GET /v1/connections says what",
+            lambda all_: float(any(one.trouble for one in all_)),
+        )
+        for name, said, count in (
+            ("taken", "Messages whose values were stored", lambda one: one.taken),
+            ("dropped", "Messages that were dropped, as too many waited", lambda one: one.dropped),
+            ("refused", "Messages or values that were refused", lambda one: one.refused),
+            ("lost", "Observations that were gone before they could be read", lambda one: one.lost),
+        ):
+            yield self._counter(f"thermap_connection_{name}", said, count)
+        yield GaugeMetricFamily(
+            "thermap_machines_with_wrong_clocks",
+            "Machines of whose senders one stated a time that was more than 5 s off, within the "
+            "last minute",
+            value=len(self._found.machines_with_wrong_clocks),
+        )
+
+    def _age_s(self, all_: Sequence[Connection]) -> float | None:
+        times = [one.last_value_at for one in all_ if one.last_value_at is not None]
+        return (self._now - max(times)).total_seconds() if times else None
+
+    def _gauge(
+        self, name: str, said: str, read: Callable[[Sequence[Connection]], float | None]
+    ) -> Metric:
+        family = GaugeMetricFamily(name, said, labels=LABELS)
+        for which, all_ in self._told():
+            value = read(all_)
+            if value is not None:
+                family.add_metric(which, value)
+        return family
+
+    def _counter(self, name: str, said: str, read: Callable[[Connection], int]) -> Metric:
+        family = CounterMetricFamily(name, said, labels=LABELS)
+        for which, all_ in self._told():
+            family.add_metric(which, sum(map(read, all_)))
+        return family
+
+    def _told(self) -> list[tuple[tuple[str, str], list[Connection]]]:
+        return list(self._named.items())[:MOST_CONNECTIONS]

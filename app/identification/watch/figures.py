@@ -1,0 +1,78 @@
+"""What is told of a watch without reading all that it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import BoolArray
+from app.identification.residuals.residuals import Residuals, channel_unit
+from app.search.figures import rms
+from app.search.rows import Datum
+from app.units import Unit
+
+
+@dataclass(frozen=True, slots=True)
+class LatestResiduals:
+    """What the latest verification left: measured minus predicted, of all its observations.
+
+    Parameters
+    ----------
+    time_s
+        Of its last observation [s].
+    rms, largest
+        By unit, `µm` or `µrad` (squareness, in µm/m, is an angle in µrad): root mean square, and
+        the largest with its sign [that unit].
+    """
+
+    time_s: float
+    rms: Mapping[str, float]
+    largest: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class WatchFigures:
+    """Where a watch stands.
+
+    Parameters
+    ----------
+    evidence
+        E-value of all verifications so far.
+    most_sigmas
+        Largest latest deviation of a followed number, over the standard deviation that was to be
+        expected of it; None before anything could be judged.
+    latest
+        Of the verification that came last.
+    """
+
+    evidence: float
+    most_sigmas: float | None
+    latest: LatestResiduals
+
+
+def latest_residuals(residuals: Residuals) -> LatestResiduals:
+    """Sum up the verification whose observations are the latest of some.
+
+    What an instrument that was zeroed anywhere reads is known but for a constant: there the mean
+    of the visit is taken off.
+    """
+    rows = residuals.rows
+    own = rows.verification == rows.verification[int(np.argmax(rows.times_s))]
+    values = residuals.values.copy()
+    for (visit, channel), datum in rows.datum().items():
+        here = own & (rows.visit == visit) & (rows.channel == channel)
+        if datum is not Datum.ABSOLUTE and np.any(here):
+            values[here] -= values[here].mean()
+    is_length = np.array([channel_unit(one) is Unit.UM for one in rows.channels])[rows.channel]
+    groups: dict[str, BoolArray] = {
+        Unit.UM.symbol: own & is_length,
+        Unit.URAD.symbol: own & ~is_length,
+    }
+    found = {unit: values[chosen] for unit, chosen in groups.items() if np.any(chosen)}
+    return LatestResiduals(
+        float(rows.times_s[own].max()),
+        {unit: rms(some) for unit, some in found.items()},
+        {unit: float(some[np.argmax(np.abs(some))]) for unit, some in found.items()},
+    )
