@@ -56,6 +56,7 @@ def test_an_effect_is_found_adopted_and_taken_back(chromium, shop):
         page.locator("#back").click()
         page.locator(".asked button", has_text="Go back to v3").click()
         expect(page.locator("#forward")).to_have_text("Activate v4")
+        expect(page.locator(".adopted")).to_contain_text("taken back: v3 is active")
         shop.send("GET", f"{ROOM}/models/3")
         assert wrong == []
 
@@ -150,4 +151,40 @@ def test_a_fleets_analyses_are_cancelled_and_asked_again(chromium, shop):
         page.locator("#cancel").click()
         expect(page.locator("#every")).to_contain_text("cancelled")
         expect(page.get_by_role("button", name="Analyse 1 machine")).to_be_enabled()
+        assert wrong == []
+
+
+def test_two_browsers_adopt_at_once_and_the_later_one_is_told(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        run_quick_analysis(page)
+        with opened(chromium, shop) as (other, _):
+            other.goto(shop.url + LOOP)
+            for one in (page, other):
+                one.locator("#adopt").click()
+                expect(one.locator(".asked")).to_contain_text("v3 stays as it is")
+            page.locator(".asked button", has_text="Adopt as v4").click()
+            expect(page.locator(".adopted")).to_contain_text("Adopted as v4.")
+            other.locator(".asked button", has_text="Adopt as v4").click()
+            refused = other.locator("#decision-said [role=alert]")
+            expect(refused).to_contain_text("Not done: Adopt as v4. Analysis 1 was adopted before")
+            refused.get_by_role("link", name="Show how it is now").click()
+            expect(other.locator(".adopted")).to_contain_text("Adopted as v4.")
+        assert wrong == []
+
+
+def test_paper_has_what_was_found_and_no_buttons(chromium, shop):
+    """Positions are round numbers; what is shaded stays so where paper has no ground."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        run_quick_analysis(page)
+        words = page.locator(".places").first.locator("span").all_inner_texts()
+        assert 2 <= len(words) <= 6
+        assert all(len(one) <= 6 for one in words), words
+        page.emulate_media(media="print")
+        assert page.locator("button:visible, input:visible").count() == 0
+        expect(page.locator("#answer h1")).to_be_visible()
+        expect(page.locator("#checks th[scope=row]").first).to_be_visible()
+        shaded = page.locator(".evidence .weight").first
+        assert shaded.evaluate("e => getComputedStyle(e).printColorAdjust") == "exact"
         assert wrong == []

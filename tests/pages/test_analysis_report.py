@@ -164,7 +164,7 @@ def test_one_value_is_not_drawn_as_if_it_were_perfect():
 def test_an_effect_is_told_with_its_figures():
     told = read(FOUND).told
     for words in (
-        "0. EZZ follows z-column 41 ± 2 min late",
+        "EZZ follows z-column 41 ± 2 min late",
         "✓ confirmed on held-out visits",
         "4.10 → 0.64 µm RMS",
         "show 0.98 ± 0.08 of what it predicts (1 is right, 0 is nothing); found again in 100 %",

@@ -3,9 +3,10 @@
 const PLACES = 1;
 
 export class Refusal extends Error {
-  constructor(detail, errors) {
+  constructor(detail, errors, status) {
     super(detail);
     this.errors = errors ?? [];
+    this.status = status;
   }
 }
 
@@ -27,7 +28,7 @@ export async function send(method, path, content, accept = "application/json") {
     return accept === "application/json" ? answer.json() : answer.blob();
   }
   const problem = await answer.json().catch(() => ({}));
-  throw new Refusal(problem.detail ?? `The service answered ${answer.status}.`, problem.errors);
+  throw new Refusal(problem.detail ?? `The service answered ${answer.status}.`, problem.errors, answer.status);
 }
 
 function element(tag, text, kind) {
@@ -43,11 +44,21 @@ export function list(lines) {
   return made;
 }
 
+const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1);
+
 export function refused(place, what, error) {
   const box = element("div", "", "refused");
   box.role = "alert";
-  box.append(element("b", `${what} `), element("span", error.message));
+  box.append(element("b", `${what} `), element("span", sentence(error.message)));
   if (error.errors?.length) box.append(list(error.errors.map((one) => `${one.field}: ${one.message}`)));
+  if (error.status === 409) {
+    // Somebody else was first, and this page does not show it yet.
+    const again = element("a", "Show how it is now");
+    again.href = location.href;
+    const line = element("p");
+    line.append(again);
+    box.append(line);
+  }
   place.replaceChildren(box);
 }
 

@@ -235,7 +235,7 @@ async function showResiduals(cell) {
   try {
     const found = await send("GET", `${api}/verifications/${cell.dataset.residuals}/residuals`);
     const size = found.overall;
-    cell.textContent = size ? (size.rms_um ?? size.rms).toFixed(2) : "no length";
+    cell.textContent = size ? size.rms.toFixed(2) : "no length";
   } catch (error) {
     cell.textContent = "–";
     cell.title = error.message;
@@ -264,7 +264,8 @@ on("plan", "click", async () => {
     }
     const plan = await send("POST", `${api}/analyses/plan`, { verifications: chosen("check").map(Number), planned });
     told(place, plan.summary);
-    place.append(list([...plan.suggestions.map((one) => one.sentence), ...plan.notes]));
+    const further = plan.suggestions.map((one) => one.sentence).filter((one) => !plan.summary.includes(one.slice(0, -1)));
+    place.append(list([...further, ...plan.notes]));
   } catch (error) {
     refused(place, "Not planned.", error);
   }

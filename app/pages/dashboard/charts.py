@@ -51,6 +51,29 @@ class Scale:
         return (value - self.low) / (self.high - self.low)
 
 
+def ticks_between(low: float, high: float, about: int = 5) -> tuple[float, ...]:
+    """Give two to six round numbers between two ends; the one number where there is but one.
+
+    >>> ticks_between(-0.852, 0.431), ticks_between(29.4, 29.4)
+    ((-0.5, 0.0), (29.4,))
+    """
+    if high <= low:
+        return (low,)
+    step = _round_step((high - low) / about)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return tuple(float(f"{step * i:.12g}") + 0.0 for i in range(first, last + 1))
+
+
+def round_up(value: float) -> float:
+    """Give the next number of two digits that is not below a positive one.
+
+    >>> round_up(7.497), round_up(3.14), round_up(12345.0), round_up(0.5)
+    (7.5, 3.2, 13000.0, 0.5)
+    """
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{step * math.ceil(value / step - 1e-9):.12g}")
+
+
 def positions_scale(low: float, high: float) -> tuple[float, ...]:
     """Five positions, both ends among them [mm]."""
     return tuple(float(x) for x in np.linspace(low, high, 5)) if high > low else (low,)

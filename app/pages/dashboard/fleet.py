@@ -86,6 +86,8 @@ def _title(view: FleetView, to_ask: int) -> str:
     if view.judgement is not None and is_analysed:
         more = f" {counted(to_ask, 'machine')} not analysed." if to_ask else ""
         return view.judgement.summary + more
+    if view.tried < view.wanted:
+        return "What was found is being tried on sisters."
     if view.is_going_on:
         return "The machines are being analysed."
     if to_ask:
@@ -95,8 +97,9 @@ def _title(view: FleetView, to_ask: int) -> str:
 
 def _progress(view: FleetView, ended: int, asked: int) -> str:
     if view.tried < view.wanted:
-        return f"Analysed. Effects are tried on sisters: {view.tried} of {view.wanted}."
-    return f"{ended} of {counted(asked, 'analysis', 'analyses')} ended."
+        return f"{view.tried} of {counted(view.wanted, 'trial')} done, while this page is open."
+    every = counted(asked, "analysis", "analyses")
+    return f"{ended} of {every} ended. The others go on when this page is left."
 
 
 def _share(view: FleetView) -> float:

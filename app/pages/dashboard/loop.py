@@ -18,6 +18,7 @@ from app.identification.analysis.analysis import (
     TriedAssignment,
     VisitMeans,
 )
+from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock
@@ -109,6 +110,8 @@ def _steps(view: LoopView) -> list[dict[str, Any]]:
             decided = "nothing to adopt"
     if later is not None and one is not None:
         at, decided = 3, f"adopted as v{one.adopted_version}"
+        if view.active_version == one.task.model_version:
+            decided += ", taken back"
     came = "none yet" if later is None or not later.verification_ids else ""
     return [
         {"title": title, "text": text, "is_current": place == at}
@@ -163,6 +166,7 @@ def _result(view: LoopView, result: Analysis) -> dict[str, Any]:
         "effects": [_effect(number, one, result) for number, one in enumerate(result.effects)],
         "can_adopt": not is_decided and bool(adoptable or result.is_refit_due),
         "is_adopted": is_decided,
+        "adopted_words": _adopted_words(view),
         "is_current": view.active_version == analysis.task.model_version,
         "can_go_back": is_decided
         and view.active_version not in (None, analysis.task.model_version),
@@ -176,6 +180,18 @@ def _result(view: LoopView, result: Analysis) -> dict[str, Any]:
         "seen_units": units_of(result.detectable),
         "decimals": decimals,
     }
+
+
+def _adopted_words(view: LoopView) -> str:
+    """Say which version was made of the analysis, and whether tables come from it."""
+    analysis, active = view.chosen, view.active_version
+    assert analysis is not None
+    made = f"Adopted as v{analysis.adopted_version}"
+    if active == analysis.adopted_version:
+        return f"{made}."
+    if active == analysis.task.model_version:
+        return f"{made}, and taken back: v{active} is active."
+    return f"{made}; now v{active} is active."
 
 
 def _headline(result: Analysis) -> str:
@@ -343,12 +359,12 @@ def _by_unit(components: Sequence[ComponentFigures]) -> Iterator[dict[str, Any]]
     ):
         own = sorted(together, key=lambda c: -c.shown_rms[0])
         decimals = decimals_for(median(c.noise for c in own))
-        reach = 1.05 * largest((*c.shown_rms, c.floor or 0.0) for c in own) or 1.0
+        reach = round_up(1.05 * largest((*c.shown_rms, c.floor or 0.0) for c in own) or 1.0)
         rows = [_component(c, decimals, reach) for c in own]
         kept = [row for row in rows if row["is_changed"]] or rows[:3]
         yield {
             "unit": unit,
-            "reach": f"{reach:.2g}",
+            "reach": f"{reach:.10g}",
             "rows": kept,
             "folded": [row for row in rows if row not in kept],
             "at_most": figure_text(

@@ -8,18 +8,28 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from math import ceil, floor
 from typing import Any, Final
 
 from markupsafe import Markup
 
-from app.pages.dashboard.charts import Scale
+from app.pages.dashboard.charts import Scale, ticks_between
 from app.pages.dashboard.numbers import MINUS
+from app.units import SECONDS_PER_H
 
 MOST_MARKS: Final = 150
 """Marks of one chart: more are not told apart."""
 
 INSET: Final = 3.0
 """Room on both sides for a mark that stands at an end [%]."""
+
+MOST_TIMES: Final = 4
+"""Times below a chart: more do not stand beside each other on a phone."""
+
+TIME_STEPS_S: Final = tuple(
+    hours * SECONDS_PER_H for hours in (1, 2, 3, 6, 12, 24, 48, 96, 168, 336, 720, 1440, 2160, 4320)
+)
+"""From one time below a chart to the next [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +73,7 @@ def _svg(
     marks: Marks, scale: Scale, band: float | None, low: float, high: float, name: str
 ) -> Markup:
     def x(value: float) -> str:
-        share = 0.5 if high <= low else (value - low) / (high - low)
-        return f"{INSET + (100.0 - 2.0 * INSET) * share:.2f}%"
+        return f"{_across(value, low, high):.2f}%"
 
     def y(value: float) -> str:
         return f"{100.0 * (1.0 - scale.share(value)):.2f}%"
@@ -97,14 +106,44 @@ def _marks(marks: Marks, x: Any, y: Any) -> Iterable[str]:
         yield f'<circle class="dot" cx="{x(at)}" cy="{y(after)}" r="3"/>'
 
 
-def _positions(low: float, high: float, *, over_time: bool) -> list[str]:
-    """Write both ends, and what lies between them."""
-    ends = [low + (high - low) * i / 4 for i in range(5)] if high > low else [low]
-    if not over_time:
-        return [f"{end:.3g}".replace("-", MINUS) for end in ends]
-    form = "%d %b" if high - low > 2 * 86400.0 else "%d %b %H:%M"
-    return [f"{datetime.fromtimestamp(end, UTC):{form}}" for end in ends[:: 2 if high > low else 1]]
+def _positions(low: float, high: float, *, over_time: bool) -> list[dict[str, Any]]:
+    """Write round numbers, or times, where they stand."""
+    ticks = _times(low, high) if over_time else ticks_between(low, high)
+    return [
+        {"left": round(_across(tick, low, high), 2), "words": words}
+        for tick, words in zip(
+            ticks, _dated(ticks) if over_time else map(_tick, ticks), strict=True
+        )
+    ]
+
+
+def _across(value: float, low: float, high: float) -> float:
+    """How far to the right a value stands [%]."""
+    share = 0.5 if high <= low else (value - low) / (high - low)
+    return INSET + (100.0 - 2.0 * INSET) * share
+
+
+def _times(low: float, high: float) -> tuple[float, ...]:
+    """Choose whole hours, days or weeks, UTC, between two times; the first where there is none.
+
+    >>> [t / 3600.0 for t in _times(1800.0, 86400.0)]
+    [6.0, 12.0, 18.0, 24.0]
+    """
+    step = next((s for s in TIME_STEPS_S if (high - low) / s < MOST_TIMES), None)
+    if step is None:
+        return ticks_between(low, high, about=MOST_TIMES)
+    found = tuple(i * step for i in range(ceil(low / step), floor(high / step) + 1))
+    return found or (low,)
+
+
+def _dated(times_s: Sequence[float]) -> list[str]:
+    """Write times: as days where all are midnights."""
+    moments = [datetime.fromtimestamp(t, UTC) for t in times_s]
+    is_days = all((m.hour, m.minute) == (0, 0) for m in moments)
+    years = {m.year for m in moments}
+    form = "%-d %b" if is_days else "%-d %b %H:%M"
+    return [f"{m:{form if len(years) == 1 or not is_days else '%b %Y'}}" for m in moments]
 
 
 def _tick(value: float) -> str:
-    return f"{value:g}".replace("-", MINUS)
+    return f"{value:.10g}".replace("-", MINUS)

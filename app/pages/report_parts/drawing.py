@@ -94,7 +94,7 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
             **axis,
             "title": {"text": escaped(x_title), "standoff": 6},
             "type": "date" if over_time else "linear",
-            "nticks": 5,
+            "nticks": 4,
             "tickangle": 0,
             **({"tickformatstops": TIMES} if over_time else {}),
         },
@@ -110,9 +110,9 @@ def layout_of(x_title: str, y_title: str, extent: float, *, over_time: bool = Fa
 
 
 def markers(x: Sequence[Any], y: Sequence[float], *, after: bool) -> Json:
-    """Draw residuals: rings before, filled after."""
-    ring = {"color": BEFORE, "symbol": "circle-open", "size": 7, "line": {"width": 1.4}}
-    filled = {"color": AFTER, "symbol": "circle", "size": 5, "opacity": 0.85}
+    """Draw residuals: rings before, filled after; a filled one leaves its ring to be seen."""
+    ring = {"color": BEFORE, "symbol": "circle-open", "size": 9, "line": {"width": 1.4}}
+    filled = {"color": AFTER, "symbol": "circle", "size": 5}
     return {
         "type": "scatter",
         "mode": "markers",
@@ -135,7 +135,7 @@ def pointing(trace: Json, directions: Sequence[float], *, after: bool) -> Json:
         return trace
     ending = "" if after else "-open"
     symbols = [f"{APPROACHES.get(direction, 'circle')}{ending}" for direction in directions]
-    return {**trace, "marker": {**trace["marker"], "symbol": symbols, "size": 7}}
+    return {**trace, "marker": {**trace["marker"], "symbol": symbols, "size": 6 if after else 10}}
 
 
 def dates(times_s: Sequence[float]) -> list[str]:
