@@ -102,7 +102,7 @@ def _steps(view: LoopView) -> list[dict[str, Any]]:
     one, later = view.chosen, view.later
     values = sum(v.observations for v in view.verifications)
     checks = f"{counted(len(view.verifications), 'check')}, {counted(values, 'value')}"
-    decided = "none yet"
+    decided = "nothing yet"
     at = 1 if view.verifications else 0
     if one is not None and one.status is AnalysisStatus.DONE:
         at, decided = 2, "to be decided"
