@@ -1951,7 +1951,8 @@ class ValidAnswer(Shape):
 
     use_until: AwareDatetime | None
     """Until when an effect that grows with time may be used, UTC: from then on what it may have
-    grown by since `to` is more than one observation scatters; null for others
+    grown by since `to`, or be wrong by where it is continued beyond that, is more than one
+    observation scatters; null for others
     """
 
 

@@ -50,7 +50,11 @@ class Valid:
         Components to the positions of their axis then [mm].
     use_until_s
         Where it grows with time: until when what it may have grown by since `to_s` is below one
-        standard deviation of an observation [s]; None where it does not grow.
+        standard deviation of an observation [s]; None where it does not grow. Where it goes on,
+        what it may then be wrong by.
+    continued_until_s
+        Where it grows with time and goes on as it was found: until when [s]; None: it is held at
+        its value of `to_s`.
     """
 
     from_s: float
@@ -59,6 +63,12 @@ class Valid:
     state: Mapping[str, Range] = field(default_factory=dict)
     positions_mm: Mapping[str, Range] = field(default_factory=dict)
     use_until_s: float | None = None
+    continued_until_s: float | None = None
+
+    @property
+    def grows_until_s(self) -> float:
+        """Until when an effect that grows with time grows [s]: from then on it is held."""
+        return self.to_s if self.continued_until_s is None else self.continued_until_s
 
     def held(self, conditions: Conditions) -> Conditions:
         """Move temperatures and states that lie outside to the edge."""
@@ -71,7 +81,8 @@ class Valid:
     def for_driver(self, driver: Driver, conditions: Conditions, held: Conditions) -> Conditions:
         """Choose what a driver is to be evaluated at."""
         if driver.grows_with_time:
-            return replace(conditions, times_s=np.clip(conditions.times_s, self.from_s, self.to_s))
+            times_s = np.clip(conditions.times_s, self.from_s, self.grows_until_s)
+            return replace(conditions, times_s=times_s)
         return held if driver.is_held_by_signal else conditions
 
     def held_places(self, code: str, places: Places) -> Places:
@@ -109,6 +120,9 @@ class Valid:
             "state": {name: list(learnt) for name, learnt in self.state.items()},
             "positions_mm": {code: list(learnt) for code, learnt in self.positions_mm.items()},
             "use_until": None if self.use_until_s is None else _iso(self.use_until_s),
+            "continued_until": None
+            if self.continued_until_s is None
+            else _iso(self.continued_until_s),
         }
 
 
@@ -142,12 +156,15 @@ class LearntIn(Answer, published_as="ValidAnswer"):
 
     use_until: datetime | None
     """Until when an effect that grows with time may be used, UTC: from then on what it may have
-    grown by since `to` is more than one observation scatters; null for others"""
+    grown by since `to`, or be wrong by where it is continued beyond that, is more than one
+    observation scatters; null for others"""
 
 
 def valid_from_json(stored: Mapping[str, Any]) -> Valid:
     """Read what `Valid.to_json` wrote; KeyError or ValueError where it did not."""
     until = stored["use_until"]
+    # Older versions continued nothing.
+    continued = stored.get("continued_until")
     return Valid(
         _seconds(stored["from"]),
         _seconds(stored["to"]),
@@ -155,6 +172,7 @@ def valid_from_json(stored: Mapping[str, Any]) -> Valid:
         _ranges(stored["state"]),
         _ranges(stored["positions_mm"]),
         None if until is None else _seconds(until),
+        None if continued is None else _seconds(continued),
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from app.compensation.table import compensation_table
 from app.effects.adopted.in_table import add_effects
-from app.effects.adopted.learnt_ranges import use_until_s, with_ranges
+from app.effects.adopted.learnt_ranges import AGAIN, growths, limited_in_time, with_ranges
 from app.effects.adopted.live_effects import contributions, corrected_tables
 from app.effects.adopted.live_lags import LiveLags
 from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
@@ -30,7 +30,7 @@ from app.effects.low_pass import Hold, LagState
 from app.effects.projection import sum_of_terms
 from app.effects.shape import Everywhere, Exchange, Rising, Sensitivity, Wave
 from app.effects.term import Term
-from app.effects.valid import DRIVER_MARGIN, POSITION_MARGIN, Valid
+from app.effects.valid import DRIVER_MARGIN, POSITION_MARGIN, Valid, valid_from_json
 from app.errors import OutsideMaps
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange
@@ -433,10 +433,61 @@ def test_growth_is_left_out_until_it_may_reach_the_scatter():
     terms = [[Term("EXX", SinceReference(START_S), Everywhere())]]
     ends = valid(to_s=START_S + MONTH_S, positions_mm={"EXX": (0.0, 500.0)})
     arguments = (np.array([-0.1]), np.array([[0.02**2]]), own.projection)
-    found = use_until_s(ends, terms, *arguments, {exx: 0.7})
-    assert (found - ends.to_s) / SECONDS_PER_DAY == pytest.approx(5.0)
+    limited = limited_in_time(ends, growths(ends, terms, *arguments, {exx: 0.7}))
+    assert (limited.use_until_s - ends.to_s) / SECONDS_PER_DAY == pytest.approx(5.0)
+    assert limited.continued_until_s is None
     step = [[Term("EXX", StepAfter(START_S), Everywhere())]]
-    assert use_until_s(ends, step, *arguments, {exx: 0.7}) is None
+    assert limited_in_time(ends, growths(ends, step, *arguments, {exx: 0.7})) == ends
+
+
+@pytest.mark.parametrize(
+    ("scatter", "continued", "until"),
+    [
+        # Two standard errors are 0.04 µm/day: 0.8 µm in two thirds of the thirty days; 0.1 µm are
+        # left for what grows by 0.14 µm/day.
+        (0.9, 20.0, 20.0 + 0.1 / 0.14),
+        # 0.4 µm are reached in ten days.
+        (0.4, 10.0, 10.0),
+    ],
+)
+def test_a_growth_that_was_foretold_goes_on_while_its_error_is_small(scatter, continued, until):
+    own = example()
+    exx = own.rows.channels.index("EXX")
+    terms = [[Term("EXX", SinceReference(START_S), Everywhere())]]
+    ends = valid(to_s=START_S + 30 * SECONDS_PER_DAY, positions_mm={"EXX": (0.0, 500.0)})
+    found = growths(
+        ends, terms, np.array([-0.1]), np.array([[0.02**2]]), own.projection, {exx: scatter}
+    )
+    limited = limited_in_time(ends, found, goes_on=True)
+    assert pytest.approx(2.0 / 3.0) == AGAIN
+    for until_s, days in ((limited.continued_until_s, continued), (limited.use_until_s, until)):
+        assert (until_s - ends.to_s) / SECONDS_PER_DAY == pytest.approx(days)
+    stored = valid_from_json(limited.to_json())
+    assert stored.continued_until_s == pytest.approx(limited.continued_until_s, abs=1e-3)
+    older = {k: v for k, v in limited.to_json().items() if k != "continued_until"}
+    assert valid_from_json(older).grows_until_s == ends.to_s
+
+
+def test_a_drift_that_goes_on_does_so_for_its_time_and_no_longer():
+    """0.1 µm/day for thirty days and ten more."""
+    plain = drift(days=12.0)
+    on_s = START_S + MONTH_S + 10 * SECONDS_PER_DAY
+    one = replace(plain, valid=replace(plain.valid, continued_until_s=on_s))
+    values = []
+    for days in (5.0, 10.0, 12.0, 300.0):
+        table = table_of([one], time_s=START_S + MONTH_S + days * SECONDS_PER_DAY)
+        values.append(row_of(table, "EYX").errors[0])
+        assert table.complete is (days <= 12.0)
+    np.testing.assert_allclose(values, [3.5, 4.0, 4.0, 4.0], atol=1e-12)
+    assert table.warnings == [
+        "drift of EYX is held at its value of 2026-04-10 00:00 UTC, until when it goes on; it was "
+        "last observed at 2026-03-31 00:00 UTC, it may be used until 2026-04-12 00:00 UTC, and "
+        "this is for 2027-01-25 00:00 UTC: measure EYX again, and analyse anew"
+    ]
+    assert (
+        "goes on as it was found until 2026-04-10 00:00 UTC, is held from then on, and may be"
+        in (table.effects[0].measure_again)
+    )
 
 
 def test_the_growth_that_counts_is_the_largest_along_the_axis():
@@ -447,10 +498,11 @@ def test_the_growth_that_counts_is_the_largest_along_the_axis():
     terms = [[Term("EXX", driver, Everywhere())], [Term("EXX", driver, line)]]
     margin = POSITION_MARGIN / (1.0 + 2.0 * POSITION_MARGIN) * 500.0
     ends = valid(positions_mm={"EXX": (margin, 500.0 - margin)})
-    found = use_until_s(
+    found = growths(
         ends, terms, np.array([0.1, 0.05]), np.zeros((2, 2)), own.projection, {exx: 0.3}
     )
-    assert (found - ends.to_s) / SECONDS_PER_DAY == pytest.approx(2.0)
+    until_s = limited_in_time(ends, found).use_until_s
+    assert (until_s - ends.to_s) / SECONDS_PER_DAY == pytest.approx(2.0)
 
 
 def test_beyond_maps_keeps_its_range_when_the_maps_change():

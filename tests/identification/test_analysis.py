@@ -103,7 +103,7 @@ def test_what_is_adopted_explains_the_residuals(with_lag):
 
 @pytest.mark.slow
 def test_a_drift_says_where_it_was_learnt_and_until_when_it_may_be_used():
-    """Growth that is left out after the last visit reaches one standard deviation then."""
+    """It goes on for two thirds as long again; what it may then be wrong by reaches a deviation."""
     _, campaign = campaign_with("drift")
     found = answer_of(campaign, kinds=["drift"])
     (effect,) = found["effects"]
@@ -114,13 +114,16 @@ def test_a_drift_says_where_it_was_learnt_and_until_when_it_may_be_used():
     rows = residuals_of(campaign).rows
     assert rows.times_s.min() <= first < last <= rows.times_s.max()
     assert last - first > 0.8 * np.ptp(rows.times_s)
-    days = (until - last) / 86400.0
+    goes_on = effect_from_json(effect["effect"]).valid.grows_until_s
+    assert goes_on - last == pytest.approx(2.0 / 3.0 * (last - first))
+    days, continued = (until - goes_on) / 86400.0, (goes_on - last) / 86400.0
     own = [c for c in found["components"] if c["component"] == code]
     slopes = [abs(v) for v in effect["parameters"].values()]
     errors = list(effect["standard_errors"].values())
     if own:  # no faster than all of it at once, no slower than its larger part for sure
         scatter = own[0]["noise"]
-        assert 0.5 * scatter / (sum(slopes) + 2 * sum(errors)) < days
+        left = scatter - 2 * sum(errors) * continued
+        assert 0.5 * left / (sum(slopes) + 2 * sum(errors)) < days
         assert days < 2.0 * scatter / max(slopes)
     else:
         assert days > 0.0

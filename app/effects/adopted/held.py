@@ -157,7 +157,7 @@ def conditions_beyond(
     if any(term.driver.grows_with_time for term in effect.terms):
         until_s = valid.to_s if valid.use_until_s is None else valid.use_until_s
         # Backwards it leaves out as much as forwards.
-        edges = (valid.from_s - (until_s - valid.to_s), until_s)
+        edges = (valid.from_s - (until_s - valid.grows_until_s), until_s)
         learnt = (valid.from_s, valid.to_s)
         for found in _outside("time", "", learnt, edges, conditions.times_s):
             yield found._replace(is_time=True)
@@ -242,6 +242,13 @@ def use_until(effect: Effect) -> str:
     if valid is None or valid.use_until_s is None:
         return ""
     codes = list_names(effect.components)
+    if valid.continued_until_s is not None:
+        return (
+            f"The {effect.kind} of {codes}, last observed at {date_text(valid.to_s)}, goes on as "
+            f"it was found until {date_text(valid.continued_until_s)}, is held from then on, and "
+            f"may be used until {date_text(valid.use_until_s)}: what it may be wrong by is more "
+            f"than one observation scatters then. Measure {codes} again before"
+        )
     return (
         f"The {effect.kind} of {codes} is not continued beyond its last observation at "
         f"{date_text(valid.to_s)}, and may be used until {date_text(valid.use_until_s)}: from then "
@@ -253,12 +260,16 @@ def use_until(effect: Effect) -> str:
 def _of_time(effect: Effect, codes: str, beyond: OutsideRange) -> str:
     from_s, to_s = beyond.learnt
     until_s = effect.valid.use_until_s if effect.valid else None
+    held_s = effect.valid.grows_until_s if effect.valid else to_s
     outside_s = beyond.values[beyond.is_beyond]
     if outside_s.max() > to_s:
         may = "" if until_s is None else f", it may be used until {date_text(until_s)}"
+        when = "when it was last observed"
+        if held_s > to_s:
+            when = f"until when it goes on; it was last observed at {date_text(to_s)}"
         return (
-            f"{effect.kind} of {codes} is held at its value of {date_text(to_s)}, when it was last "
-            f"observed{may}, and this is for {date_text(float(outside_s.max()))}: measure {codes} "
+            f"{effect.kind} of {codes} is held at its value of {date_text(held_s)}, {when}"
+            f"{may}, and this is for {date_text(float(outside_s.max()))}: measure {codes} "
             "again, and analyse anew"
         )
     return (

@@ -13,14 +13,12 @@ from scipy.stats import norm, t
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.effect import Effect
-from app.effects.kinds.ageing_sensor import AgeingSensor
-from app.effects.kinds.drift import Drift
 from app.effects.kinds.step import Step
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
-from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.finished_search import GROWING, FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import rms
 from app.search.findings import FLEXIBLE, FoundTerm
@@ -54,9 +52,6 @@ CHANGES: Final = 0.1
 
 SPARE_PLACES: Final = 2
 """So many more places than unknowns."""
-
-GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
-"""What grows with time."""
 
 EITHER: Final = frozenset({*GROWING, Step.kind})
 """What a machine and an instrument can do alike."""

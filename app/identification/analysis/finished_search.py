@@ -5,18 +5,27 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
-from app.effects.adopted.learnt_ranges import use_until_s, with_ranges
+from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis, key_of
+from app.effects.kinds.ageing_sensor import AgeingSensor
+from app.effects.kinds.drift import Drift
+from app.effects.kinds.step import Step
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.before_after import UnknownZero, unknown_zeros
 from app.identification.residuals.residuals import Residuals
-from app.search.findings import Findings, FoundTerm
+from app.search.findings import Findings, FoundTerm, Status
 from app.search.rows import Nuisance, Rows
+from app.search.scatter import FEWEST_BLOCKS
+from app.search.validation import holds
+
+GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
+"""What grows with time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +90,7 @@ class FinishedSearch:
         )
         if effect.valid is None:
             return effect
-        until_s = use_until_s(
+        found = growths(
             effect.valid,
             hypothesis.unit_terms(term.theta),
             term.amplitudes,
@@ -89,7 +98,29 @@ class FinishedSearch:
             self.residuals.projection,
             {channel: noise.fitted for channel, noise in self.findings.noise.items()},
         )
-        return replace(effect, valid=replace(effect.valid, use_until_s=until_s))
+        valid = limited_in_time(effect.valid, found, goes_on=self.goes_on(term))
+        return replace(effect, valid=valid)
+
+    def goes_on(self, term: FoundTerm) -> bool:
+        """Whether the last of enough set-ups have shown what a growth was foretold to be.
+
+        What one set-up shows may be the instrument's. What settles, or has ended, differs in its
+        course from an even growth, ties with a step, or has one found beside it.
+        """
+        own = self.use & np.isin(self.rows.channel, term.channels)
+        others = (
+            other.family
+            for other in self.findings.terms
+            if other.place != term.place and set(other.channels) & set(term.channels)
+        )
+        tied = (rival.family for rival in term.rivals if rival.tied)
+        return (
+            np.unique(self.rows.visit[own]).size >= FEWEST_BLOCKS
+            and term.status is Status.CONFIRMED
+            and term.forward_slope is not None
+            and holds(term.forward_slope, term.likelihood_ratio)
+            and Step.kind not in {*tied, *others}
+        )
 
     def explained(self, effect: Effect) -> FloatArray:
         """Say what an effect adds to each row, shape (n,) [the channels' units].
