@@ -7,12 +7,13 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 
-from app.answer import answers
+from app.answer import Answer, answers
 from app.api.pages import Page
 from app.api.schemas.base import Schema
 from app.api.schemas.error_field import AnswerHead
+from app.events.news import AnalysisNews, MissedEntries, WatchChange
 
 DESCRIPTION = """
 Stores error maps measured in several thermal states, with the temperatures of their
@@ -59,6 +60,9 @@ PROBLEMS = {
     "507": "The database's disk is full: nothing was stored, what is stored can be read",
     "503": "The database is away, or too much waits; try again later",
 }
+_TOLD: tuple[type[Answer], ...] = (WatchChange, AnalysisNews, MissedEntries)
+"""Shapes that streams alone send."""
+
 _NOT_OURS = ("HTTPValidationError", "ValidationError")
 
 
@@ -95,6 +99,11 @@ def document_problems(service: FastAPI) -> None:
                 written = model.model_json_schema(ref_template=reference)
                 schemas.update(written.pop("$defs", {}))
                 schemas[model.__name__] = written
+            for shape in _TOLD:
+                adapter: TypeAdapter[Any] = TypeAdapter(shape)
+                schemas[shape.published_as] = adapter.json_schema(
+                    mode="serialization", ref_template=reference
+                )
             content = {
                 "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
             }

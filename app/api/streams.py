@@ -1,20 +1,22 @@
-"""What changes, told as it changes: tables and verdicts as server-sent events.
+"""What changes, told as it changes: tables, verdicts and news as server-sent events.
 
 One task looks at every machine that somebody follows, five times a second, and writes a table
 once, however many follow it. Each follower compares that with what it was told last, so that a
-slow one skips what lies between and nothing piles up.
+slow one skips what lies between and nothing piles up. The same task reads the event log, for all
+who are told of it (`app.api.streamed_log`).
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import time
 from collections import OrderedDict
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Sequence
-from contextlib import aclosing, contextmanager
-from dataclasses import dataclass, field
-from typing import Any, Final
+from contextlib import aclosing, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import orjson
@@ -22,6 +24,7 @@ from fastapi.sse import format_sse_event
 from pydantic import TypeAdapter
 from starlette.concurrency import run_in_threadpool
 
+from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, Sees, StreamedLog
 from app.api.table_json import OPTIONS, current_table_json
 from app.arrays import FloatArray
 from app.connections.connection import TableEvent
@@ -52,6 +55,12 @@ STEP_S: Final = 1.0
 REMEMBERED: Final = 64
 """Tables of each machine that are remembered, for followers that come back."""
 
+TABLES: Final[frozenset[str]] = frozenset(("table", "status"))
+"""What is told to those who do not say what they want; with `table` comes `state`."""
+
+MARKS: Final = 1_000_000
+"""Numbers of tables end in digits that are one service's own: to another they say nothing."""
+
 _ROUNDING: Final = 1e-9
 """Of a limit on a change: differences of rounded numbers."""
 
@@ -65,7 +74,7 @@ class Table:
     Parameters
     ----------
     number
-        The event's id: later tables have larger ones.
+        Later tables of this service have larger ones.
     content
         The JSON of `GET …/compensation`.
     layout
@@ -134,16 +143,31 @@ class Wanted:
         No value changes by more than this from one table to the next [the value's unit]; None
         for no limit.
     last_number
-        Id of the last event that the follower has had.
+        Number of the last table that the follower has had.
     heartbeat_s
         After so long without an event a `heartbeat` comes [s]; None: a comment after 15 s, which
         programs in a browser do not see.
+    kinds
+        Of `TABLES` and `app.api.streamed_log.NEWS`.
+    last_entry
+        Number of the last entry of the log that the follower has had.
     """
 
     min_change: float = 0.1
     max_step: float | None = None
     last_number: int | None = None
     heartbeat_s: float | None = None
+    kinds: frozenset[str] = TABLES
+    last_entry: int | None = None
+
+
+class Told(NamedTuple):
+    """An event: whose it is, its id, its name and its JSON; without a name the id alone."""
+
+    machine: str
+    id: str
+    name: str = ""
+    content: bytes = b""
 
 
 class TableStreams:
@@ -156,8 +180,11 @@ class TableStreams:
         self._all = 0
         self._looking: asyncio.Task[None] | None = None
         self._stored = Stored()
+        self._asked_s = 0.0
         self._news = asyncio.Event()
-        self._number = time.time_ns() // 1_000_000
+        self._number = int(time.time()) * MARKS + secrets.randbelow(MARKS)
+        self._log = StreamedLog(context)
+        self._log_mark: object = None
         self._ends = False
 
     def end(self) -> None:
@@ -176,14 +203,15 @@ class TableStreams:
         Yields
         ------
         bytes
-            Events: `status`, `table`, `state`; comments as heartbeats.
+            Events: `status`, `table`, `state`, `event`, `watch`, `analysis`, `missed`; comments as
+            heartbeats.
         """
         heartbeat = format_sse_event(comment="heartbeat")
         if wanted.heartbeat_s is not None:
             heartbeat = format_sse_event(event="heartbeat", data_str="{}")
         async with aclosing(self._told(machine_id, wanted, sees)) as told:
             async for one in told:
-                yield heartbeat if one is None else _event(*one[1:])
+                yield heartbeat if one is None else _event(one)
 
     async def all_tables(
         self, min_change: float, max_step: float | None
@@ -193,17 +221,23 @@ class TableStreams:
         async with aclosing(self._told(None, wanted, lambda _machine_id: True)) as told:
             async for one in told:
                 if one is not None:
-                    machine_id, name, _, content = one
-                    yield TableEvent(machine_id, name, content)
+                    yield TableEvent(one.machine, one.name, one.content)
 
     async def _told(
-        self, machine_id: str | None, wanted: Wanted, sees: Callable[[str], bool]
-    ) -> AsyncGenerator[tuple[str, str, int, bytes] | None, None]:
-        """Give machine, name, number and content of each event; None for a heartbeat."""
+        self, machine_id: str | None, wanted: Wanted, sees: Sees
+    ) -> AsyncGenerator[Told | None, None]:
+        """Give each event; None for a heartbeat."""
         if self._looking is None or self._looking.done():
             await self._ask()
-        with self._following(machine_id):
+        log_wanted = bool(wanted.kinds & NEWS)
+        with self._following(machine_id), self._log.following() if log_wanted else nullcontext():
             self._look_at(self._machines(machine_id))
+            entries = LogFollower(self._log, wanted.kinds, sees, machine_id, wanted.last_entry)
+            at = Place(wanted.last_number or 0, entries if log_wanted else None)
+            if log_wanted:
+                await entries.begin()
+                yield Told("", at.id)  # who breaks off before the first event has missed none
+            wanted = replace(wanted, last_number=self._own(wanted.last_number))
             heartbeat_s = wanted.heartbeat_s or HEARTBEAT_S
             followers: dict[str, Follower] = {}
             told_s = time.monotonic()
@@ -211,15 +245,22 @@ class TableStreams:
                 news = self._news
                 now_s = time.monotonic()
                 feeds = [f for f in self._followed_feeds(machine_id) if sees(f.machine_id)]
-                if machine_id is not None and not feeds:
-                    return  # it was deleted
                 for feed in feeds:
                     follower = followers.setdefault(feed.machine_id, Follower(wanted, feed))
-                    for event in follower.due(feed, now_s, self._next_number):
+                    for name, at.table, content in follower.due(feed, now_s, self._next_number):
                         told_s = now_s
-                        yield feed.machine_id, *event
-                if self._ends:
+                        yield Told(feed.machine_id, at.id, name, content)
+                is_gone = machine_id is not None and not feeds
+                if is_gone and log_wanted:
+                    await self._log.ask(now_s)  # it was deleted, and the log says so
+                left = AT_ONCE
+                while (is_gone or left) and (one := await entries.next()) is not None:
+                    left, told_s = left - 1, now_s
+                    yield Told(one.machine, at.id, one.name, one.content)
+                if self._ends or is_gone:
                     return
+                if log_wanted and not left:
+                    continue
                 if now_s - told_s >= heartbeat_s:
                     told_s = now_s
                     yield None
@@ -250,22 +291,29 @@ class TableStreams:
                     del self._followed[machine_id]
 
     async def _look(self) -> None:
-        """Look at every machine that is followed, as long as one is."""
-        asked_s = time.monotonic()
+        """Look at every machine that is followed, and at the log, as long as one is."""
         while (self._followed or self._all) and not self._ends:
             await asyncio.sleep(LOOK_EVERY_S)
             try:
-                if time.monotonic() - asked_s >= ASK_EVERY_S:
+                now_s = time.monotonic()
+                is_new = await self._read_log(now_s)
+                is_changed = self._context().database.log_mark is not self._log_mark
+                if is_changed or now_s - self._asked_s >= ASK_EVERY_S:
                     await self._ask()
-                    asked_s = time.monotonic()
-                if self._look_at(self._machines(None)):
+                if self._look_at(self._machines(None)) or is_new:
                     self._tell_all()
             except Exception:
                 log.exception("could not look at the machines that are followed")
 
     async def _ask(self) -> None:
         """Ask the database for watches and analyses."""
+        self._asked_s = time.monotonic()
+        self._log_mark = self._context().database.log_mark
         self._stored = await run_in_threadpool(stored_of_machines, self._context())
+
+    async def _read_log(self, now_s: float) -> bool:
+        """Read the log where that is due; True where something is new."""
+        return self._log.is_due(now_s) and await self._log.ask(now_s)
 
     def _tell_all(self) -> None:
         self._news, news = asyncio.Event(), self._news
@@ -280,9 +328,13 @@ class TableStreams:
         return [machine for one in ids if (machine := live.get(one)) is not None]
 
     def _followed_feeds(self, machine_id: str | None) -> list[Feed]:
-        """List the feeds of the machines that there are, or of the one."""
-        ids = sorted(self._feeds) if machine_id is None else [machine_id]
-        return [self._feeds[one] for one in ids if one in self._feeds]
+        """List the feeds of the machines that there are, or of the one.
+
+        Tables that are older come first: who breaks off is not taken to have had those.
+        """
+        ids = self._feeds if machine_id is None else [machine_id]
+        feeds = [self._feeds[one] for one in ids if one in self._feeds]
+        return sorted(feeds, key=lambda feed: 0 if feed.table is None else feed.table.number)
 
     def _look_at(self, machines: Sequence[LiveMachine]) -> bool:
         """Bring feeds up to date; True where something is new."""
@@ -312,8 +364,30 @@ class TableStreams:
         return is_new
 
     def _next_number(self) -> int:
-        self._number += 1
+        self._number += MARKS
         return self._number
+
+    def _own(self, number: int | None) -> int | None:
+        """Pass on the number of a table of this service; of another one's nothing is known."""
+        if number is None or number > self._number or (self._number - number) % MARKS:
+            return None
+        return number
+
+
+class Place:
+    """How far one follower is: the last table that it was told, and the last entry of the log."""
+
+    def __init__(self, table: int, entries: LogFollower | None) -> None:
+        self.table = table
+        self._entries = entries
+
+    @property
+    def id(self) -> str:
+        """Write it as the id of an event; who is not told of the log has the table's number."""
+        if self._entries is None:
+            return str(self.table)
+        entry = self._entries.cursor
+        return f"{self.table}-" if entry is None else f"{self.table}-{entry}"
 
 
 class Follower:
@@ -334,10 +408,12 @@ class Follower:
         table = feed.table
         if table is None:
             return
-        if feed.status_key != self._status_key:
+        if feed.status_key != self._status_key and "status" in self._wanted.kinds:
             self._status_key = feed.status_key
             # It stands before the table: who breaks off between the two has not had that one.
             yield "status", 0 if self._told is None else self._told.number, feed.status
+        if "table" not in self._wanted.kinds:
+            return
         if table.has_values and (self._has_changed(table) or self.is_stepping):
             if self.is_stepping and now_s < self._next_step_s:
                 return
@@ -428,8 +504,10 @@ def _judge(context: Context, live: LiveMachine, feed: Feed, stored: Stored) -> b
     return True
 
 
-def _event(name: str, number: int, content: bytes) -> bytes:
-    return format_sse_event(event=name, id=str(number), data_str=content.decode())
+def _event(told: Told) -> bytes:
+    if not told.name:
+        return format_sse_event(id=told.id)
+    return format_sse_event(event=told.name, id=told.id, data_str=told.content.decode())
 
 
 def _largest(differences: FloatArray) -> float:

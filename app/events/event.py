@@ -28,6 +28,7 @@ class EventKind(StrEnum):
     MODEL = "model"
     READINGS = "readings"
     VERIFICATION = "verification"
+    WATCH = "watch"
     ANALYSIS = "analysis"
     ALARM = "alarm"
     SENSOR = "sensor"
@@ -47,8 +48,8 @@ class Event(Answer):
     time: datetime
     """When it happened; of an alarm, when it came first"""
     kind: EventKind
-    """`machine`, `model`, `readings`, `verification`, `analysis` and `key` are changes; `alarm` is
-    a verdict other than trusted, `sensor` a sensor that has failed"""
+    """`machine`, `model`, `readings`, `verification`, `watch`, `analysis` and `key` are changes;
+    `alarm` is a verdict other than trusted, `sensor` a sensor that has failed"""
     who: str
     """Who asked for it: the name of a key, or an address and its program; `service` where nobody
     did"""

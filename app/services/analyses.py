@@ -172,7 +172,7 @@ def queue_analysis(
     _expect_room(session, machine_id, context.queue_limits)
     queued = insert_analysis(session, machine_id, task, context.now())
     hand_out(session, queued.id, machine_id)
-    note_analysis(session, machine_id, queued.id, "queued", context.now())
+    note_analysis(session, machine_id, queued.id, queued.status, context.now())
     return queued
 
 
@@ -325,7 +325,7 @@ def cancel_analysis(context: Context, machine_id: str, analysis_id: int) -> Stor
         session.refresh(row)
         found = stored_analysis(row)
         if cancelled:
-            note_analysis(session, machine_id, analysis_id, "cancelled", context.now())
+            note_analysis(session, machine_id, analysis_id, found.status, context.now())
         if not cancelled and found.status is not AnalysisStatus.CANCELLED:
             raise Conflict(
                 f"analysis {analysis_id} cannot be cancelled any more: it is {found.status}"

@@ -158,9 +158,9 @@ class AnalysisCarrier:
                     else:
                         ended = fail_analysis(session, analysis_id, owner, update.text, now)
                     if ended:
-                        words = "done" if update.kind == "done" else f"failed: {update.text}"
                         machine_id = machine_of_analysis(session, analysis_id)
-                        note_analysis(session, machine_id, analysis_id, words, now)
+                        words = None if update.kind == "done" else f"failed: {update.text}"
+                        note_analysis(session, machine_id, analysis_id, update.kind, now, words)
                 log.info("analysis %d %s", analysis_id, update.kind)
                 return
             except StorageUnavailable as error:
@@ -213,9 +213,8 @@ class AbandonedAnalyses:
             words = "waits again: the process that ran it is gone"
             if became is AnalysisStatus.FAILED:
                 words = "failed: the process that ran it was gone, again and again"
-            note_analysis(
-                session, machine_of_analysis(session, analysis_id), analysis_id, words, now
-            )
+            machine_id = machine_of_analysis(session, analysis_id)
+            note_analysis(session, machine_id, analysis_id, became, now, words)
         log.warning("analysis %d %s", analysis_id, words)
 
 

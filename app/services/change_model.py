@@ -30,6 +30,7 @@ from app.errors import Conflict, StorageUnavailable, UnknownThing
 from app.events.event import EventKind
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version, live_model, restore_past
+from app.services.note_watch import noting_watch
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import (
@@ -135,8 +136,8 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
     """
     with context.database.writing() as session:
         row = find_machine(session, machine_id, RowLock.CHANGED)
-        yield MachineChange(session, row)
-        session.flush()
+        with noting_watch(session, row, context.now()):
+            yield MachineChange(session, row)
         tell(session, NewsKind.MACHINE, machine_id)
         live = live_model(context, session, row)
     machine = context.live.publish(live)

@@ -96,11 +96,26 @@ def show_alarms(context: Context) -> dict[str, list[Event]]:
 
 
 def note_analysis(
-    session: Session, machine_id: str | None, analysis_id: int, words: str, now: datetime
+    session: Session,
+    machine_id: str | None,
+    analysis_id: int,
+    status: str,
+    now: datetime,
+    words: str | None = None,
 ) -> None:
-    """Write into the log how an analysis goes on."""
-    text = f"analysis {analysis_id} {words}"
-    write_event(session, machine_id, EventKind.ANALYSIS, text, now, {"analysis": analysis_id})
+    """Write into the log how an analysis goes on.
+
+    Parameters
+    ----------
+    status
+        One of `AnalysisStatus`, or `deleted`.
+    words
+        The same for a person; None: the status says it.
+    """
+    message = words or str(status)
+    details = {"analysis": analysis_id, "status": str(status), "message": message}
+    text = f"analysis {analysis_id} {message}"
+    write_event(session, machine_id, EventKind.ANALYSIS, text, now, details)
 
 
 @dataclass(frozen=True, slots=True)

@@ -154,6 +154,8 @@ class DatabaseFollower:
     def _follow_news(self, news: Collection[News]) -> None:
         """Look at what others told of alone."""
         live = self._context.live
+        if any(one.kind is NewsKind.LOG for one in news):
+            self._context.database.note_log_change()
         machines = {one.machine_id for one in news if one.kind is NewsKind.MACHINE}
         touched = machines | {one.machine_id for one in news if one.kind is NewsKind.READINGS}
         if self._unseen is None or not touched:

@@ -19,6 +19,7 @@ from app.identification.watch.watching import Judgement, WatchState, not_judged,
 from app.services.change_model import choose_version, no_model_yet
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
 from app.services.load_machine import adopted_effects, compile_version
+from app.services.note_watch import noting_watch
 from app.services.residuals import load_campaign, read_verifications
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
@@ -60,7 +61,9 @@ class Judged:
     def write(self, context: Context, session: Session, machine_id: str) -> None:
         """Carry the watch on; the machine is locked."""
         if self.model_version is not None and self.after is not None:
-            write_watch(session, machine_id, self.model_version, self.after, context.now())
+            now = context.now()
+            with noting_watch(session, find_machine(session, machine_id), now):
+                write_watch(session, machine_id, self.model_version, self.after, now)
 
 
 def judge_verification(context: Context, machine_id: str, verification: Verification) -> Judged:
@@ -296,7 +299,7 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
         If the machine has no such verification.
     """
     with context.database.writing() as session:
-        find_machine(session, machine_id, RowLock.CHANGED)
+        machine = find_machine(session, machine_id, RowLock.CHANGED)
         row = find_verification(session, machine_id, verification_id)
         stored = stored_verification(row)
         version = _judged_by(stored)
@@ -307,7 +310,8 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
         session.flush()
         if version is not None:
             state = _watched(session, machine_id, version, context.usable_until())
-            write_watch(session, machine_id, version, state, context.now())
+            with noting_watch(session, machine, context.now()):
+                write_watch(session, machine_id, version, state, context.now())
 
 
 def _watched(session: Session, machine_id: str, version_number: int, until: datetime) -> WatchState:

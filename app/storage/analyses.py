@@ -200,6 +200,12 @@ def running_analyses(session: Session) -> dict[int, tuple[str, int]]:
     return {number: (owner or "", beats) for number, owner, beats in session.execute(query)}
 
 
+def analyses_at_work(session: Session) -> list[StoredAnalysis]:
+    """List the analyses that run, of all machines, without their results."""
+    query = select(AnalysisRow).where(AnalysisRow.status == AnalysisStatus.RUNNING)
+    return [stored_analysis(row) for row in session.scalars(query.order_by(AnalysisRow.id))]
+
+
 def unfinished_analyses(session: Session) -> dict[str, RunningAnalysis]:
     """Give the oldest analysis of each machine that waits or runs."""
     query = (

@@ -30,6 +30,7 @@ from app.errors import (
     StorageUnavailable,
 )
 from app.storage.limits import UNLIMITED, Limits
+from app.storage.log_numbers import number_entries
 from app.storage.news import send_pending
 from app.storage.sqlite import SqliteConnections
 
@@ -81,6 +82,8 @@ class Database:
         self._writer = None if self._file is None else Lock()
         self.sender = token_hex(4)
         """By which its own news are known."""
+        self.log_mark = object()
+        """Another one each time that the event log is known to have changed."""
 
     @contextmanager
     def reading(self, limits: Limits | None = None) -> Iterator[Session]:
@@ -102,9 +105,16 @@ class Database:
         with self._turn(limits), _as_storage_errors((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
+                log_changes = number_entries(session)
                 send_pending(session, self.sender)
             if self._file is not None:
                 self._file.check()  # else it is committed to a file that nobody will find
+            if log_changes:
+                self.note_log_change()
+
+    def note_log_change(self) -> None:
+        """Take note that the event log has changed, here or elsewhere."""
+        self.log_mark = object()
 
     def takes_writes(self) -> bool:
         """Whether something could be written now: on SQLite, others may hold the file's lock.

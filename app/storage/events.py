@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import delete, literal_column, select
+from sqlalchemy import delete, func, literal_column, select
 from sqlalchemy.orm import Session
 
 from app.events.event import PASSING, SERVICE, Event, EventKind, acting
 from app.status.judge import Logged
+from app.storage.log_numbers import note_entry
 from app.storage.tables import EventRow
 
 COMES_AGAIN_WITHIN: Final = timedelta(minutes=10)
@@ -33,7 +36,7 @@ def write_event(
     details: Mapping[str, Any] | None = None,
 ) -> None:
     """Write that something was changed, in the transaction that changes it."""
-    session.add(_new(machine_id, kind, "", acting.get(), text, now, details or {}))
+    _add(session, _new(machine_id, kind, "", acting.get(), text, now, details or {}))
 
 
 def begin_passing(
@@ -62,8 +65,9 @@ def begin_passing(
     if last is not None and last.until is not None and now - last.until <= COMES_AGAIN_WITHIN:
         last.until = None
         last.count += 1
+        note_entry(session, last)
         return
-    session.add(_new(machine_id, kind, subject, SERVICE, text, now, details))
+    _add(session, _new(machine_id, kind, subject, SERVICE, text, now, details))
 
 
 def end_passing(
@@ -73,6 +77,7 @@ def end_passing(
     for row in session.scalars(_lasting(machine_id, kind)):
         if row.subject not in still:
             row.until = max(now, row.time)  # the clock may have gone back meanwhile
+            note_entry(session, row)
 
 
 def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
@@ -114,11 +119,69 @@ def lasting_events(session: Session) -> list[Event]:
 
 
 def delete_old_alarms(session: Session, now: datetime) -> None:
-    """Delete alarms and sensors' failures that went long ago."""
+    """Delete alarms and sensors' failures that went long ago.
+
+    Numbers go on from the last one: its entry stays until there is a later one.
+    """
     kinds = [str(kind) for kind in PASSING]
+    last = select(func.max(EventRow.number)).scalar_subquery()
     session.execute(
-        delete(EventRow).where(EventRow.until < now - ALARMS_KEPT, EventRow.kind.in_(kinds))
+        delete(EventRow).where(
+            EventRow.until < now - ALARMS_KEPT, EventRow.kind.in_(kinds), EventRow.number < last
+        )
     )
+
+
+@dataclass(frozen=True, slots=True)
+class LogTail:
+    """The end of the log as it is, each entry with its number, the oldest first.
+
+    Between `after` and the first of them there is none that is left out; `newest` is the number
+    of the last one of all, 0 in an empty log.
+    """
+
+    entries: Sequence[tuple[int, Event]]
+    after: int
+    newest: int
+
+
+def read_tail(session: Session, after: int | None, most: int) -> LogTail:
+    """Read what was written into the log after a number, the last `most` of it.
+
+    Parameters
+    ----------
+    after
+        The number; None for the last ones there are.
+    """
+    query = select(EventRow).where(EventRow.number.is_not(None))
+    if after is not None:
+        query = query.where(EventRow.number > after)
+    rows = list(session.scalars(query.order_by(EventRow.number.desc()).limit(most)))
+    entries = [(row.number or 0, _event(row)) for row in reversed(rows)]
+    is_cut = len(rows) == most
+    begins = entries[0][0] - 1 if is_cut else after or 0
+    newest = entries[-1][0] if entries else _newest_number(session)
+    return LogTail(entries, begins, newest)
+
+
+def count_entries(
+    session: Session, after: int, until: int
+) -> Counter[tuple[str | None, EventKind]]:
+    """Count the entries with numbers above one and up to another, by machine and kind."""
+    columns = (EventRow.machine_id, EventRow.kind)
+    query = (
+        select(*columns, func.count())
+        .where(EventRow.number > after, EventRow.number <= until)
+        .group_by(*columns)
+    )
+    counted: Counter[tuple[str | None, EventKind]] = Counter()
+    for machine_id, kind, count in session.execute(query):
+        counted[machine_id, EventKind(kind)] = count
+    return counted
+
+
+def _newest_number(session: Session) -> int:
+    return session.scalar(select(func.max(EventRow.number))) or 0
 
 
 def list_events(
@@ -160,6 +223,11 @@ def _lasting(machine_id: str, kind: EventKind) -> Any:
     return select(EventRow).where(
         *_LASTS, EventRow.machine_id == machine_id, EventRow.kind == str(kind)
     )
+
+
+def _add(session: Session, row: EventRow) -> None:
+    session.add(row)
+    note_entry(session, row)
 
 
 def _new(

@@ -32,6 +32,8 @@ class NewsKind(StrEnum):
     """A machine came, went, or changed its settings, its active version, or what is withdrawn."""
     KEYS = "keys"
     """Keys or browsers were made or revoked."""
+    LOG = "log"
+    """The event log has a new entry, or one changed."""
 
 
 class News(NamedTuple):

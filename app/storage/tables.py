@@ -367,12 +367,17 @@ _LASTS = text("until IS NULL AND subject <> ''")
 
 
 class EventRow(Base):
-    """An event. It stays when its machine goes, and names it then still."""
+    """An event. It stays when its machine goes, and names it then still.
+
+    `number` is given anew by each transaction that changes the row, and is larger than all that
+    were committed before (`app.storage.log_numbers`); NULL only within the transaction.
+    """
 
     __tablename__ = "event"
     __table_args__ = (
         Index("ix_event_machine_id", "machine_id", "id"),
         Index(None, "time"),
+        Index("ix_event_number", "number", unique=True),
         Index("ix_event_lasting", "machine_id", postgresql_where=_LASTS, sqlite_where=_LASTS),
     )
 
@@ -388,3 +393,4 @@ class EventRow(Base):
     details: Mapped[dict[str, Any]]
     until: Mapped[datetime | None]
     count: Mapped[int]
+    number: Mapped[int | None] = mapped_column(BigInteger)

@@ -88,17 +88,30 @@ class Watched(NamedTuple):
 NOT_WATCHED = Watched(NOT_JUDGED)
 
 
+def watched_machine(session: Session, machine: MachineRow) -> Watched:
+    """Say where the watch of a machine's active version stands."""
+    status = watch_status(session, machine)
+    if status is None or machine.active_version is None:
+        return NOT_WATCHED
+    return Watched(status, _beyond_since(session, machine.id, machine.active_version))
+
+
 def watched_machines(session: Session) -> dict[str, Watched]:
     """Say of every watched machine where its active version's watch stands."""
     found = {name: Watched(status) for name, status in watch_statuses(session).items()}
     for name, watched in found.items():
         if watched.status == "beyond":
             version = session.scalar(select(MachineRow.active_version).where(MachineRow.id == name))
-            stored = None if version is None else find_watch(session, name, version)
-            since_s = None if stored is None else stored.state.beyond_since_s
-            since = None if since_s is None else datetime.fromtimestamp(since_s, UTC)
-            found[name] = watched._replace(beyond_since=since)
+            if version is not None:
+                since = _beyond_since(session, name, version)
+                found[name] = watched._replace(beyond_since=since)
     return found
+
+
+def _beyond_since(session: Session, machine_id: str, model_version: int) -> datetime | None:
+    stored = find_watch(session, machine_id, model_version)
+    since_s = None if stored is None else stored.state.beyond_since_s
+    return None if since_s is None else datetime.fromtimestamp(since_s, UTC)
 
 
 def write_watch(

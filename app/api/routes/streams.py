@@ -1,9 +1,10 @@
-"""Tables and verdicts as they change: server-sent events."""
+"""Tables, verdicts and news as they change: server-sent events."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import AsyncIterator, Callable
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from fastapi import Header, Query, Request
 from starlette.responses import Response, StreamingResponse
@@ -13,7 +14,7 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
 from app.api.router import Router
 from app.api.short_way import WITHOUT_BODY
-from app.api.streams import TableStreams, Wanted
+from app.api.streams import TABLES, TableStreams, Wanted
 
 router = Router(route_class=BodyRoute, prefix="/v1", tags=["live"])
 
@@ -27,8 +28,14 @@ _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "description": "Events without end. `table`: the JSON of `GET …/compensation`. `state`: "
         "the same, because completeness, a sensor's health or the model version changed although "
         "no value did; without `components` and with the reason in `detail` where there is no "
-        "table. `status`: the JSON of `GET …/status`, when the verdict or its words change. A "
-        "comment every 15 s without an event",
+        "table. `status`: the JSON of `GET …/status`, when the verdict or its words change.\n\n"
+        "Where `kind` asks for them, entries of the event log, each once and in their order: "
+        "`watch`, a `WatchChange`; `analysis`, an `AnalysisNews`; `event`, every other one as `GET "
+        "…/events` has it, an alarm again when it goes or comes again. Between them `analysis` "
+        "says, about every 2 s, how far those are that run. `missed`, a `MissedEntries`: how many "
+        "entries came that cannot be told any more, because one came back late or reads slowly; "
+        "those after them follow.\n\n"
+        "A comment every 15 s without an event",
         "content": {
             EVENTS: {
                 "schema": {"type": "string"},
@@ -66,13 +73,24 @@ Heartbeat = Annotated[
         "it a comment after 15 s, which programs in a browser do not see",
     ),
 ]
+Kinds = Annotated[
+    list[Literal["table", "status", "event", "watch", "analysis"]] | None,
+    Query(
+        alias="kind",
+        description="What is told; may be repeated. `table` brings `state` with it. Without it "
+        "`table` and `status`",
+    ),
+]
 LastEventId = Annotated[
     str,
     Header(
         description="`id` of the last event that came: the table comes again only if it has "
-        "changed since"
+        "changed since, and what was written into the event log since comes first of all news"
     ),
 ]
+
+_ID: Final = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18})?)?")
+"""The last table's number, and the last entry's of the log where that is followed."""
 
 
 @router.get(
@@ -88,15 +106,19 @@ async def get_table_stream(
     min_change_um: MinChange = 0.1,
     max_step_um: MaxStep = None,
     heartbeat_s: Heartbeat = None,
+    kind: Kinds = None,
     last_event_id: LastEventId = "",
 ) -> Response:
     """Send the table at the latest reading at once, and whenever it has changed.
 
-    A follower that reads slowly gets the newest table, not all between. The stream ends when
-    the machine is deleted or the service ends.
+    A follower that reads slowly gets the newest table, not all between. With `kind` it is told
+    what comes into the event log from now on: alarms, changes, what the watch says, analyses.
+    The stream ends when the machine is deleted or the service ends.
     """
     await machine_with_readings(request, context, machine)
-    wanted = Wanted(min_change_um, max_step_um, _number(last_event_id), heartbeat_s)
+    table, entry = _numbers(last_event_id)
+    kinds = TABLES if kind is None else frozenset(kind)
+    wanted = Wanted(min_change_um, max_step_um, table, heartbeat_s, kinds, entry)
     return _stream(request, machine, wanted)
 
 
@@ -111,10 +133,16 @@ async def get_stream(
     min_change_um: MinChange = 0.1,
     max_step_um: MaxStep = None,
     heartbeat_s: Heartbeat = None,
+    kind: Kinds = None,
     last_event_id: LastEventId = "",
 ) -> Response:
-    """Send the same of every machine; each event's JSON names its `machine`."""
-    wanted = Wanted(min_change_um, max_step_um, _number(last_event_id), heartbeat_s)
+    """Send the same of every machine; each event's JSON names its `machine`.
+
+    A key for some machines is told of these alone.
+    """
+    table, entry = _numbers(last_event_id)
+    kinds = TABLES if kind is None else frozenset(kind)
+    wanted = Wanted(min_change_um, max_step_um, table, heartbeat_s, kinds, entry)
     return _stream(request, None, wanted)
 
 
@@ -138,7 +166,11 @@ async def while_welcome(
         yield event
 
 
-def _number(last_event_id: str) -> int | None:
-    """Read the id of an event; None where it is none of ours: everything is told then."""
-    is_number = last_event_id.isascii() and last_event_id.isdigit() and len(last_event_id) < 19
-    return int(last_event_id) if is_number else None
+def _numbers(last_event_id: str) -> tuple[int | None, int | None]:
+    """Read the id of an event: the last table's number, and the last entry's of the log.
+
+    None where it is none of ours: the table is told then, and the log from now on.
+    """
+    found = _ID.fullmatch(last_event_id)
+    table, entry = (None, None) if found is None else found.groups()
+    return None if table is None else int(table), None if entry is None else int(entry)

@@ -1,0 +1,306 @@
+"""What streams tell of the event log, of watches and of analyses.
+
+The log is read once for all who follow it, and its end is kept in memory, written as it is told.
+Each follower knows the number of the entry that it had last: what is behind that in memory it is
+told next, and what is not in memory any more it is told the count of. So a follower that reads
+slowly, or comes back late, costs nothing that grows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from bisect import bisect_right
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+from pydantic import TypeAdapter
+from starlette.concurrency import run_in_threadpool
+
+from app.events.event import Event, EventKind
+from app.events.news import AnalysisNews, MissedEntries, WatchChange
+from app.services.context import Context
+from app.services.log_tail import LogNow, count_log, read_log_now
+
+NewsKind: TypeAlias = Literal["event", "watch", "analysis"]
+"""Names of events by which entries of the log are told; each entry is told by one of them."""
+
+NEWS: Final[frozenset[str]] = frozenset(("event", "watch", "analysis"))
+
+KEPT: Final = 1000
+"""Entries in memory, of all machines: for those who come back, and for those who read slowly."""
+
+AT_ONCE: Final = 100
+"""Entries that a follower is told before its tables have their turn again."""
+
+ASK_EVERY_S: Final = 2.0
+"""How often the log is read although nobody said that it has changed [s]."""
+
+ASK_FILE_EVERY_S: Final = 0.4
+"""The same of a SQLite file: of what another process wrote nobody says anything [s]."""
+
+PROGRESS_EVERY_S: Final = 2.0
+"""How far an analysis is, is told no more often [s]."""
+
+_EVENT: Final = TypeAdapter(Event)
+_WATCH: Final = TypeAdapter(WatchChange)
+_ANALYSIS: Final = TypeAdapter(AnalysisNews)
+_MISSED: Final = TypeAdapter(MissedEntries)
+
+Sees: TypeAlias = Callable[[str], bool]
+
+
+class Entry(NamedTuple):
+    """An entry as it is told: its number, whose it is, and the event's name and JSON."""
+
+    number: int
+    machine: str | None
+    name: str
+    content: bytes
+
+
+class News(NamedTuple):
+    """An event that a follower is told: whose it is, its name and its JSON."""
+
+    machine: str
+    name: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """How far an analysis is, as it is told, and when that was read."""
+
+    news: AnalysisNews
+    content: bytes
+    read_s: float
+
+
+class StreamedLog:
+    """The end of the log in memory, and the analyses that run.
+
+    `floor` is the number up to which entries are no longer in memory, `newest` that of the last
+    entry; both are None before the log was read.
+    """
+
+    def __init__(self, context: Callable[[], Context]) -> None:
+        self._context = context
+        self._followers = 0
+        self._asking = asyncio.Lock()
+        self._asked_s = -math.inf
+        self._mark: object = None
+        self._entries: Sequence[Entry] = ()
+        self._numbers: Sequence[int] = ()
+        self.floor: int | None = None
+        self.newest: int | None = None
+        self.running: Mapping[str, Running] = {}
+
+    @contextmanager
+    def following(self) -> Iterator[None]:
+        """Count a follower: the log is read as long as there is one."""
+        self._followers += 1
+        try:
+            yield
+        finally:
+            self._followers -= 1
+            if not self._followers:
+                self._asked_s = -math.inf  # what comes now is not read
+
+    def is_due(self, now_s: float) -> bool:
+        """Whether somebody follows it, and it has changed or may have."""
+        if not self._followers:
+            return False
+        database = self._context().database
+        every_s = ASK_FILE_EVERY_S if database.is_sqlite else ASK_EVERY_S
+        return database.log_mark is not self._mark or now_s - self._asked_s >= every_s
+
+    async def ask(self, since_s: float) -> bool:
+        """Read the log, unless somebody began to since a time; True where something is new."""
+        async with self._asking:
+            if self._asked_s >= since_s:
+                return False
+            context = self._context()
+            asked_s, mark = time.monotonic(), context.database.log_mark
+            found = await run_in_threadpool(read_log_now, context, self.newest, KEPT)
+            self._asked_s = asked_s
+            if found is None:
+                return False
+            self._mark = mark
+            return self._take(found, asked_s)
+
+    async def ask_first(self) -> None:
+        """Read the log where that has not been done since somebody follows it."""
+        if self._asked_s == -math.inf:
+            await self.ask(0.0)
+
+    def next_after(self, number: int) -> Entry | None:
+        """Give the first entry after a number that is in memory."""
+        place = bisect_right(self._numbers, number)
+        return self._entries[place] if place < len(self._entries) else None
+
+    async def count(
+        self, after: int, until: int, wants: Callable[[str | None, str], bool]
+    ) -> int | None:
+        """Count what somebody wants of the entries after one up to another; None: not known."""
+        counted = await run_in_threadpool(count_log, self._context(), after, until)
+        if counted is None:
+            return None
+        return sum(n for (machine, kind), n in counted.items() if wants(machine, _name_of(kind)))
+
+    def _take(self, found: LogNow, read_s: float) -> bool:
+        tail = found.tail
+        fresh = [_entry(number, event) for number, event in tail.entries]
+        if self.newest is None or tail.after > self.newest:
+            kept = fresh
+            self.floor = tail.after
+        else:
+            kept = [*self._entries, *fresh]
+        if len(kept) > KEPT:
+            self.floor = kept[-KEPT - 1].number
+            kept = kept[-KEPT:]
+        running = {job.machine: self._paced(job, read_s) for job in found.running}
+        is_new = bool(fresh) or running != self.running
+        self.newest = tail.newest
+        if fresh or self.floor is None:
+            self._entries, self._numbers = kept, [entry.number for entry in kept]
+        self.running = running
+        return is_new
+
+    def _paced(self, job: AnalysisNews, read_s: float) -> Running:
+        """Say how far an analysis is: not each per cent, and not ever so often."""
+        known = self.running.get(job.machine)
+        if known is not None and known.news.analysis == job.analysis:
+            before = replace(known.news, time=job.time)
+            if before == job or read_s - known.read_s < PROGRESS_EVERY_S:
+                return known
+        return Running(job, _ANALYSIS.dump_json(job), read_s)
+
+
+class LogFollower:
+    """What one follower was told of the log last, and what it is to be told next.
+
+    Parameters
+    ----------
+    kinds
+        By which names it wants to be told; none of `NEWS` for nothing.
+    sees
+        Of which machines it may be told; "" stands for what is about none.
+    machine_id
+        Of which it wants to be told; None for all.
+    last
+        Number of the entry that it had last; None: what comes from now on.
+    """
+
+    def __init__(
+        self,
+        log: StreamedLog,
+        kinds: Collection[str],
+        sees: Sees,
+        machine_id: str | None,
+        last: int | None,
+    ) -> None:
+        self._log = log
+        self._kinds = NEWS.intersection(kinds)
+        self._sees = sees
+        self._machine_id = machine_id
+        self._running: dict[str, Running] = {}
+        self._is_unknown = False
+        self.cursor = last
+
+    async def begin(self) -> None:
+        """Find out where it is to go on."""
+        await self._log.ask_first()
+        if self._is_ahead():
+            # Another service has told more than is known here yet, or the log is another one.
+            await self._log.ask(time.monotonic())
+            if self._is_ahead():
+                self.cursor, self._is_unknown = self._log.newest, True
+        elif self.cursor is None:
+            self.cursor = self._log.newest
+
+    async def next(self) -> News | None:
+        """Give what is due next, the log before the analyses that run; None: nothing."""
+        if not self._kinds or self._log.newest is None or self._log.floor is None:
+            return None
+        if self._is_unknown:
+            self._is_unknown = False
+            return self._missed(None)
+        if self.cursor is None:
+            self.cursor = self._log.newest
+        if self.cursor < self._log.floor:
+            began, self.cursor = self.cursor, self._log.floor
+            count = await self._log.count(began, self.cursor, self._wants)
+            if count != 0:
+                return self._missed(count)
+        while (entry := self._log.next_after(self.cursor)) is not None:
+            self.cursor = entry.number
+            if self._wants(entry.machine, entry.name):
+                return News(entry.machine or "", entry.name, entry.content)
+        self.cursor = max(self.cursor, self._log.newest)
+        return self._progress()
+
+    def _is_ahead(self) -> bool:
+        newest = self._log.newest
+        return newest is not None and self.cursor is not None and self.cursor > newest
+
+    def _wants(self, machine: str | None, name: str) -> bool:
+        if name not in self._kinds or not self._sees(machine or ""):
+            return False
+        return self._machine_id is None or machine == self._machine_id
+
+    def _progress(self) -> News | None:
+        """Tell of an analysis that runs, where it is further than this follower knows."""
+        running = self._log.running
+        if not running:
+            self._running.clear()
+            return None
+        for machine, one in running.items():
+            if self._wants(machine, "analysis") and self._running.get(machine) is not one:
+                self._running[machine] = one
+                return News(machine, "analysis", one.content)
+        return None
+
+    def _missed(self, count: int | None) -> News:
+        words = "entries of the event log cannot be told any more; GET …/events has them"
+        how_many = "an unknown number of" if count is None else f"{count}"
+        missed = MissedEntries(count, f"{how_many} {words}")
+        return News(self._machine_id or "", "missed", _MISSED.dump_json(missed))
+
+
+def _name_of(kind: EventKind) -> str:
+    """Say by which name entries of a kind are told."""
+    return str(kind) if kind in (EventKind.WATCH, EventKind.ANALYSIS) else "event"
+
+
+def _entry(number: int, event: Event) -> Entry:
+    """Write an entry of the log as it is told."""
+    name, details = _name_of(event.kind), event.details
+    if name == "watch" and event.machine is not None:
+        since = details.get("since")
+        watch = WatchChange(
+            machine=event.machine,
+            time=event.time,
+            watch=details["to"],
+            before=details["from"],
+            model_version=details["version"],
+            drifting_since=None if since is None else datetime.fromisoformat(since),
+            who=event.who,
+        )
+        return Entry(number, event.machine, name, _WATCH.dump_json(watch))
+    if name == "analysis" and event.machine is not None and "status" in details:
+        analysis = AnalysisNews(
+            machine=event.machine,
+            analysis=details["analysis"],
+            status=details["status"],
+            progress=1.0 if details["status"] == "done" else 0.0,
+            message=details["message"],
+            time=event.time,
+            who=event.who,
+        )
+        return Entry(number, event.machine, name, _ANALYSIS.dump_json(analysis))
+    # What an older version wrote of analyses says no status.
+    return Entry(number, event.machine, "event", _EVENT.dump_json(event))
