@@ -616,10 +616,18 @@ class Event(Shape):
     """When it happened; of an alarm, when it came first"""
 
     kind: Literal[
-        "machine", "model", "readings", "verification", "analysis", "alarm", "sensor", "key"
+        "machine",
+        "model",
+        "readings",
+        "verification",
+        "watch",
+        "analysis",
+        "alarm",
+        "sensor",
+        "key",
     ]
-    """`machine`, `model`, `readings`, `verification`, `analysis` and `key` are changes; `alarm` is
-    a verdict other than trusted, `sensor` a sensor that has failed
+    """`machine`, `model`, `readings`, `verification`, `watch`, `analysis` and `key` are changes;
+    `alarm` is a verdict other than trusted, `sensor` a sensor that has failed
     """
 
     who: str
@@ -2142,6 +2150,66 @@ class AnswerHead(Shape):
 
     counted_as_zero: list[str]
     """Components that no two maps have and that count as zero"""
+
+
+class WatchChange(Shape):
+    """The watch of a machine says something else than before."""
+
+    machine: str
+    """Id of the machine"""
+
+    time: AwareDatetime
+    """When it was judged, or another version became active"""
+
+    watch: Literal["within", "beyond", "not-judged"]
+    """What it says of the active version now; `beyond`: the machine drifts from its model"""
+
+    before: Literal["within", "beyond", "not-judged"]
+    """What it said before"""
+
+    model_version: int | None
+    """The active version, null where there is none"""
+
+    drifting_since: AwareDatetime | None
+    """Since when it drifts, null where it does not"""
+
+    who: str
+    """Who stored or deleted a verification, or activated a version"""
+
+
+class AnalysisNews(Shape):
+    """How far an analysis is."""
+
+    machine: str
+    """Id of the machine"""
+
+    analysis: int
+    """Number of the analysis"""
+
+    status: Literal["queued", "running", "done", "failed", "cancelled", "deleted"]
+    """How far it is; `queued` comes again where the process that ran it is gone"""
+
+    progress: float
+    """Share that is done, 0 to 1"""
+
+    message: str
+    """What is being done, or why it failed"""
+
+    time: AwareDatetime
+    """When it was so"""
+
+    who: str
+    """Who asked for it, cancelled or deleted it; `service` for the rest"""
+
+
+class MissedEntries(Shape):
+    """Entries of the log that a stream can tell no more: there were too many."""
+
+    count: int | None
+    """How many that it would have told, null where that is not known"""
+
+    detail: str
+    """The same in words, and where to find them"""
 
 
 class AccuracyAnswer(AnswerHead):

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import httpx
 
-from thermap.answers import CurrentCompensationAnswer, MachineStatus
+from thermap.answers import (
+    AnalysisNews,
+    CurrentCompensationAnswer,
+    Event,
+    MachineStatus,
+    MissedEntries,
+    WatchChange,
+)
 from thermap.call import parsed
 from thermap.errors import UnexpectedAnswerError
+
+Followed: TypeAlias = Literal["table", "status", "event", "watch", "analysis"]
+"""What can be followed: tables (`state` comes with them), verdicts, and what is new in the log."""
+
+TABLES: Final[tuple[Followed, ...]] = ("table", "status")
+"""What is told to who does not say what to follow."""
 
 HEARTBEAT_S: Final = 5.0
 """How often the service says that the stream lives where nothing else happens [s]."""
@@ -32,24 +45,39 @@ class Told:
     ----------
     kind
         `table`: values have changed. `state`: none has, but completeness, a sensor's health or the
-        model version. `status`: the verdict or its words. `lost`: the service is not heard any
-        more, and what was told before may be old; it is asked again by itself.
+        model version. `status`: the verdict or its words. `event`: an alarm has come or gone, or
+        something was changed. `watch`: the watch says something else than before. `analysis`: how
+        far one is. `missed`: so many entries of the log came meanwhile that some are not told.
+        `lost`: the service is not heard any more, and what was told before may be old; it is asked
+        again by itself.
     machine
-        Id of the machine; empty for `lost`, which is about all that is followed.
+        Id of the machine; empty for what is about none or about all that is followed.
     table
         With `table` and `state`, None where there is no table.
     status
         With `status`.
+    event
+        With `event`.
+    watch
+        With `watch`.
+    analysis
+        With `analysis`.
+    missed
+        With `missed`: how many, None where that is not known.
     detail
-        Why there is no table, or what was lost; else empty.
+        Why there is no table, what was lost or missed; else empty.
     stepping
         Whether more tables follow, up to what the machine needs now (`max_step_um`).
     """
 
-    kind: Literal["table", "state", "status", "lost"]
+    kind: Literal["table", "state", "status", "event", "watch", "analysis", "missed", "lost"]
     machine: str
     table: CurrentCompensationAnswer | None = None
     status: MachineStatus | None = None
+    event: Event | None = None
+    watch: WatchChange | None = None
+    analysis: AnalysisNews | None = None
+    missed: int | None = None
     detail: str = ""
     stepping: bool = False
 
@@ -114,10 +142,25 @@ class EventReader:
         return pause_s
 
 
-def query_of(min_change_um: float, max_step_um: float | None) -> dict[str, float]:
-    """Write what a follower wants."""
-    query = {"min_change_um": min_change_um, "heartbeat_s": HEARTBEAT_S}
-    return query if max_step_um is None else query | {"max_step_um": max_step_um}
+def query_of(
+    min_change_um: float, max_step_um: float | None, kinds: Collection[Followed]
+) -> dict[str, float | list[str]]:
+    """Write what a follower wants; what all are told an older service is not asked for by name.
+
+    Raises
+    ------
+    ValueError
+        If it wants nothing.
+    """
+    if not kinds:
+        raise ValueError(f"kinds: expected one at least of {', '.join(get_args(Followed))}")
+    query: dict[str, float | list[str]] = {
+        "min_change_um": min_change_um,
+        "heartbeat_s": HEARTBEAT_S,
+    }
+    if max_step_um is not None:
+        query["max_step_um"] = max_step_um
+    return query if set(kinds) == {*TABLES} else query | {"kind": [*kinds]}
 
 
 def timeout_of(timeout_s: float) -> httpx.Timeout:
@@ -130,6 +173,18 @@ def _told(name: str, data: str) -> Told | None:
     if name == "status":
         status = parsed(MachineStatus, data)
         return Told("status", status.machine, status=status)
+    if name == "event":
+        event = parsed(Event, data)
+        return Told("event", event.machine or "", event=event)
+    if name == "watch":
+        watch = parsed(WatchChange, data)
+        return Told("watch", watch.machine, watch=watch)
+    if name == "analysis":
+        analysis = parsed(AnalysisNews, data)
+        return Told("analysis", analysis.machine, analysis=analysis)
+    if name == "missed":
+        missed = parsed(MissedEntries, data)
+        return Told("missed", "", missed=missed.count, detail=missed.detail)
     if name not in ("table", "state"):
         return None
     kind: Literal["table", "state"] = "table" if name == "table" else "state"

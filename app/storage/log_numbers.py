@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from app.storage.news import NewsKind, tell
 from app.storage.tables import EventRow
 
-NUMBERING: Final = 7_483_623
+NUMBERING: Final = 7_483_625
 """PostgreSQL advisory lock: one transaction at a time gives numbers and commits."""
 
 _WRITTEN: Final = "thermap_log"

@@ -1,9 +1,7 @@
 """Tables and verdicts as server-sent events, from a service that really listens."""
 
-import json
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
-from typing import NamedTuple
 
 import httpx
 import pytest
@@ -11,107 +9,46 @@ import pytest
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
+from tests.followed_streams import PATH, Stream, opened
 from tests.service_examples import (
     MACHINE,
     ROOM,
     UNHURRIED,
     by_code,
     furnish_database,
-    problem,
-    reading,
 )
 
-PATH = f"{ROOM}/compensation/stream"
 EXX_PER_K_UM = 5.0
 """What EXX at X 500 grows by; EZZ at Z 500 by twice that, EBX at X 500 by 10 µrad."""
 
 
-class Event(NamedTuple):
-    name: str
-    number: int
-    content: dict
-
-
-class Stream:
-    """What one follower is told, event by event."""
-
-    def __init__(self, lines):
-        self._lines = lines
-
-    def next(self):
-        found, heartbeats = {}, 0
-        for line in self._lines:
-            heartbeats += line.startswith(":")
-            assert heartbeats < 4, "nothing came for a minute"
-            name, _, value = line.partition(": ")
-            if line and name:
-                found[name] = value
-            elif found:
-                return Event(found["event"], int(found["id"]), json.loads(found["data"]))
-        return None
-
-    def until(self, name):
-        """Pass over other events."""
-        while (event := self.next()) is not None:
-            if event.name == name:
-                return event
-        return None
-
-
-class Shop:
-    """A service and its clock."""
-
-    def __init__(self, url, clock):
-        self.clock = clock
-        self._client = httpx.Client(base_url=url, trust_env=False, timeout=60.0)
-
-    def __call__(self, method, path, **stated):
-        answer = self._client.request(method, path, **stated)
-        assert answer.status_code < 300, answer.text
-        return answer
-
-    def close(self):
-        self._client.close()
-
-    def refused(self, path, status):
-        return problem(self._client.get(path), status)
-
-    def feed(self, t_c, **changes):
-        self("POST", f"{ROOM}/readings", json=[reading(self.clock.time, t_c, **changes)])
-
-    def feed_after(self, seconds, t_c, **changes):
-        self.clock.advance(seconds)
-        self.feed(t_c, **changes)
-
-    @contextmanager
-    def follow(self, path=PATH, last=None, **query):
-        headers = {} if last is None else {"Last-Event-ID": str(last)}
-        with self._client.stream("GET", path, params=query, headers=headers) as answer:
-            assert answer.status_code == 200
-            assert answer.headers["content-type"].startswith("text/event-stream")
-            assert answer.headers["cache-control"] == "no-cache"
-            yield Stream(answer.iter_lines())
-
-
-@contextmanager
-def opened(databases, clock):
-    """Serve the example machine, with a clock that is told the time."""
-    database_url = databases.prepared("sqlite", furnish_database)
-    service = create_app(Settings(database_url=database_url, **UNHURRIED))
-    service.state.context = replace(service.state.context, now=clock)
-    with listening("127.0.0.1", 0, "serve") as socket, serving(service, socket, "warning"):
-        shop = Shop(url_of(socket), clock)
-        try:
-            yield shop
-        finally:
-            shop.close()
-    databases.give_back(database_url)
+@pytest.fixture
+def sqlite_url(databases):
+    url = databases.prepared("sqlite", furnish_database)
+    yield url
+    databases.give_back(url)
 
 
 @pytest.fixture
-def shop(databases, clock):
-    with opened(databases, clock) as shop:
+def shop(sqlite_url, clock):
+    with opened(sqlite_url, clock) as shop:
         yield shop
+
+
+def test_the_table_of_another_service_is_none_that_is_known(sqlite_url, clock):
+    """Two services on one database: what one told, the other does not take for its own."""
+    with opened(sqlite_url, clock) as one, opened(sqlite_url, clock, refresh_s=0.05) as other:
+        one.feed(25.0)
+        with other.follow() as stream:
+            assert exx_um(stream.until("table")) == 25.0
+        with one.follow() as stream:
+            last = stream.until("table")
+        one.feed_after(10, 26.0)
+        with other.follow() as stream:
+            while exx_um(stream.until("table")) != 30.0:
+                pass
+        with other.follow(last=last.id) as stream:
+            assert exx_um(stream.until("table")) == 30.0
 
 
 def exx_um(event):

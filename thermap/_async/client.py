@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from types import TracebackType
 from typing import Any, Self
@@ -72,7 +72,7 @@ from thermap.call import Answer, Call, Content
 from thermap.calls import TaggedTable, VolumetricErrors
 from thermap.connection import explaining, httpx_options, service_url, without_password
 from thermap.errors import ServiceUnavailableError, error_of
-from thermap.following import EventReader, Told
+from thermap.following import EventReader, Followed, Told
 
 
 class AsyncThermapClient:
@@ -676,7 +676,12 @@ class AsyncThermapClient:
         )
 
     def follow(
-        self, machine: str, *, min_change_um: float = 0.1, max_step_um: float | None = None
+        self,
+        machine: str,
+        *,
+        min_change_um: float = 0.1,
+        max_step_um: float | None = None,
+        kinds: Collection[Followed] = following.TABLES,
     ) -> AsyncIterator[Told]:
         """Follow a machine's table and verdict as they change, for as long as one iterates.
 
@@ -684,15 +689,22 @@ class AsyncThermapClient:
         a larger change comes in several tables, one a second [both µm; angular components µrad,
         squareness µm/m]. Once it has begun, a service that is gone is told as `lost`, and asked
         again until it is back; a machine that is deleted ends it with UnknownThingError.
+
+        With `kinds` one may also follow what comes into the event log, `event`, `watch` and
+        `analysis`: from now on, and after a break from where that was, each once.
         """
-        query = following.query_of(min_change_um, max_step_um)
+        query = following.query_of(min_change_um, max_step_um, kinds)
         return self._follow(calls.of_machine(machine, "compensation/stream"), query)
 
     def follow_all(
-        self, *, min_change_um: float = 0.1, max_step_um: float | None = None
+        self,
+        *,
+        min_change_um: float = 0.1,
+        max_step_um: float | None = None,
+        kinds: Collection[Followed] = following.TABLES,
     ) -> AsyncIterator[Told]:
         """Follow all machines, also those that are made later; as `follow` does one."""
-        query = following.query_of(min_change_um, max_step_um)
+        query = following.query_of(min_change_um, max_step_um, kinds)
         return self._follow("/v1/stream", query)
 
     async def send(self, call: Call[Answer]) -> Answer:
@@ -720,7 +732,7 @@ class AsyncThermapClient:
         """Close at the end of a `with` block."""
         await self.aclose()
 
-    async def _follow(self, path: str, query: Mapping[str, float]) -> AsyncIterator[Told]:
+    async def _follow(self, path: str, query: Mapping[str, Any]) -> AsyncIterator[Told]:
         reader = EventReader()
         while True:
             asked = self._http.build_request(

@@ -6,7 +6,7 @@ Written by `scripts/write_client.py` from the awaiting one.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from types import TracebackType
 from typing import Any, Self
@@ -72,7 +72,7 @@ from thermap.call import Answer, Call, Content
 from thermap.calls import TaggedTable, VolumetricErrors
 from thermap.connection import explaining, httpx_options, service_url, without_password
 from thermap.errors import ServiceUnavailableError, error_of
-from thermap.following import EventReader, Told
+from thermap.following import EventReader, Followed, Told
 
 
 class ThermapClient:
@@ -662,7 +662,12 @@ class ThermapClient:
         return self.send(loop_calls.preview_adoption(machine, analysis_id, effects, onto_active))
 
     def follow(
-        self, machine: str, *, min_change_um: float = 0.1, max_step_um: float | None = None
+        self,
+        machine: str,
+        *,
+        min_change_um: float = 0.1,
+        max_step_um: float | None = None,
+        kinds: Collection[Followed] = following.TABLES,
     ) -> Iterator[Told]:
         """Follow a machine's table and verdict as they change, for as long as one iterates.
 
@@ -670,15 +675,22 @@ class ThermapClient:
         a larger change comes in several tables, one a second [both µm; angular components µrad,
         squareness µm/m]. Once it has begun, a service that is gone is told as `lost`, and asked
         again until it is back; a machine that is deleted ends it with UnknownThingError.
+
+        With `kinds` one may also follow what comes into the event log, `event`, `watch` and
+        `analysis`: from now on, and after a break from where that was, each once.
         """
-        query = following.query_of(min_change_um, max_step_um)
+        query = following.query_of(min_change_um, max_step_um, kinds)
         return self._follow(calls.of_machine(machine, "compensation/stream"), query)
 
     def follow_all(
-        self, *, min_change_um: float = 0.1, max_step_um: float | None = None
+        self,
+        *,
+        min_change_um: float = 0.1,
+        max_step_um: float | None = None,
+        kinds: Collection[Followed] = following.TABLES,
     ) -> Iterator[Told]:
         """Follow all machines, also those that are made later; as `follow` does one."""
-        query = following.query_of(min_change_um, max_step_um)
+        query = following.query_of(min_change_um, max_step_um, kinds)
         return self._follow("/v1/stream", query)
 
     def send(self, call: Call[Answer]) -> Answer:
@@ -706,7 +718,7 @@ class ThermapClient:
         """Close at the end of a `with` block."""
         self.close()
 
-    def _follow(self, path: str, query: Mapping[str, float]) -> Iterator[Told]:
+    def _follow(self, path: str, query: Mapping[str, Any]) -> Iterator[Told]:
         reader = EventReader()
         while True:
             asked = self._http.build_request(

@@ -23,6 +23,17 @@ EVENTS: Final = "text/event-stream"
 _HEADERS: Final = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
 """Proxies are to pass on every event when it comes."""
 
+_SHAPES: Final = {
+    "table": "CurrentCompensationAnswer",
+    "state": "CurrentCompensationAnswer",
+    "status": "MachineStatus",
+    "event": "Event",
+    "watch": "WatchChange",
+    "analysis": "AnalysisNews",
+    "missed": "MissedEntries",
+}
+"""Names of events, and what their JSON is."""
+
 _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {
         "description": "Events without end. `table`: the JSON of `GET …/compensation`. `state`: "
@@ -39,6 +50,10 @@ _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "content": {
             EVENTS: {
                 "schema": {"type": "string"},
+                "x-events": {
+                    name: {"$ref": f"#/components/schemas/{shape}"}
+                    for name, shape in _SHAPES.items()
+                },
                 "example": 'event: table\ndata: {"machine": "mcfv5050", …}\nid: 1764000000001\n\n',
             }
         },
@@ -85,7 +100,7 @@ LastEventId = Annotated[
     str,
     Header(
         description="`id` of the last event that came: the table comes again only if it has "
-        "changed since, and what was written into the event log since comes first of all news"
+        "changed since, and the event log is told from there on"
     ),
 ]
 
