@@ -169,3 +169,50 @@ def test_what_cannot_be_read_is_an_unexpected_answer():
     other = httpx.MockTransport(lambda _request: httpx.Response(200, content=body))
     with ThermapClient(transport=other) as client, pytest.raises(UnexpectedAnswerError):
         next(client.follow("vmc"))
+
+
+def test_news_come_typed_and_go_on_after_a_break(database_url, monkeypatch):
+    monkeypatch.setattr(following, "FIRST_PAUSE_S", 0.05)
+    kinds = ("event", "watch", "analysis")
+    with running(database_url) as url:
+        client = ThermapClient(url)
+        stream = client.follow_all(kinds=("status", *kinds))
+        of_kind(stream, "status")
+        client.change_machine("mcfv5050", {"name": "Mill"})
+        first = of_kind(stream, "event")
+        assert (first.machine, first.event.kind) == ("mcfv5050", "machine")
+        assert first.event.text == "settings changed: name"
+    assert of_kind(stream, "lost").machine == ""
+    with running(database_url) as url, ThermapClient(url) as other:
+        other.change_machine("mcfv5050", {"name": "Lathe"})
+    with running(database_url, int(client.base_url.rpartition(":")[2])):
+        missed = of_kind(stream, "event")
+        assert missed.event.id > first.event.id
+        client.activate_model("mcfv5050", 2)
+        assert of_kind(stream, "event").event.kind == "model"
+        stream.close()
+    client.close()
+
+
+def test_every_kind_of_news_is_read():
+    entry = {"machine": "vmc", "time": "2026-03-01T06:00:00Z", "who": "service"}
+    watch = {"watch": "beyond", "before": "within", "model_version": 3, "drifting_since": None}
+    job = {"analysis": 7, "status": "running", "progress": 0.4, "message": "searching"}
+    reader = EventReader()
+    reader.begin()
+    (told,) = taken(reader, "event: watch", f"data: {json.dumps(entry | watch)}", "id: 1-4", "")
+    assert (told.kind, told.machine, told.watch.watch) == ("watch", "vmc", "beyond")
+    (told,) = taken(reader, "event: analysis", f"data: {json.dumps(entry | job)}", "id: 1-5", "")
+    assert (told.analysis.status, told.analysis.progress) == ("running", 0.4)
+    missed = json.dumps({"count": 12, "detail": "12 entries"})
+    (told,) = taken(reader, "event: missed", f"data: {missed}", "id: 1-17", "")
+    assert (told.kind, told.missed, told.detail) == ("missed", 12, "12 entries")
+    assert taken(reader, "id: 1-18", "") == []
+    assert reader.headers == {"Last-Event-ID": "1-18"}
+
+
+def test_who_follows_nothing_is_refused_and_what_all_are_told_is_not_named():
+    with pytest.raises(ValueError, match="analysis"):
+        following.query_of(0.1, None, ())
+    assert "kind" not in following.query_of(0.1, 2.0, ("status", "table"))
+    assert following.query_of(0.1, None, ("watch",))["kind"] == ["watch"]

@@ -16,6 +16,7 @@ from app.services import log_tail
 from app.services.access_keys import create_key
 from app.services.events import AlarmLog
 from app.storage.analyses import begin_analysis, record_heartbeat
+from app.storage.database import Database
 from app.storage.events import write_event
 from tests.api.test_api_analyses import QUICK
 from tests.api.test_api_watch import BEGIN, T_C, visit
@@ -299,12 +300,13 @@ def test_a_machine_that_is_deleted_says_so_last(shop):
 
 
 def test_a_key_for_one_machine_is_told_its_news_alone(furnished_url, clock):
+    with closing(Database(furnished_url)) as before:
+        keys = {
+            "own": create_key(before, "own", Role.VIEWER, ["mcfv5050"]).secret,
+            "all": create_key(before, "all", Role.ADMIN).secret,
+        }
     with opened(furnished_url, clock, analyses=False, require_keys=True) as shop:
         database = shop.service.state.context.database
-        keys = {
-            "own": create_key(database, "own", Role.VIEWER, ["mcfv5050"]).secret,
-            "all": create_key(database, "all", Role.ADMIN).secret,
-        }
         headers = {name: {"Authorization": f"Bearer {key}"} for name, key in keys.items()}
         with (
             shop.follow("/v1/stream", headers=headers["own"], **NEWS) as own,
@@ -479,7 +481,7 @@ def test_who_reads_slowly_has_the_newest_table_and_not_all_between(databases, cl
         shop.feed(21.0)
         with not_reading(shop, "min_change_um=0") as opened_:
             feeds = shop.service.state.streams._feeds
-            until(lambda: feeds and feeds["mcfv5050"].table.has_values)
+            until(lambda: feeds and feeds["mcfv5050"].table is not None)
             for i in range(count):
                 number = feeds["mcfv5050"].table.number
                 shop.feed_after(1, 21.0 + 0.05 * (i + 1))
