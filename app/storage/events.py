@@ -153,6 +153,8 @@ def read_tail(session: Session, after: int | None, most: int) -> LogTail:
     after
         The number; None for the last ones there are.
     """
+    # First: what is committed between the two is then read, and not passed over as known.
+    newest = session.scalar(select(func.max(EventRow.number))) or 0
     query = select(EventRow).where(EventRow.number.is_not(None))
     if after is not None:
         query = query.where(EventRow.number > after)
@@ -160,8 +162,7 @@ def read_tail(session: Session, after: int | None, most: int) -> LogTail:
     entries = [(row.number or 0, _event(row)) for row in reversed(rows)]
     is_cut = len(rows) == most
     begins = entries[0][0] - 1 if is_cut else after or 0
-    newest = entries[-1][0] if entries else _newest_number(session)
-    return LogTail(entries, begins, newest)
+    return LogTail(entries, begins, entries[-1][0] if entries else newest)
 
 
 def count_entries(
@@ -178,10 +179,6 @@ def count_entries(
     for machine_id, kind, count in session.execute(query):
         counted[machine_id, EventKind(kind)] = count
     return counted
-
-
-def _newest_number(session: Session) -> int:
-    return session.scalar(select(func.max(EventRow.number))) or 0
 
 
 def list_events(
