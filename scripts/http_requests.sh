@@ -58,6 +58,9 @@ curl http://127.0.0.1:8000/v1/machines/mcfv5050/compensation -H 'If-None-Match: 
 # 200: the table now, and whenever a value has changed by more than 0.5 µm
 curl -N "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/stream?min_change_um=0.5"
 
+# 200: alarms, changes, what the watch says and how far analyses are, without tables
+curl -N "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/stream?kind=event&kind=watch&kind=analysis"
+
 # 200: the same of every machine
 curl -N http://127.0.0.1:8000/v1/stream
 

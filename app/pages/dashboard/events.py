@@ -17,6 +17,7 @@ KINDS: Final[Mapping[str, str]] = {
     "sensor": "Sensors",
     "model": "Models",
     "verification": "Checks",
+    "watch": "Watch",
     "analysis": "Analyses",
     "readings": "Readings",
     "machine": "Settings",
