@@ -51,7 +51,8 @@ def get_machines(
     """Show all machines: who can be trusted, who cannot and why."""
     may_see = sees(request)
     views = [view for view in show_machine_views(context) if may_see(view.status.machine)]
-    return Page(machines_page(views, context.now(), only), scripts=0, headers=_HEADERS)
+    page = machines_page(views, context.now(), only, context.live.database.trouble)
+    return Page(page, scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}", response_class=Page)

@@ -68,30 +68,30 @@ function place(errors) {
   return [others, first];
 }
 
-async function refused(title, answer) {
+async function refused(title, answer, changes) {
   const problem = await answer.json().catch(() => ({}));
   const [lines, first] = place(problem.errors ?? []);
   if (!problem.errors?.length) lines.push(problem.detail ?? `The service answered ${answer.status}.`);
   if (first) lines.push("What the file does not say is asked above.");
-  const sure = answer.status < 500 ? "Nothing has changed." : "Whether something has changed shows the page when the service answers again.";
+  const sure = answer.status < 500 || !changes ? "Nothing has changed." : "Whether something has changed shows the page when the service answers again.";
   say(title, [...lines, sure]);
   first?.focus();
 }
 
-async function ask(title, address, options = {}) {
+async function ask(title, address, options = {}, changes = true) {
   try {
     const answer = await fetch(address, { cache: "no-store", ...options });
     if (answer.ok) return answer;
-    await refused(title, answer);
+    await refused(title, answer, changes);
   } catch {
-    say(title, ["The service was not reached. Whether something has changed shows the page when it is back."]);
+    say(title, [changes ? "The service was not reached. Whether something has changed shows the page when it is back." : "The service was not reached."]);
   }
   return null;
 }
 
 async function show(title, address, options) {
   const mine = ++asked;
-  const answer = await ask(title, address, options);
+  const answer = await ask(title, address, options, false);
   if (!answer || mine !== asked) return;
   const page = new DOMParser().parseFromString(await answer.text(), "text/html");
   if (mine !== asked) return;
@@ -149,7 +149,7 @@ async function takeReading() {
     from: new Date(time - LOOK_BACK_S * 1000).toISOString(),
     to: new Date(time).toISOString(),
   });
-  const answer = await ask("The readings were not read.", `${api}/readings?${range}`);
+  const answer = await ask("The readings were not read.", `${api}/readings?${range}`, {}, false);
   if (!answer) return;
   const last = (await answer.json()).at(-1);
   if (!last) {

@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from app.errors import counted
+from app.live.database_watch import Trouble
 from app.pages.dashboard.charts import (
     Scale,
     course_svg,
@@ -64,13 +65,17 @@ _HYPHEN: Final = "\N{NON-BREAKING HYPHEN}"
 _WATCH: Final = {"within": "within", "beyond": "beyond", "not-judged": "not judged"}
 
 
-def machines_page(views: Sequence[MachineView], now: datetime, only: str = "") -> str:
+def machines_page(
+    views: Sequence[MachineView], now: datetime, only: str = "", trouble: Trouble | None = None
+) -> str:
     """Write the page of all machines: who can be trusted, who cannot and why.
 
     Parameters
     ----------
     only
         One of `GROUPS`: its machines alone are listed; empty for all.
+    trouble
+        What is the matter with the database, if anything is.
     """
     groups = {view.status.machine: group_of(view.status) for view in views}
     counts = {g: sum(group == g for group in groups.values()) for g in GROUPS}
@@ -85,6 +90,7 @@ def machines_page(views: Sequence[MachineView], now: datetime, only: str = "") -
         stream="/v1/stream",
         now=now,
         only=only,
+        trouble="" if trouble is None else _trouble_words(trouble, now),
         summary=_summary([v.status for v in views], counts),
         rows=[_row(v, groups[v.status.machine], largest, now) for v in shown],
     )
@@ -156,6 +162,11 @@ def _summary(statuses: Sequence[MachineStatus], counts: Mapping[str, int]) -> Su
         f"{limited} {'is' if limited == 1 else 'are'} limited." if limited else "",
         counts,
     )
+
+
+def _trouble_words(trouble: Trouble, now: datetime) -> str:
+    since = clock(trouble.since, now)
+    return f"The database {trouble.matter.value} since {since} UTC: tables go on from memory."
 
 
 def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[str, Any]:
