@@ -6,6 +6,10 @@ import pytest
 from alembic import command
 from sqlalchemy import text
 
+from app.effects.driver import Behind
+from app.effects.effect import Effect
+from app.effects.shape import Sensitivity
+from app.effects.term import Term
 from app.services.events import ALARM_DUTY
 from app.services.keep_readings import KEEPER_DUTY, ReadingKeeper
 from app.storage import partitions
@@ -14,6 +18,7 @@ from app.storage.migrate import UPGRADE_LOCK, alembic_config, upgrade
 from app.storage.readings import find_readings, insert_readings, list_readings
 from app.thermal.reading import Reading
 from tests.databases import reachable
+from tests.effect_examples import adopt, learnt
 from tests.service_examples import MACHINE, ROOM, START, error_map, furnish_database, iso
 
 pytestmark = pytest.mark.anyio
@@ -255,3 +260,28 @@ async def test_what_a_map_or_a_verification_needs_is_not_thinned(app, client, sp
     with context.database.reading() as session:
         left = [r.time for r in list_readings(session, MACHINE["id"])]
     assert left == sorted([pairs[0][0], *pairs[1], *pairs[2], pairs[3][0]])
+
+
+async def test_what_an_adopted_lag_reads_again_is_not_thinned(app):
+    """A filter of two days is known to the last digit from the sixty days before."""
+    context = app.state.context
+    adopt(app, slow_lag(timedelta(days=2)))
+    pairs = [
+        (START - timedelta(days=d), START - timedelta(days=d) + timedelta(seconds=1))
+        for d in (70, 50, 35)
+    ]
+    with context.database.writing() as session:
+        insert_readings(session, {MACHINE["id"]: readings_at([t for pair in pairs for t in pair])})
+    assert ReadingKeeper(context, None, 31).look() == 1
+    with context.database.reading() as session:
+        left = [r.time for r in list_readings(session, MACHINE["id"])]
+    assert left == [pairs[0][0], *pairs[1], *pairs[2]]
+
+
+def slow_lag(time_constant):
+    tau_s = time_constant.total_seconds()
+    term = Term("EZZ", Behind("z-column", tau_s), Sensitivity(is_local=False))
+    parameters = {"time_constant_min": tau_s / 60.0, "share": 1.0}
+    return learnt(
+        Effect("thermal-lag", ("EZZ",), ("z-column",), parameters=parameters, terms=(term,))
+    )
