@@ -44,11 +44,23 @@ def found_on(seed: int, kind: str, visits: int) -> list[Effect]:
     return [e.effect for e in answer.effects if e.helps and e.effect.kind in OF_THE_TYPE]
 
 
-def tried_on(seed: int, effects: list[Effect], visits: int, together: int) -> list[tuple[str, str]]:
-    """Try effects on a sister without any: under which conditions, and each verdict."""
+def tried_on(
+    seed: int, effects: list[Effect], visits: int, together: int
+) -> list[tuple[str, str, str]]:
+    """Try effects on a sister without any.
+
+    Returns
+    -------
+    list
+        For each effect the sister's conditions, the verdict among so many trials together, and
+        what it would be of that trial alone.
+    """
     name = list(CONDITIONS)[seed % len(CONDITIONS)]
     sister = campaign_of(seed, visits, **CONDITIONS[name])
-    return [(name, try_effect(sister, effect, together).verdict) for effect in effects]
+    return [
+        (name, try_effect(sister, effect, together).verdict, try_effect(sister, effect).verdict)
+        for effect in effects
+    ]
 
 
 def main() -> None:
@@ -72,16 +84,17 @@ def main() -> None:
         )
         counts: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
         for of_one in answers:
-            for effect, (name, verdict) in zip(effects, of_one, strict=True):
+            for effect, (name, verdict, alone) in zip(effects, of_one, strict=True):
                 counts[effect.kind, name][verdict] += 1
+                counts[effect.kind, name]["alone: yes"] += alone == "yes"
     show(counts, together)
 
 
 def show(counts: dict[tuple[str, str], Counter[str]], together: int) -> None:
     """Print a line for each kind and condition, and the sum."""
-    verdicts = ("yes", "no", "cannot-be-told")
-    print("\n| effect | sisters' scatter | yes | no | cannot be told |")
-    print("| --- | --- | --- | --- | --- |")
+    verdicts = ("yes", "no", "cannot-be-told", "alone: yes")
+    print("\n| effect | sisters' scatter | yes | no | cannot be told | yes, each trial alone |")
+    print("| --- | --- | --- | --- | --- | --- |")
     for (kind, name), counted in sorted(counts.items()):
         print(f"| {kind} | {name} | " + " | ".join(str(counted[v]) for v in verdicts) + " |")
     total = sum(counts.values(), Counter())

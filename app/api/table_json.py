@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import itemgetter
-from typing import Any, NamedTuple
+from threading import Lock
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import orjson
@@ -32,8 +33,14 @@ from app.thermal.group_state import GroupState
 
 OPTIONS = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_UTC_Z
 
-LAYOUTS_REMEMBERED = 4096
-"""Tables whose unchanging text is kept, over all machines: some 12 kB for 12 × 21 numbers."""
+LAYOUTS_BYTES = 64 * 2**20
+"""Room for the unchanging text of tables, over all machines: some 12 kB for 12 × 21 numbers.
+
+Where maps have positions of their own, each pair of neighbours of each sensor makes another one.
+"""
+
+BASES_REMEMBERED = 4096
+"""Sentences on what numbers rest on that are kept, some 300 bytes each."""
 
 STEPS = 10.0**DECIMALS
 """Errors are written in steps of 0.1 nm or 0.1 nrad: so many are a µm or a µrad."""
@@ -76,7 +83,7 @@ def _table_fields(table: CompensationTable) -> dict[str, Any]:
 
 def _components_json(table: CompensationTable) -> bytes:
     """Write all components: one array of numbers, one text of it, cut where the ranges end."""
-    layout = _layout(
+    layout = LAYOUTS.of(
         tuple([state.members for state in table.states]),
         tuple([_known(state) for state in table.states]),
         tuple([entry.component.code for entry in table.corrected]),
@@ -210,7 +217,57 @@ class _Layout:
     steps: FloatArray
 
 
-@lru_cache(maxsize=LAYOUTS_REMEMBERED)
+_Key: TypeAlias = tuple[
+    tuple[tuple[Member, ...], ...], tuple[tuple[bool, ...] | None, ...], tuple[str, ...]
+]
+
+
+class Layouts:
+    """Layouts that were made, in so much memory at most: the oldest go first.
+
+    Bounded by what they take and not by their number, of which one may take a thousand times as
+    much as another. Models that hold no more are in the keys until then.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._kept: dict[_Key, _Layout] = {}
+        self._lock = Lock()
+        self.bytes = 0
+
+    def of(
+        self,
+        groups: tuple[tuple[Member, ...], ...],
+        known: tuple[tuple[bool, ...] | None, ...],
+        corrected: tuple[str, ...],
+    ) -> _Layout:
+        """Find the layout of a table, or make it: arguments as `_layout`."""
+        key = (groups, known, corrected)
+        found = self._kept.get(key)
+        if found is None:
+            found = _layout(*key)
+            self._keep(key, found)
+        return found
+
+    def _keep(self, key: _Key, layout: _Layout) -> None:
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = layout
+                self.bytes += _size(key, layout)
+            while self.bytes > self._most_bytes:
+                oldest = next(iter(self._kept))
+                self.bytes -= _size(oldest, self._kept.pop(oldest))
+
+
+def _size(key: _Key, layout: _Layout) -> int:
+    """Bytes that a layout takes, and the positions that its key holds."""
+    positions = sum(member.positions_mm.nbytes for members in key[0] for member in members)
+    return len(layout.text) + layout.columns.nbytes + layout.steps.nbytes + positions
+
+
+LAYOUTS = Layouts(LAYOUTS_BYTES)
+
+
 def _layout(
     groups: tuple[tuple[Member, ...], ...],
     known: tuple[tuple[bool, ...] | None, ...],
@@ -324,7 +381,7 @@ def _basis_json(state: GroupState) -> bytes:
     return text % (orjson.dumps(state.temperature_c), orjson.dumps(weight))
 
 
-@lru_cache(maxsize=LAYOUTS_REMEMBERED)
+@lru_cache(maxsize=BASES_REMEMBERED)
 def _basis_text(
     sensor: str, stand_in_for: str | None, lower_map: str, upper_map: str, status: str
 ) -> bytes:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.api.table_json import table_json
+from app.api.table_json import Layouts, table_json
 from app.compensation.table import compensation_table
 from app.geometry.components import COMPONENTS
 from app.thermal.compile_model import compile_model
@@ -137,3 +137,19 @@ def test_a_table_of_twelve_by_twenty_one_takes_two_thirds_of_the_bytes():
     assert json.loads(content)["components"][0]["temperature_c"] == pytest.approx(
         24.123456789, abs=0
     ), "what is stated stays as it came"
+
+
+def test_what_is_remembered_of_tables_has_a_bounded_size(monkeypatch):
+    kept = Layouts(40_000)
+    monkeypatch.setattr("app.api.table_json.LAYOUTS", kept)
+    sizes = []
+    for seed in range(60):
+        table = any_compensation_table(seed)
+        fresh = table_json(table)
+        assert table_json(table) == fresh  # from what was kept
+        sizes.append(kept.bytes)
+    assert max(sizes) <= 40_000
+    assert sizes[-1] > 10_000, "nothing was kept"
+    table = any_compensation_table(61)
+    monkeypatch.setattr("app.api.table_json.LAYOUTS", Layouts(0))
+    assert table_json(table) == table_json(table), "a layout that has no room is made each time"

@@ -192,7 +192,8 @@ def test_growth_of_memory_with_its_uncertainty():
 
 def test_leaks_are_found():
     sample = Sample(0.0, 1, 200.0, 30, 9, 1.0)
-    well = Soaked(60.0, 1, Tally(), 0, sample, sample, growth_of(samples(5.0, 3.0)), [], [])
+    filling, growth = growth_of(samples(900.0, 3.0)), growth_of(samples(5.0, 3.0))
+    well = Soaked(60.0, 1, Tally(), 0, sample, sample, filling, growth, [], [])
     assert well.is_well
     for wrong in (
         replace(well, last=replace(sample, handles=60)),

@@ -44,7 +44,11 @@ SAMPLES_EVERY_S = 1.0
 
 @dataclass(frozen=True)
 class Soaked:
-    """What came of a soak; `first` and `last` are of the process that lived to the end."""
+    """What came of a soak; `first` and `last` are of the process that lived to the end.
+
+    `filling` is how its memory grew in the first half of that time, while what it remembers of
+    tables fills, and `growth` in the second.
+    """
 
     seconds: float
     machines: int
@@ -52,6 +56,7 @@ class Soaked:
     rounds_of_adoption: int
     first: Sample
     last: Sample
+    filling: Growth | None
     growth: Growth | None
     samples: list[Sample]
     log_errors: list[str]
@@ -101,7 +106,8 @@ class Soaked:
                     ("database MiB", self.first.database_mib, self.last.database_mib, 1),
                 )
             ),
-            "memory under load: " + _growth_words(self.growth),
+            "memory under load, first half: " + _growth_words(self.filling),
+            "memory under load, second half: " + _growth_words(self.growth),
             *(f"LEAK: {words}" for words in self.leaks),
             *(f"WRONG: {words}" for words in tally.words),
             *(f"LOG: {words}" for words in self.log_errors[:20]),
@@ -182,7 +188,8 @@ def soak(
         rounds_of_adoption=adopter.rounds,
         first=first,
         last=last,
-        growth=growth_of(lived),
+        filling=growth_of(lived[: len(lived) // 2]),
+        growth=growth_of(lived[len(lived) // 2 :]),
         samples=watch.samples,
         log_errors=_errors_in(log),
     )
