@@ -256,9 +256,12 @@ def draw(models: dict[str, dict[int, Cost]], fleets: dict[int, Fleet], path: Pat
         line = {"color": "#555555", "dash": dash}
         figure.add_trace(Scatter(x=list(fleets), y=values, name=name, line=line), row=2, col=2)
     figure.update_xaxes(title="machines", type="log", row=2, col=2)
-    figure.update_yaxes(type="log", title="processor time [ms]", exponentformat="power")
+    figure.update_xaxes(dtick=1)
+    figure.update_yaxes(type="log", dtick=1, title="processor time [ms]", exponentformat="power")
     figure.update_yaxes(title="", row=2, col=2)
-    figure.update_layout(width=1100, height=800, template="plotly_white", font={"size": 13})
+    figure.update_layout(
+        width=1100, height=760, template="plotly_white", font={"size": 13}, margin={"t": 40}
+    )
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         page_file = Path(folder) / "growth.html"
         figure.write_html(page_file)
