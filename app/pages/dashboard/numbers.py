@@ -10,15 +10,21 @@ from markupsafe import Markup
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H, SECONDS_PER_MIN
 
 MINUS: Final = "\N{MINUS SIGN}"
+DECIMALS: Final = 4
+"""Of a length or angle as the API answers it [µm, µrad]."""
+
 NO_BREAK: Final = "\N{NO-BREAK SPACE}"
 
 
 def signed(value: float, digits: int = 1) -> str:
     r"""Write a number with its sign; what rounds to zero has none.
 
-    >>> signed(-21.94), signed(0.04), signed(-0.04), signed(1234.5)
-    ('−21.9', '0.0', '0.0', '+1\xa0234.5')
+    It is rounded from the number that the API answers, so that both say the same at a half.
+
+    >>> signed(-21.94), signed(0.04), signed(-0.04), signed(1234.5), signed(-28.849999999)
+    ('−21.9', '0.0', '0.0', '+1\xa0234.5', '−28.9')
     """
+    value = round(value, DECIMALS)
     text = f"{abs(value):,.{digits}f}".replace(",", NO_BREAK)
     if float(f"{value:.{digits}f}") == 0.0:
         return text
