@@ -173,3 +173,27 @@ def test_the_answer_begins_as_a_sentence_does():
     )
     told = summary("effects-found", [effect], [], [], size, size, 0.3, "µm", None)
     assert told.startswith("The clocks are 60 ± 1 min apart. The residuals stay")
+
+
+@pytest.mark.slow
+def test_the_summary_says_which_visit_the_answer_is_not_about():
+    """One visit 30 µm off, all others as the model says: it is left out, and not without a word."""
+    made = make_campaign(5, visits=20, days=4)
+    visit = made.verifications[9]
+    moved = [
+        place
+        if "component" in place
+        else place | {"measured_um": [place["measured_um"][0] + 30.0, *place["measured_um"][1:]]}
+        for place in visit["observations"]
+    ]
+    bodies = [b if b is not visit else b | {"observations": moved} for b in made.verifications]
+    told = {}
+    for name, own in (("as it was", made.verifications), ("one off", bodies)):
+        campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, own)
+        told[name] = json.loads(RESULTS.text(analyse(campaign, kinds=["backlash"])))
+    assert {answer["verdict"] for answer in told.values()} == {"nothing-found"}
+    assert "Left out" not in told["as it was"]["summary"]
+    (next_step,) = (step for step in told["one off"]["what_next"] if "left out as a slip" in step)
+    assert visit["label"] in next_step
+    _, _, left_out = told["one off"]["summary"].partition("Left out as far from all other visits:")
+    assert visit["label"] in left_out

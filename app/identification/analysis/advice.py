@@ -77,6 +77,19 @@ def summary(
     return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
 
 
+def left_out_visits(apart: Sequence[str]) -> str:
+    """Say which visits the answer is not about, for the summary; empty where it is about all.
+
+    Parameters
+    ----------
+    apart
+        Components with the visit that was left out because it stands far from all others.
+    """
+    if not apart:
+        return ""
+    return f" Left out as far from all other visits: {list_names(apart, 4)}."
+
+
 def _how_sure(effect: FoundEffect) -> str:
     """Say what was found, and where its name is not sure; a proxy says so itself."""
     sure = effect.is_proxy or effect.status == Status.CONFIRMED

@@ -21,7 +21,7 @@ from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.errors import list_names
 from app.identification.analysis import analysis
 from app.identification.analysis.adoption import Judged, judge_help
-from app.identification.analysis.advice import mistakes_first, summary, what_next
+from app.identification.analysis.advice import left_out_visits, mistakes_first, summary, what_next
 from app.identification.analysis.analysis import (
     Analysis,
     ComponentFigures,
@@ -238,9 +238,11 @@ def _answer(
     noise = _noise(found)
     floor = _floor(components)
     unit = figures_unit(found.residuals)
+    apart = _apart(found)
+    told = summary(verdict, described, refitted, unexplained, size, after, noise, unit, kinds)
     return Analysis(
         verdict=verdict,
-        summary=summary(verdict, described, refitted, unexplained, size, after, noise, unit, kinds),
+        summary=told + left_out_visits(apart),
         kinds=kinds,
         unit=unit,
         noise=noise,
@@ -262,7 +264,7 @@ def _answer(
         not_testable=not_testable,
         detectable=tuple(_detectable(found)),
         what_next=what_next(
-            *(described, unexplained, not_testable, found.residuals.rows.visits, _apart(found)),
+            *(described, unexplained, not_testable, found.residuals.rows.visits, apart),
             is_cut=findings.is_cut,
         ),
         plots=plots(found, [*effects, *(offered.effect for offered in responses.offered)]),
