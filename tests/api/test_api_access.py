@@ -548,7 +548,7 @@ async def test_a_page_offers_nobody_what_is_refused_him(guarded):
         for mark in marks:
             assert mark in shown["metrologist"][path], (path, mark)
             assert mark not in shown["viewer"][path], (path, mark)
-        assert "reads only" in shown["viewer"][path]
+        assert "Reads only" in shown["viewer"][path]
         assert "Log out" in shown["viewer"][path]
 
 
