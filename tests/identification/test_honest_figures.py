@@ -12,7 +12,7 @@ from app.identification.analysis.advice import summary
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.analysis import Figures
 from app.identification.analysis.before_after import UnknownZero, without_zeros, zero_of
-from app.identification.analysis.curves import mean_variances
+from app.identification.analysis.curves import mean_variances, of_one_unit
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
 from app.search.findings import ChannelNoise, Figure, HeldOut
@@ -46,6 +46,21 @@ def test_what_counts_from_the_first_observation_and_what_from_the_mean():
     chosen = {"first": [0, 5], "removed": [0, 3], "absolute": [5]}
     for zero, rows in chosen.items():
         assert zero_of(zeros, np.isin(np.arange(6), rows)) == zero
+
+
+@pytest.mark.parametrize(("noise_urad", "kept"), [(10.0, [0, 1]), (2.0, [2, 3])])
+def test_a_curve_is_of_the_unit_in_which_an_effect_explains_most(noise_urad, kept):
+    """1 µm for a noise of 1 µm, and 5 µrad for one of 10 or 2 µrad: no chart shows both."""
+    noise = [SimpleNamespace(fitted=1.0), SimpleNamespace(fitted=noise_urad)]
+    found = SimpleNamespace(
+        residuals=SimpleNamespace(
+            rows=SimpleNamespace(channels=("EXX", "EBX"), channel=np.array([0, 0, 1, 1]))
+        ),
+        findings=SimpleNamespace(noise=noise),
+        explained=lambda _: np.array([1.0, -1.0, 5.0, -5.0]),
+    )
+    assert of_one_unit(found, None, np.arange(4)).tolist() == kept
+    assert of_one_unit(found, None, np.array([2])).tolist() == [2]
 
 
 @pytest.mark.slow

@@ -519,7 +519,10 @@ class SmallestSeen(Answer, published_as="SmallestSeenAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class EffectCurve(Answer):
-    """An effect's residuals over what drives it: arrays of one length, of some rows."""
+    """An effect's residuals over what drives it: arrays of one length, of some rows.
+
+    Where it acts on components of several units, of those of one unit: where it explains most.
+    """
 
     over: str
     """What drives it; `time` in seconds since 1970-01-01 UTC"""

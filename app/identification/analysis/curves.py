@@ -74,9 +74,30 @@ def _rows_of(found: FinishedSearch, effect: Effect) -> IntArray:
     names = np.array(rows.channels)[rows.channel]
     own = np.isin(names, effect.components)
     chosen = np.flatnonzero(found.use & (own if own.any() else moved))
+    chosen = of_one_unit(found, effect, chosen)
     if len(chosen) <= MOST_POINTS:
         return chosen
     return chosen[np.linspace(0, len(chosen) - 1, MOST_POINTS).round().astype(np.intp)]
+
+
+def of_one_unit(found: FinishedSearch, effect: Effect, chosen: IntArray) -> IntArray:
+    """Keep the rows of that unit in which the effect explains most for the noise.
+
+    µm, µrad and µm/m stand on no common axis.
+    """
+    rows = found.residuals.rows
+    channels = rows.channel[chosen]
+    units = {n: channel_unit(rows.channels[n]) for n in np.unique(channels).tolist()}
+    if len(set(units.values())) < 2:
+        return chosen
+    explained = found.explained(effect)[chosen]
+    weights = dict.fromkeys(units.values(), 0.0)
+    for number, unit in units.items():
+        own = explained[channels == number] / found.findings.noise[number].fitted
+        weights[unit] += float(np.sum(own**2))
+    best = max(weights, key=weights.__getitem__)
+    kept = [number for number, unit in units.items() if unit is best]
+    return chosen[np.isin(channels, kept)]
 
 
 def _driver_of(

@@ -328,7 +328,7 @@ def _rivals(one: FoundEffect) -> dict[str, Any] | None:
     elif lead is not None:
         words += f" The lead is {figure_text(lead, 0)}."
     further = len(one.alternatives) - len(shown)
-    words += f" {further} more are weaker." if further else ""
+    words += f" {further} more {'is' if further == 1 else 'are'} weaker." if further else ""
     again = one.evidence.found_again_share
     words += "" if again is None else f" Found again in {100.0 * again:.0f} % of the splits."
     return {
