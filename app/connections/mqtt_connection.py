@@ -18,10 +18,11 @@ from app.connections.mqtt_payloads import Unusable
 from app.connections.mqtt_publisher import TablePublisher
 from app.connections.mqtt_readers import Stated, read_message
 from app.connections.mqtt_tables import MqttTable, TopicTable
+from app.connections.sparing_log import SparingLog
 from app.connections.sparkplug_follower import SparkplugFollower
 from app.connections.sparkplug_nodes import NAMESPACE
 from app.connections.sparkplug_payload import rebirth_command
-from app.errors import list_names
+from app.errors import counted, list_names
 from app.services.context import Context
 
 log = logging.getLogger("thermap")
@@ -39,6 +40,9 @@ LOOK_EVERY_S: Final = 0.5
 
 AT_ONCE: Final = 50
 """Messages before others have a turn."""
+
+NAMED: Final = 5
+"""Sensors that are named where many are silent."""
 
 MOST_HEARD: Final = 10_000
 """Sensors whose silence is noticed: topics may name any number."""
@@ -66,6 +70,7 @@ class MqttConnection(TellsTables):
         self._since_s: dict[tuple[str, str], float] = {}
         self._silent: set[tuple[str, str]] = set()
         self._dropped = 0
+        self._log = SparingLog()
 
     async def run(self) -> None:
         """Follow the broker until cancelled."""
@@ -109,7 +114,7 @@ class MqttConnection(TellsTables):
         if self._publisher is not None:
             said.append(self._publisher.trouble)
         if self._link is not None:
-            said += [self._silence(*one) for one in sorted(self._silent)][:5]
+            said += [self._silence(*one) for one in sorted(self._silent)[:NAMED]]
             if unsure := self._sparkplug.unsure():
                 said.append(f"messages of {list_names(unsure, 5)} are missing: no birth since")
         return [words for words in said if words]
@@ -256,15 +261,25 @@ class MqttConnection(TellsTables):
 
     def _notice_silence(self) -> None:
         now_s = monotonic()
-        for who, limit_s in self._limit_s.items():
-            since_s = max(self._heard_s.get(who, -limit_s), self._since_s.setdefault(who, now_s))
-            is_silent = now_s - since_s > limit_s
-            if is_silent and who not in self._silent:
-                self._silent.add(who)
-                log.warning("MQTT %r: %s", self._table.name, self._silence(*who))
-            elif not is_silent and who in self._silent:
-                self._silent.discard(who)
-                log.warning("MQTT %r: %s of %r speaks again", self._table.name, who[1], who[0])
+        silent = {
+            who
+            for who, limit_s in self._limit_s.items()
+            if now_s - max(self._heard_s.get(who, -limit_s), self._since_s.setdefault(who, now_s))
+            > limit_s
+        }
+        # Together, and each but once in a while: thousands fall silent at once where a part of the
+        # network goes, and some come and go all day. `trouble` says who is silent now.
+        if new := silent - self._silent:
+            words = [self._silence(*who) for who in sorted(new)[:NAMED]]
+            self._warn_of("silence", words, len(new))
+        if heard := self._silent - silent:
+            words = [f"{sensor} of {machine!r} speaks again" for machine, sensor in sorted(heard)]
+            self._warn_of("speech", words[:NAMED], len(heard))
+        self._silent = silent
+
+    def _warn_of(self, about: str, words: Sequence[str], count: int) -> None:
+        more = f"; and {counted(count - len(words), 'other')}" if count > len(words) else ""
+        self._log.warn(about, f"MQTT {self._table.name!r}: {'; '.join(words)}{more}")
 
     async def _repeat(self) -> None:
         while True:
