@@ -56,8 +56,10 @@ class TablePublisher:
         self.trouble = ""
 
     def owns(self, topic: str) -> bool:
-        """Whether it is one of the topics that are published to."""
-        return topic.startswith(f"{self._prefix}/")
+        """Whether it is published to; sensors may speak below the prefix, too."""
+        above, _, rest = topic.partition(f"{self._prefix}/")
+        machine, _, what = rest.rpartition("/")
+        return not above and (rest == "state" or bool(machine and what in OF_MACHINE))
 
     def note(self, topic: str) -> None:
         """Note that something is retained, as of a machine that was deleted meanwhile."""

@@ -8,6 +8,7 @@ pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed"
 
 from app.connections import mqtt_connection, sparing_log
 from app.connections.mqtt_connection import MqttConnection
+from app.connections.mqtt_publisher import TablePublisher
 from app.connections.mqtt_tables import MqttTable
 
 
@@ -54,3 +55,20 @@ def test_many_that_fall_silent_and_speak_again_are_few_lines(caplog, monkeypatch
         connection._heard_s["vmc", "s7"] = now_s
         connection._notice_silence()
     assert len(caplog.messages) <= 2
+
+
+@pytest.mark.parametrize(
+    ("topic", "is_own"),
+    [
+        ("thermap/state", True),
+        ("thermap/vmc/table", True),
+        ("thermap/vmc/status", True),
+        ("thermap/vmc/alarms", True),
+        ("thermap/in/vmc/x-middle", False),  # a sensor's, below the prefix: it was passed over
+        ("thermap/table", False),
+        ("shop/thermap/vmc/table", False),
+        ("thermapx/vmc/table", False),
+    ],
+)
+def test_sensors_may_speak_below_the_prefix_of_what_is_published(topic, is_own):
+    assert TablePublisher(None, "thermap", None, (0.1, None), None).owns(topic) is is_own
