@@ -112,7 +112,9 @@ def main() -> None:
                     if other != sensor and change % 10 == 0:
                         client.publish(f"{prefix}/in/mcfv5050/{other}", f"{t_c}", qos=1)
                 time.sleep(random.uniform(1.0, 2.0))
-                value = round(TEMPERATURES_C[sensor] + 0.1 * (change % 20 + 1) + 1e-4 * change, 4)
+                # Up and down by 0.1 K: more at once is no change that a sensor makes.
+                steps = 20 - abs(change % 40 - 20) + 1e-3 * change
+                value = round(TEMPERATURES_C[sensor] + 0.1 * (steps + 1.0), 4)
                 began = time.perf_counter()
                 client.publish(f"{prefix}/in/mcfv5050/{sensor}", f"{value}", qos=1)
                 for way, taken in took.items():

@@ -30,7 +30,7 @@ from app.measurement.result import MeasurementResult
 from app.measurement.rotary_axis import RotaryAxisMeasurement, measure_rotary_axis
 from app.measurement.six_dof import evaluate_six_dof
 from app.measurement.step_diagonal import StepDiagonal, step_diagonal
-from app.services.measurements import MapHeader, travel_volume
+from app.services.measurements import travel_volume
 from app.thermal.machine import Machine, Travel
 
 
@@ -151,23 +151,20 @@ class Evaluation(Generic[Request]):
     request: type[Request]
     evaluate: Callable[[Machine, Request], MeasurementResult]
 
-    def result(
-        self, machine: Machine, fields: Mapping[str, Any]
-    ) -> tuple[MapHeader, MeasurementResult]:
-        """Evaluate a body that was read from a file.
+    def checked(self, fields: Mapping[str, Any]) -> Request:
+        """Check a body that was read from a file, as one that came as JSON is.
 
         Raises
         ------
         InvalidContent
-            With the body's fields that cannot be right, or what the method refuses.
+            With the body's fields that cannot be right.
         """
         try:
-            body = self.request.model_validate(fields)
+            return self.request.model_validate(fields)
         except ValidationError as error:
             found = [field_error(one) for one in error.errors()]
             said = "; ".join(f"{one.field}: {one.message}" for one in found)
             raise InvalidContent(said, found) from None
-        return body.header(), self.evaluate(machine, body)
 
 
 EVALUATIONS: Final[Mapping[str, Evaluation[Any]]] = {

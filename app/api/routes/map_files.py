@@ -14,12 +14,13 @@ from app.api.evaluations import EVALUATIONS
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap
 from app.api.files.decimal_text import read_number
-from app.api.files.uploaded_map import UploadedMeasurement, read_uploaded_map
+from app.api.files.uploaded_map import read_uploaded_map
 from app.api.pages import Page
 from app.api.router import Router
 from app.api.routes.error_maps import NOTHING_NEW, answer_to_map
 from app.api.schemas.base import UtcTime
 from app.api.schemas.error_maps import ErrorMapAnswer
+from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import FieldError, InvalidContent, list_names
@@ -98,19 +99,34 @@ def _temperatures(stated: Sequence[str]) -> dict[str, float]:
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """An instrument's readings: the method, the body in which it is asked, what was noticed."""
+
+    method: str
+    body: MeasurementRequest
+    remarks: Sequence[str]
+
+
 async def uploaded_map(
     machine: MachinePath,
     content: FileContent,
     beside: Annotated[_Beside, Depends(_beside)],
     name: FileName = "file.csv",
-) -> CsvErrorMap | UploadedMeasurement:
-    """Read the map or the measurement that came."""
-    return await in_a_thread(
-        lambda: read_uploaded_map(content, name, machine, beside.stated, beside.method)
-    )
+) -> CsvErrorMap | _Measured:
+    """Read the map or the measurement that came, and check what it says."""
+
+    def read_and_check() -> CsvErrorMap | _Measured:
+        read = read_uploaded_map(content, name, machine, beside.stated, beside.method)
+        if isinstance(read, CsvErrorMap):
+            return read
+        body = EVALUATIONS[read.method].checked(read.body)
+        return _Measured(read.method, body, read.remarks)
+
+    return await in_a_thread(read_and_check)
 
 
-UploadedMap = Annotated[CsvErrorMap | UploadedMeasurement, Depends(uploaded_map)]
+UploadedMap = Annotated[CsvErrorMap | _Measured, Depends(uploaded_map)]
 
 router = Router(route_class=FileRoute, read_first=uploaded_map, tags=["error maps"])
 
@@ -125,13 +141,13 @@ class _Found:
     figures: Mapping[str, float] = field(default_factory=dict)
 
 
-def _map_in(read: CsvErrorMap | UploadedMeasurement, context: Context, machine: str) -> _Found:
+def _map_in(read: CsvErrorMap | _Measured, context: Context, machine: str) -> _Found:
     """Give a file's map, or evaluate the readings in it."""
     described = measured_machine(context, machine)
     if isinstance(read, CsvErrorMap):
         return _Found(read.error_map.to_error_map(), read.remarks)
-    header, result = EVALUATIONS[read.method].result(described, read.body)
-    error_map = map_of_result(described, read.method, header, result)
+    result = EVALUATIONS[read.method].evaluate(described, read.body)
+    error_map = map_of_result(described, read.method, read.body.header(), result)
     return _Found(error_map, [*read.remarks, *result.notes], read.method, result.figures)
 
 
