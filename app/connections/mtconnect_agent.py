@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequence
 from contextlib import aclosing
 from email.message import Message
-from typing import Final
+from typing import Final, TypeVar
 
 import httpx
+from starlette.concurrency import run_in_threadpool
 
 from app.connections.mtconnect_documents import (
     DataItem,
@@ -18,8 +19,13 @@ from app.connections.mtconnect_documents import (
     read_streams,
 )
 
-LARGEST_DOCUMENT: Final = 16 * 1024 * 1024
-"""Of any answer, or any part of a streamed one [bytes]: some hundred thousand observations."""
+Document = TypeVar("Document")
+
+LARGEST_DOCUMENT: Final = 8 * 1024 * 1024
+"""Of any answer, or any part of a streamed one [bytes]: some ten thousand observations."""
+
+SHORT_DOCUMENT: Final = 64 * 1024
+"""That is read at once [bytes]: a longer one would hold up live tables, and has a thread."""
 
 MOST_AT_ONCE: Final = 1000
 """Observations that are asked for at once; an agent refuses more than its buffer has room for."""
@@ -124,18 +130,18 @@ class Agent:
 
     async def probe(self) -> Sequence[DataItem]:
         """Ask what data items there are."""
-        return read_probe(await self._whole("probe", {}))
+        return await _read(read_probe, await self._whole("probe", {}))
 
     async def current(self) -> Streams:
         """Ask what holds now; what is asked for from then on fits the agent's buffer."""
-        streams = read_streams(await self._whole("current", {}))
+        streams = await _read(read_streams, await self._whole("current", {}))
         self.most_at_once = max(1, min(MOST_AT_ONCE, streams.buffer_size or MOST_AT_ONCE))
         return streams
 
     async def sample(self, since: int) -> Streams:
         """Ask what was observed from a sequence number on."""
         asked = {"from": str(since), "count": str(self.most_at_once)}
-        return read_streams(await self._whole("sample", asked))
+        return await _read(read_streams, await self._whole("sample", asked))
 
     async def stream(self, since: int, interval_s: float) -> AsyncGenerator[Streams, None]:
         """Let the agent send what it observes from a sequence number on, and heartbeats.
@@ -156,11 +162,11 @@ class Agent:
             if boundary is None:
                 async with asyncio.timeout(ANSWER_S):
                     content = await _content_of(response)
-                yield read_streams(content)
+                yield await _read(read_streams, content)
                 return
             async with aclosing(_documents(response, Parts(boundary))) as documents:
                 async for document in documents:
-                    yield read_streams(document)
+                    yield await _read(read_streams, document)
 
     async def _whole(self, question: str, asked: Mapping[str, str]) -> bytes:
         async with (
@@ -170,6 +176,12 @@ class Agent:
             ) as response,
         ):
             return await _content_of(response)
+
+
+async def _read(read: Callable[[bytes], Document], content: bytes) -> Document:
+    if len(content) <= SHORT_DOCUMENT:
+        return read(content)
+    return await run_in_threadpool(read, content)
 
 
 # Compressed, a small answer could be a huge one.

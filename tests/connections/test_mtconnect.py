@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import threading
 from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime
 
@@ -13,7 +14,12 @@ pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
 from app.connections import mtconnect_agent
 from app.connections.mtconnect import AgentFollower, Followed
 from app.connections.mtconnect_agent import Agent, Parts
-from app.connections.mtconnect_documents import AgentRefused, NotMtconnect, read_streams
+from app.connections.mtconnect_documents import (
+    AgentRefused,
+    NotMtconnect,
+    read_probe,
+    read_streams,
+)
 from app.units import TemperatureUnit
 from tests.connections.mtconnect_agent_example import (
     BOMB,
@@ -157,6 +163,25 @@ async def test_a_huge_answer_is_not_read_to_its_end(agent, monkeypatch):
             await seen.until(lambda: "at most 1 MiB" in seen.follower.trouble)
     with pytest.raises(NotMtconnect, match="at most 1 MiB"):
         list(Parts("abc").feed(b"--abc\r\nContent-length: 9999999\r\n\r\n"))
+
+
+async def test_a_long_document_is_read_beside_the_event_loop(agent, monkeypatch):
+    where = []
+
+    def read(content):
+        where.append((len(content) > mtconnect_agent.SHORT_DOCUMENT, threading.get_ident()))
+        return read_probe(content)
+
+    monkeypatch.setattr(mtconnect_agent, "read_probe", read)
+    agent.instead = b"<a>" * 100_000
+    with listening(agent) as url:
+        async with following(url) as seen:
+            await seen.until(lambda: "expected MTConnectDevices" in seen.follower.trouble)
+            assert where[0][0] is True
+            assert where[0][1] != threading.get_ident()
+            agent.instead = None
+            await seen.until(lambda: len(seen.taken) >= 3)
+            assert where[-1] == (False, threading.get_ident())
 
 
 async def test_an_agent_that_goes_and_comes_back(agent):
