@@ -173,6 +173,24 @@ def test_two_browsers_adopt_at_once_and_the_later_one_is_told(chromium, shop):
         assert wrong == []
 
 
+def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
+    """Labels without a space, of text that a browser must not take for markup."""
+    label = "<b>night</b> " + "n" * 150
+    content = b"time,component,position_mm,measured_um\n2026-03-01T06:00:00Z,EXX,0,1.5\n"
+    named = f"# label: {label}\n".encode() + content
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        night = {"name": "night.csv", "mimeType": "text/csv", "buffer": named}
+        page.locator("#file").set_input_files(night)
+        expect(page.locator("#checks tbody")).to_contain_text(label)
+        run_quick_analysis(page)
+        for part in (".checks-room", "#answer"):
+            box = page.locator(part)
+            assert box.evaluate("e => e.scrollWidth <= e.clientWidth + 1"), part
+        # No sensor was read at that time, so there is nothing to hold the check against.
+        assert [one for one in wrong if "422" not in one] == []
+
+
 def test_paper_has_what_was_found_and_no_buttons(chromium, shop):
     """Positions are round numbers; what is shaded stays so where paper has no ground."""
     with shop.open(), opened(chromium, shop) as (page, wrong):
