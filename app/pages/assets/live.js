@@ -114,9 +114,18 @@ function say(words) {
   if (connection.textContent !== words) connection.textContent = words;
 }
 
+const NEWS = ["event", "watch", "analysis"];
+const FOLLOWED = ["table", "status", ...NEWS].map((name) => `&kind=${name}`).join("");
+
 function follow() {
-  const source = new EventSource(`${root.dataset.stream}?min_change_um=0.05&heartbeat_s=2`);
-  for (const name of ["table", "state", "status"]) {
+  const source = new EventSource(`${root.dataset.stream}?min_change_um=0.05&heartbeat_s=2${FOLLOWED}`);
+  for (const name of NEWS) {
+    source.addEventListener(name, (event) => {
+      // A page that asks by itself for what it follows knows from this when.
+      dispatchEvent(new CustomEvent("thermap-news", { detail: { name, ...JSON.parse(event.data) } }));
+    });
+  }
+  for (const name of ["table", "state", "status", "missed", ...NEWS]) {
     source.addEventListener(name, () => {
       heard();
       ask();

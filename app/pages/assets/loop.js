@@ -19,13 +19,16 @@ function seconds(s) {
   return s < 60 ? `${Math.round(s)} s` : `${Math.floor(s / 60)} min ${Math.round(s % 60)} s`;
 }
 
-async function follow() {
+let isLooking = false;
+let isDue = false;
+let timer = 0;
+
+async function look() {
   let one;
   try {
     one = await send("GET", analysis);
   } catch (error) {
     refused(by("cancel-said"), "How far it is cannot be said.", error);
-    setTimeout(follow, 3000);
     return;
   }
   if (one.status !== "queued" && one.status !== "running") {
@@ -41,10 +44,28 @@ async function follow() {
     const left = one.progress > 0.05 ? `, about ${seconds((soFar * (1 - one.progress)) / one.progress)} left` : "";
     by("so-far").textContent = soFar > 0 ? `${seconds(soFar)} so far${left}.` : "";
   }
-  setTimeout(follow, 1000);
 }
 
-if (by("progress")) follow();
+// The stream says when there is more to say; the timer is for when it is lost.
+async function follow() {
+  isDue = true;
+  if (isLooking) return;
+  isLooking = true;
+  while (isDue) {
+    isDue = false;
+    await look();
+  }
+  isLooking = false;
+  clearTimeout(timer);
+  timer = setTimeout(follow, 5000);
+}
+
+if (by("progress")) {
+  addEventListener("thermap-news", ({ detail }) => {
+    if (detail.name === "analysis" && String(detail.analysis) === number) follow();
+  });
+  follow();
+}
 
 on("cancel", "click", async () => {
   by("cancel").disabled = true;
