@@ -265,7 +265,7 @@ async def test_a_flood_is_bounded_and_all_of_it_stored(new_app, url, tmp_path, b
     more = "receive_maximum = 20"
     async with connected(new_app, url, tmp_path, broker, PLAIN, more=more) as shop:
         await shop.until_connected()
-        (running,) = shop.service.state.connections._connections
+        ((_, running),) = shop.service.state.connections._connections
         values = [round(20.0 + i / 100, 2) for i in range(300)]
         with Peer(broker.port) as peer:
             await aside(peer.say_many, [("shop/mcfv5050/x-middle", str(v)) for v in values])
