@@ -10,8 +10,11 @@ import argparse
 import asyncio
 import statistics
 import time
+from collections.abc import Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
+
+SUCCEEDED = (b"HTTP/1.1 200", b"HTTP/1.1 201")
 
 
 class Connection(asyncio.Protocol):
@@ -38,7 +41,7 @@ class Connection(asyncio.Protocol):
             head, end, body = self.buffer.partition(b"\r\n\r\n")
             if not end:
                 return
-            if not head.startswith(b"HTTP/1.1 200"):
+            if not head.startswith(SUCCEEDED):
                 self.load.fail(head)
                 return
             length = int(head.lower().split(b"content-length:")[1].split(b"\r\n")[0])
@@ -55,8 +58,8 @@ class Connection(asyncio.Protocol):
 class Load:
     """Counts answers until there are enough."""
 
-    def __init__(self, requests: list[bytes], wanted: int) -> None:
-        self.next_request = cycle(requests).__next__
+    def __init__(self, requests: Iterator[bytes], wanted: int) -> None:
+        self.next_request = requests.__next__
         self.wanted = wanted
         self.seconds: list[float] = []
         self.done = asyncio.get_running_loop().create_future()
@@ -72,18 +75,30 @@ class Load:
             self.done.set_exception(RuntimeError(head.decode(errors="replace")))
 
 
+def request_of(host: str, port: int, path: str, body: bytes) -> bytes:
+    """Write a request as it goes over the wire."""
+    return (
+        f"POST {path} HTTP/1.1\r\nHost: {host}:{port}\r\n"
+        f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+    ).encode() + body
+
+
 async def run_load(
-    host: str, port: int, path: str, bodies: list[bytes], wanted: int, connections: int
+    host: str,
+    port: int,
+    path: str,
+    bodies: Sequence[bytes] | Iterator[bytes],
+    wanted: int,
+    connections: int,
 ) -> tuple[float, float, float]:
-    """Return requests/s and the median and 99th percentile of the answer's time [s]."""
-    requests = [
-        (
-            f"POST {path} HTTP/1.1\r\nHost: {host}:{port}\r\n"
-            f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
-        ).encode()
-        + body
-        for body in bodies
-    ]
+    """Return requests/s and the median and 99th percentile of the answer's time [s].
+
+    Bodies that come one after another are sent once each, of a list each again and again.
+    """
+    if isinstance(bodies, Iterator):
+        requests = (request_of(host, port, path, body) for body in bodies)
+    else:
+        requests = cycle([request_of(host, port, path, body) for body in bodies])
     loop = asyncio.get_running_loop()
     load = Load(requests, wanted)
     started = time.perf_counter()

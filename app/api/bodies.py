@@ -18,14 +18,18 @@ from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import TypeAdapter, ValidationError
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import Message
 
 from app.api.collector import uncollected
+from app.api.dependencies import refuse_unknown_query
 from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 from app.api.media_types import JSON
+from app.api.schemas.base import Schema
 from app.api.schemas.in_pieces import shown_errors
+from app.api.turns import Turns
 from app.errors import InvalidContent
 
 MEGABYTE: Final = 1024 * 1024
@@ -66,18 +70,46 @@ class BodyRoute(APIRoute):
             most = min(limit, request.app.state.max_body_bytes)
             body = await _received(request, most)
             if not body:
-                return await handle(_ReadRequest(request, b"", None))
+                return await handle(ReadRequest(request, b"", None))
             _refuse_other_kinds(request, (JSON,))
             with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
                 content = await _off_the_loop(len(body), lambda: _checked(adapter, body))
-                read = _ReadRequest(request, body, content)
+                read = ReadRequest(request, body, content)
                 del content  # now `read` alone holds it, and `release` frees it
                 try:
-                    return await handle(read)
+                    return await self.answer(read, handle)
                 finally:
                     read.release()
 
         return read_and_handle
+
+    async def answer(self, request: ReadRequest, handle: Handler) -> Response:
+        """Answer a request of which the body has been read: by the framework."""
+        return await handle(request)
+
+
+class DirectRoute(BodyRoute):
+    """A route that is handed the context, the machine of its path and its body, and nothing else.
+
+    Its function is called without the framework between, whose dependencies, fields and models of
+    the answer take longer than to read a hundred readings. What is refused, and in which words, is
+    the same: there is no other way to this function.
+    """
+
+    async def answer(self, request: ReadRequest, handle: Handler) -> Response:
+        """Answer it by calling the function, when it is our turn, in a thread."""
+        await refuse_unknown_query(request)
+        turns: Turns = request.app.state.turns
+        machine = request.path_params["machine"]
+        async with turns.taken():
+            answer: Schema = await run_in_threadpool(
+                self.endpoint, request.app.state.context, machine, request.content
+            )
+        return Response(
+            answer.model_dump_json(exclude_defaults=self.response_model_exclude_defaults),
+            status_code=self.status_code or 200,
+            media_type=JSON,
+        )
 
 
 class FileRoute(APIRoute):
@@ -93,18 +125,18 @@ class FileRoute(APIRoute):
             _refuse_other_kinds(request, kinds)
             body = await _received(request, min(limit, request.app.state.max_body_bytes))
             with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
-                return await handle(_ReadRequest(request, body, None))
+                return await handle(ReadRequest(request, body, None))
 
         return receive_and_handle
 
 
-class _ReadRequest(Request):
+class ReadRequest(Request):
     """A request whose body has been read: the framework is handed what it said."""
 
     def __init__(self, request: Request, body: bytes, content: Any) -> None:
         super().__init__(request.scope, request.receive)
         self._came = body
-        self._content = content
+        self.content = content
 
     async def body(self) -> bytes:
         """Give what came; nothing more will."""
@@ -112,11 +144,11 @@ class _ReadRequest(Request):
 
     async def json(self) -> Any:
         """Give what it said."""
-        return self._content
+        return self.content
 
     def release(self) -> None:
         """Forget what it said: the framework holds requests for longer than their answers."""
-        self._content = None
+        self.content = None
 
 
 def _without_body(handle: Handler) -> Handler:

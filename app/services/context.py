@@ -63,7 +63,10 @@ class Context:
     now: Callable[[], datetime] = utc_now
     queue_limits: QueueLimits = QueueLimits()
     tried: dict[Hashable, TriedEffect | None] = field(default_factory=dict)
-    reading_batches: Together[Any] = field(default_factory=Together)
+    reading_batches: Together[Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "reading_batches", Together(self.database.appends_at_once))
 
     def usable_until(self) -> datetime:
         """Give the latest time at which a reading can have been measured now."""

@@ -24,19 +24,18 @@ from app.live.registry import Arrived
 from app.services.context import CLOCKS_DIFFER, Context, repeated
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine, restore_past
-from app.storage.database import MOMENT
 from app.storage.events import write_event
-from app.storage.machines import RowLock, find_machine, hold_machines, stored_machine
+from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.readings import (
     AddedReadings,
     find_readings,
     insert_readings,
+    readings_inserted,
     withdraw_stored,
 )
-from app.storage.tables import MachineRow
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
-from app.thermal.sensor_health import check_temperatures
+from app.thermal.sensor_health import are_in_range, check_temperatures
 
 MOST_AHEAD_OF_CLOCK: Final = timedelta(days=1)
 """Wrong clocks and zones put a reading less far ahead; what lies further is refused."""
@@ -96,6 +95,10 @@ class _PartlyKnownError(Exception):
     """Some readings of a batch were there already, others are new."""
 
 
+class _MachineChangedError(Exception):
+    """A machine is another than in memory, which has not followed yet."""
+
+
 class _Together:
     """Stores what is plainly new of several batches, and lets memory follow."""
 
@@ -109,7 +112,7 @@ class _Together:
             outcomes, self._written = _store_new(self._context, batches)
         except StorageOvertaken:
             raise  # it was tried often enough
-        except (_PartlyKnownError, StorageBusy):
+        except (_PartlyKnownError, _MachineChangedError, StorageBusy):
             return  # whoever met somebody else does so alone, and is told what is the matter
         for batch, outcome in outcomes.items():
             batch.outcome = outcome
@@ -126,43 +129,51 @@ def _store_new(
 ) -> tuple[dict[ReadingBatch, StoreOutcome], Written]:
     """Store those batches that are right and all new, and leave the others.
 
+    They are checked against the machines as they are in memory: what the transaction then holds
+    must be of the same shape.
+
     Raises
     ------
     _PartlyKnownError
         If only a part of one is new: then nothing is stored.
+    _MachineChangedError
+        If a machine is not what it is in memory: then neither.
     """
     now = context.now()
-    # Where all writers share one lock, who waits for it waits alone.
-    limits = MOMENT if context.database.is_sqlite else None
-    with context.database.writing(limits) as session:
-        rows = hold_machines(session, {batch.machine_id for batch in batches})
-        taken: dict[str, dict[datetime, Reading]] = defaultdict(dict)
-        plain: dict[ReadingBatch, list[Reading]] = {}
-        for batch in batches:
-            row = rows.get(batch.machine_id)
-            once = None if row is None else _plainly_right(now, row, batch.readings)
-            if once and taken[batch.machine_id].keys().isdisjoint(r.time for r in once):
-                taken[batch.machine_id].update((r.time, r) for r in once)
-                plain[batch] = once
-        wanted = {m: _in_order(by_time.values()) for m, by_time in taken.items() if by_time}
-        added = insert_readings(session, wanted)
+    machines = {b.machine_id: context.live.get(b.machine_id) for b in batches}
+    current = {m: live.current for m, live in machines.items() if live is not None}
+    taken: dict[str, dict[datetime, Reading]] = defaultdict(dict)
+    plain: dict[ReadingBatch, list[Reading]] = {}
+    for batch in batches:
+        known = current.get(batch.machine_id)
+        once = None if known is None else _plainly_right(now, known.model.machine, batch.readings)
+        if once and taken[batch.machine_id].keys().isdisjoint(r.time for r in once):
+            taken[batch.machine_id].update((r.time, r) for r in once)
+            plain[batch] = once
+    wanted = {m: _in_order(by_time.values()) for m, by_time in taken.items() if by_time}
+    if not wanted:
+        return {}, {}
+    with readings_inserted(context.database, wanted) as held:
+        for machine_id, found in held.items():
+            if current[machine_id].stamp != (found.created_at, found.revision):
+                raise _MachineChangedError
         for batch, once in list(plain.items()):
-            times = added[batch.machine_id].times
+            times = held[batch.machine_id].added.times if batch.machine_id in held else ()
             if not all(r.time in times for r in once):
                 if any(r.time in times for r in once):
                     raise _PartlyKnownError
                 del plain[batch]
     until = context.usable_until()
     outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in plain.items()}
-    return outcomes, {m: (wanted[m], a, rows[m].withdrawals) for m, a in added.items()}
+    return outcomes, {m: (wanted[m], h.added, h.withdrawals) for m, h in held.items()}
 
 
 def _plainly_right(
-    now: datetime, row: MachineRow, readings: Sequence[Reading]
+    now: datetime, machine: Machine, readings: Sequence[Reading]
 ) -> list[Reading] | None:
     """Give readings as they are stored; None where something is wrong with them."""
     try:
-        _check(now, stored_machine(row).machine, readings)
+        _check(now, machine, readings)
         return [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
     except (InvalidContent, Conflict):
         return None
@@ -223,6 +234,8 @@ def _check(now: datetime, machine: Machine, readings: Sequence[Reading]) -> None
                 "wrong, or the time's zone"
             )
             raise InvalidContent(message, [FieldError(f"{i}.time", message)])
+        if are_in_range(machine, reading.temperatures_c):
+            continue
         try:
             check_temperatures(machine, reading.temperatures_c)
         except InvalidContent as error:

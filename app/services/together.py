@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from threading import Event, Lock
+from threading import Event, Lock, Semaphore
 from typing import Final, Generic, TypeVar
 
 from app.errors import StorageBusy, StorageUnavailable
@@ -26,10 +26,15 @@ class Together(Generic[Work]):
     """Gathers what is wanted while something is being done, and has it done together next.
 
     Nobody waits for others to come: what comes alone is done at once.
+
+    Parameters
+    ----------
+    at_once
+        How many threads do something at the same time.
     """
 
-    def __init__(self) -> None:
-        self._turn = Lock()
+    def __init__(self, at_once: int = 1) -> None:
+        self._turn = Semaphore(at_once)
         self._waiting: list[_Wanted[Work]] = []
         self._guard = Lock()
 
@@ -44,7 +49,7 @@ class Together(Generic[Work]):
         Parameters
         ----------
         do
-            Does several pieces, all or none; one thread at a time. What fails otherwise than
+            Does several pieces, all or none. What fails otherwise than
             because the database is away leaves nothing done.
         after
             What is then left to do, while the next ones are being done.

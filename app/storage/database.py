@@ -116,6 +116,23 @@ class Database:
         """Take note that the event log has changed, here or elsewhere."""
         self.log_mark = object()
 
+    @contextmanager
+    def appending(self) -> Iterator[Connection]:
+        """Open a write transaction on PostgreSQL for what many want to have stored at a time.
+
+        `appends_at_once` of a process at a time; it waits for a lock for a second at most.
+        """
+        made = self._connections
+        if isinstance(made, SqliteConnections):
+            raise TypeError("SQLite has no such connection: all writers share one lock")
+        with _as_storage_errors(), made.kept.writing() as connection:
+            yield connection
+
+    @property
+    def appends_at_once(self) -> int:
+        """How many transactions of readings that arrived together are worth while at a time."""
+        return 1 if isinstance(self._connections, SqliteConnections) else self._connections.at_once
+
     def takes_writes(self) -> bool:
         """Whether something could be written now: on SQLite, others may hold the file's lock.
 

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from time import monotonic
 from typing import Any, Final
 from weakref import WeakSet
 
 import psycopg
 from sqlalchemy import URL, Connection, Engine, create_engine, event
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.errors import StorageUnavailable
 from app.storage.limits import QUESTION, Limits
@@ -38,6 +41,15 @@ IDLE_S: Final = 120.0
 
 POOL_SIZE: Final = 10
 MOST_CONNECTIONS: Final = 40
+
+AT_ONCE: Final = 2
+"""Transactions of readings that arrived together: one is made while another is being committed."""
+
+TOGETHER_S: Final = 1.0
+"""How long those wait for a lock who wait together [s]; after that each waits alone."""
+
+KEPT_FOR_S: Final = 0.1
+"""A connection that was used so shortly ago is not asked first whether it lives [s]."""
 
 DriverError: Final = psycopg.Error
 """Whatever the driver says went wrong, where SQLAlchemy is not between."""
@@ -193,31 +205,81 @@ class Duty:
                 connection.close()
 
 
+class KeptConnections:
+    """A few connections for what is written many times a second.
+
+    To lend one of a pool, and to ask it first whether it lives, costs as much as a statement.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._idle: list[tuple[Connection, float]] = []
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """Open a transaction that is committed at the end, or rolled back whole."""
+        connection = self._take()
+        try:
+            with connection.begin():
+                yield connection
+        except BaseException:
+            _give_back(connection)
+            raise
+        self._idle.append((connection, monotonic()))
+
+    def close(self) -> None:
+        """Give those up that nobody uses."""
+        while self._idle:
+            _give_back(self._idle.pop()[0])
+        self._engine.dispose()
+
+    def _take(self) -> Connection:
+        """Take the one that was used last, if that was just now, else one of the pool."""
+        try:
+            connection, used_s = self._idle.pop()
+        except IndexError:
+            return self._engine.connect()
+        if monotonic() - used_s <= KEPT_FOR_S:
+            return connection
+        _give_back(connection)
+        return self._engine.connect()
+
+
+def _give_back(connection: Connection) -> None:
+    with suppress(SQLAlchemyError):
+        connection.close()
+
+
 class PostgresqlConnections:
-    """Makes the engine, and can break off all its connections, those at work too."""
+    """Makes the engine, and can break off all its connections, those at work too.
+
+    `kept` is for readings that arrive together, `at_once` transactions at a time.
+    """
+
+    at_once: Final = AT_ONCE
 
     def __init__(self, url: URL, limits: Limits) -> None:
-        self._limits = limits
         self._made: WeakSet[ImpatientConnection] = WeakSet()
         self._is_closed = False
-        stated = url.query.get("options", "")
-        options = f"{_options(limits)} {stated if isinstance(stated, str) else ' '.join(stated)}"
-        self._connect_args: dict[str, Any] = {
-            **_GIVE_UP,
-            "application_name": APPLICATION_NAME,
-            "options": options.strip(),
-        }
-        self.engine: Engine = create_engine(
+        self._apart = _connect_args(url, limits)
+        self.engine = self._engine(url, limits, POOL_SIZE, MOST_CONNECTIONS - POOL_SIZE)
+        lock_s = TOGETHER_S if limits.lock_s is None else min(TOGETHER_S, limits.lock_s)
+        self.kept = KeptConnections(self._engine(url, replace(limits, lock_s=lock_s), AT_ONCE, 0))
+
+    def _engine(self, url: URL, limits: Limits, lent: int, more: int) -> Engine:
+        """Make an engine whose transactions have these limits where they state no others."""
+        engine = create_engine(
             url,
             pool_pre_ping=True,
-            pool_size=POOL_SIZE,
-            max_overflow=MOST_CONNECTIONS - POOL_SIZE,
+            pool_size=lent,
+            max_overflow=more,
             pool_timeout=CONNECT_TIMEOUT_S,
-            connect_args=self._connect_args,
+            connect_args=_connect_args(url, limits),
         )
-        event.listen(self.engine, "do_connect", self._connect)
-        event.listen(self.engine, "begin", self._begin)
-        event.listen(self.engine, "checkin", _checkin)
+        event.listen(engine, "do_connect", self._connect)
+        event.listen(engine, "begin", partial(_begin, limits))
+        event.listen(engine, "checkin", _checkin)
+        return engine
 
     def listener(self, sender: str) -> Listener:
         """Make what hears the news of other processes."""
@@ -230,7 +292,7 @@ class PostgresqlConnections:
     def _connect_apart(self) -> ImpatientConnection:
         """Make a connection that is not in the pool, and of which each statement is committed."""
         arguments, named = self.engine.dialect.create_connect_args(self.engine.url)
-        named.update(self._connect_args, autocommit=True)
+        named.update(self._apart, autocommit=True)
         return self._connect(None, None, arguments, named)
 
     def close(self) -> None:
@@ -239,6 +301,7 @@ class PostgresqlConnections:
         for connection in list(self._made):
             connection.broken_off = True
         self.engine.dispose()
+        self.kept.close()
 
     def _connect(
         self, _dialect: Any, _record: Any, arguments: Any, named: Any
@@ -249,13 +312,20 @@ class PostgresqlConnections:
         self._made.add(connection)
         return connection
 
-    def _begin(self, connection: Connection) -> None:
-        limits: Limits = connection.get_execution_options().get("thermap_limits", self._limits)
-        driver: Any = connection.connection.driver_connection
-        driver.answer_s = None if limits.statement_s is None else limits.statement_s + MARGIN_S
-        if limits is not self._limits:
-            stated = "; ".join(f"SET LOCAL {name} = {ms}" for name, ms in _stated_ms(limits))
-            connection.exec_driver_sql(stated)
+
+def _connect_args(url: URL, limits: Limits) -> dict[str, Any]:
+    stated = url.query.get("options", "")
+    options = f"{_options(limits)} {stated if isinstance(stated, str) else ' '.join(stated)}"
+    return {**_GIVE_UP, "application_name": APPLICATION_NAME, "options": options.strip()}
+
+
+def _begin(usual: Limits, connection: Connection) -> None:
+    limits: Limits = connection.get_execution_options().get("thermap_limits", usual)
+    driver: Any = connection.connection.driver_connection
+    driver.answer_s = None if limits.statement_s is None else limits.statement_s + MARGIN_S
+    if limits is not usual:
+        stated = "; ".join(f"SET LOCAL {name} = {ms}" for name, ms in _stated_ms(limits))
+        connection.exec_driver_sql(stated)
 
 
 def _checkin(connection: ImpatientConnection | None, _record: Any) -> None:

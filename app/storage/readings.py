@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, func, insert, literal, or_, select, text
+import orjson
+from sqlalchemy import delete, func, insert, literal, or_, select
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.orm import Session
 
-from app.storage.news import NewsKind, tell
+from app.storage.database import MOMENT, Database
+from app.storage.machines import hold_machines
+from app.storage.news import NewsKind, tell, told_of
 from app.storage.tables import MachineRow, ReadingRow, WithdrawnReadingRow
 from app.thermal.reading import Reading
 
@@ -23,15 +26,27 @@ BATCH = 2000
 
 _ONE_TIME = ["machine_id", "time"]
 
-_INSERT_DOCUMENT = text(
-    "WITH added AS (INSERT INTO reading (machine_id, time, temperatures_c, state, early_s) "
-    "SELECT * FROM json_to_recordset(CAST(:document AS json)) AS stated (machine_id varchar, "
-    "time timestamptz, temperatures_c json, state json, early_s double precision) "
-    "ON CONFLICT (machine_id, time) DO NOTHING RETURNING id, machine_id, time) "
-    "SELECT machine_id, array_agg(id), "
-    "CASE WHEN sum(count(*)) OVER () < :count THEN array_agg(time) END "
-    "FROM added GROUP BY machine_id"
+_ADDED = (
+    "added AS (INSERT INTO reading (machine_id, time, temperatures_c, state, early_s) "
+    "SELECT * FROM json_to_recordset(CAST(%(document)s AS json)) AS stated (machine_id varchar, "
+    "time timestamptz, temperatures_c json, state json, early_s double precision) {where} "
+    "ON CONFLICT (machine_id, time) DO NOTHING RETURNING id, machine_id, time), "
+    "new AS (SELECT machine_id, array_agg(id) AS numbers, "
+    "CASE WHEN sum(count(*)) OVER () < %(count)s THEN array_agg(time) END AS times "
+    "FROM added GROUP BY machine_id)"
 )
+
+_ADD = f"WITH {_ADDED.format(where='')} SELECT machine_id, numbers, times FROM new"
+
+_HOLD_AND_ADD = (
+    "WITH held AS MATERIALIZED (SELECT id, created_at, revision, withdrawals FROM machine "
+    "WHERE id = ANY(%(ids)s) ORDER BY id FOR KEY SHARE SKIP LOCKED), "
+    f"{_ADDED.format(where='WHERE machine_id IN (SELECT id FROM held)')} "
+    "SELECT held.*, numbers, times, "
+    "CASE WHEN numbers IS NOT NULL THEN pg_notify(%(channel)s, %(told)s || id) END "
+    "FROM held LEFT JOIN new ON machine_id = id"
+)
+"""Holds machines, adds their readings and tells the others, with one question and one answer."""
 
 
 class NumberedReading(NamedTuple):
@@ -57,6 +72,15 @@ class AddedReadings(NamedTuple):
     numbers: list[int]
 
 
+class HeldMachine(NamedTuple):
+    """A machine's shape as it is as long as the transaction lasts, and what was added to it."""
+
+    created_at: datetime
+    revision: int
+    withdrawals: int
+    added: AddedReadings
+
+
 def insert_readings(
     session: Session, readings: Mapping[str, Sequence[Reading]]
 ) -> dict[str, AddedReadings]:
@@ -67,59 +91,89 @@ def insert_readings(
     readings
         By machine; what is returned is too, with nothing added for some.
     """
-    rows = [
-        {"machine_id": machine_id, "time": reading.time, **_content(reading)}
-        for machine_id in sorted(readings)
-        for reading in readings[machine_id]
-    ]
     added = {machine_id: AddedReadings(set(), []) for machine_id in readings}
-    if not rows:
+    if not any(readings.values()):
         return added
     if session.get_bind().dialect.name == "sqlite":
-        _insert_one_by_one(session, rows, added)
+        _insert_one_by_one(session, readings, added)
     else:
-        _insert_document(session, rows, added)
+        found = session.connection().exec_driver_sql(_ADD, _stated(readings))
+        for machine_id, numbers, times in found:
+            added[machine_id] = _added(readings[machine_id], numbers, times)
     for machine_id, new in added.items():
         if new.numbers:
             tell(session, NewsKind.READINGS, machine_id)
     return added
 
 
+@contextmanager
+def readings_inserted(
+    database: Database, readings: Mapping[str, Sequence[Reading]]
+) -> Iterator[dict[str, HeldMachine]]:
+    """Do the same for many machines in a transaction of its own, which waits for nobody long.
+
+    It is committed at the end, or rolled back whole. Machines that are not there, or that somebody
+    is deleting, get nothing, and are left out of what is given.
+    """
+    if database.is_sqlite:
+        # All writers share one lock: who waits for it waits alone.
+        with database.writing(MOMENT) as session:
+            rows = hold_machines(session, readings)
+            added = insert_readings(session, {m: readings[m] for m in rows})
+            yield {
+                m: HeldMachine(row.created_at, row.revision, row.withdrawals, added[m])
+                for m, row in rows.items()
+            }
+        return
+    stated = _stated(readings) | told_of(NewsKind.READINGS, database.sender)
+    with database.appending() as connection:
+        held = connection.exec_driver_sql(_HOLD_AND_ADD, stated).all()
+        yield {
+            m: HeldMachine(born, revision, withdrawals, _added(readings[m], numbers, times))
+            for m, born, revision, withdrawals, numbers, times, _ in held
+        }
+
+
 def _insert_one_by_one(
-    session: Session, rows: Sequence[Mapping[str, Any]], added: Mapping[str, AddedReadings]
+    session: Session,
+    readings: Mapping[str, Sequence[Reading]],
+    added: Mapping[str, AddedReadings],
 ) -> None:
     statement = (
         sqlite.insert(ReadingRow)
         .on_conflict_do_nothing(index_elements=_ONE_TIME)
         .returning(ReadingRow.machine_id, ReadingRow.time, ReadingRow.id)
     )
+    rows = [_row(m, reading, reading.time) for m in sorted(readings) for reading in readings[m]]
     # On the connection rather than the session: one statement for many rows, written once.
     for machine_id, time, number in session.connection().execute(statement, rows):
         added[machine_id].times.add(time)
         added[machine_id].numbers.append(number)
 
 
-def _insert_document(
-    session: Session, rows: Sequence[Mapping[str, Any]], added: Mapping[str, AddedReadings]
-) -> None:
-    """Hand all rows over in one JSON document, which the server takes apart.
+def _stated(readings: Mapping[str, Sequence[Reading]]) -> dict[str, Any]:
+    """Write what the statements on PostgreSQL are handed: all rows in one JSON document.
 
     To write values, or arrays of them, costs this end three times as much. Which times are new
     is answered only where not all of them are.
     """
-    document = json.dumps([{**row, "time": row["time"].isoformat()} for row in rows])
-    stated = {"document": document, "count": len(rows)}
-    found = session.connection().execute(_INSERT_DOCUMENT, stated).all()
-    for machine_id, numbers, times in found:
-        added[machine_id].numbers.extend(numbers)
-        added[machine_id].times.update(times or ())
-    if sum(len(new.numbers) for new in added.values()) == len(rows):
-        for row in rows:
-            added[row["machine_id"]].times.add(row["time"])
+    ids = sorted(readings)
+    rows = [_row(m, reading, reading.time.isoformat()) for m in ids for reading in readings[m]]
+    return {"ids": ids, "document": orjson.dumps(rows).decode(), "count": len(rows)}
 
 
-def _content(reading: Reading) -> dict[str, Any]:
+def _added(
+    readings: Sequence[Reading], numbers: list[int] | None, times: list[datetime] | None
+) -> AddedReadings:
+    if numbers is None:
+        return AddedReadings(set(), [])
+    return AddedReadings(set(times or [reading.time for reading in readings]), numbers)
+
+
+def _row(machine_id: str, reading: Reading, time: datetime | str) -> dict[str, Any]:
     return {
+        "machine_id": machine_id,
+        "time": time,
         "temperatures_c": dict(reading.temperatures_c),
         "state": dict(reading.state),
         "early_s": reading.early_s or None,

@@ -87,6 +87,19 @@ def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) ->
     return states
 
 
+def are_in_range(machine: Machine, temperatures_c: Mapping[str, float]) -> bool:
+    """Whether all sensors are known and all temperatures [°C] in their range.
+
+    The short form of `check_temperatures` for the many in which nothing is wrong.
+    """
+    sensors = machine.sensors
+    for name, value in temperatures_c.items():
+        sensor = sensors.get(name)
+        if sensor is None or not sensor.min_c <= value <= sensor.max_c:
+            return False
+    return True
+
+
 def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[SensorState]:
     """Judge each sensor by its recent readings, at the time of the latest one.
 

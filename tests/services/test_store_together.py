@@ -1,14 +1,26 @@
 """Readings that several want to have stored at the same time."""
 
+import math
 import threading
+from contextlib import contextmanager
+from dataclasses import replace
 from datetime import timedelta
 
+import psycopg
 import pytest
+from sqlalchemy import make_url
 
-from app.errors import StorageBusy, StorageUnavailable
+from app.api.schemas.machines import MachineSettings
+from app.errors import InvalidContent, StorageBusy, StorageUnavailable
 from app.live.unseen_numbers import UnseenNumbers
+from app.services.context import Context
+from app.services.machines import create_machine
 from app.services.readings import ReadingBatch, _Together, store_readings
 from app.services.together import MOST_TOGETHER, Together
+from app.storage import postgresql
+from app.storage.database import Database
+from app.storage.limits import Limits
+from app.storage.machines import find_machine, stored_machine, update_machine
 from app.storage.readings import list_readings
 from app.thermal.reading import Reading
 from tests.service_examples import MACHINE, START
@@ -63,6 +75,79 @@ def test_of_one_that_is_known_in_part_nothing_is_left(app):
     partly = ReadingBatch(MACHINE_ID, readings(1, spindle_c=21.0))
     assert together(context, ReadingBatch(MACHINE_ID, readings(100)), partly) == [False, False]
     assert stored(context) == readings(0)
+
+
+def test_a_machine_that_memory_has_not_followed_yet_is_judged_as_it_is(app):
+    context = app.state.context
+    store_readings(context, MACHINE_ID, readings(0))
+    with context.database.writing() as session:
+        row = find_machine(session, MACHINE_ID)
+        machine = stored_machine(row).machine
+        sensors = {"nose": replace(machine.sensor("spindle"), name="nose")}
+        update_machine(row, replace(machine, sensors=sensors))
+    assert together(context, ReadingBatch(MACHINE_ID, readings(100))) == [False]
+    with pytest.raises(InvalidContent, match="no sensor 'spindle'"):
+        store_readings(context, MACHINE_ID, readings(100))
+    by_nose = [replace(reading, temperatures_c={"nose": 20.0}) for reading in readings(100)]
+    assert store_readings(context, MACHINE_ID, by_nose).stored == 3
+    assert stored(context) == [*readings(0), *by_nose]
+
+
+@contextmanager
+def two_machines(url, limits):
+    """Make two machines, both in memory."""
+    context = Context(Database(url, limits))
+    machine = MachineSettings.model_validate(MACHINE).to_machine()
+    for name in "ab":
+        create_machine(context, replace(machine, id=name, name=name))
+        store_readings(context, name, readings(0))
+    try:
+        yield context
+    finally:
+        context.database.close()
+
+
+def another(url):
+    plain = make_url(url).set(drivername="postgresql", query={})
+    return psycopg.connect(plain.render_as_string(hide_password=False))
+
+
+@pytest.mark.slow
+def test_who_met_somebody_else_lets_nobody_wait_as_long_as_he_may_himself(postgresql_url):
+    outcomes = []
+    with two_machines(postgresql_url, Limits(lock_s=3600.0, statement_s=3600.0)) as context:
+        met, free = ReadingBatch("a", readings(100)), ReadingBatch("b", readings(100))
+        with another(postgresql_url) as other:
+            other.execute(
+                "INSERT INTO reading (machine_id, time, temperatures_c, state) "
+                "VALUES ('a', %s, '{}', '{}')",
+                [met.readings[0].time],
+            )
+            thread = threading.Thread(
+                target=lambda: outcomes.extend(together(context, met, free)), daemon=True
+            )
+            thread.start()
+            thread.join(PATIENCE_S)
+            assert outcomes == [False, False]
+            assert store_readings(context, "b", free.readings).stored == 3
+            other.rollback()
+        assert store_readings(context, "a", met.readings).stored == 3
+
+
+@pytest.mark.parametrize("kept_for_s", [-1.0, math.inf], ids=["asked first", "used just now"])
+def test_a_connection_that_is_kept_may_be_lost(postgresql_url, monkeypatch, kept_for_s):
+    with two_machines(postgresql_url, Limits()) as context:
+        monkeypatch.setattr(postgresql, "KEPT_FOR_S", kept_for_s)
+        assert together(context, ReadingBatch("a", readings(100))) == [True]
+        with another(postgresql_url) as other:
+            other.execute(
+                "SELECT pg_terminate_backend(pid, 10000) FROM pg_stat_activity "
+                "WHERE datname = current_database() AND application_name = 'thermap'"
+            )
+        if kept_for_s > 0.0:
+            with pytest.raises(StorageUnavailable):
+                together(context, ReadingBatch("a", readings(200)))
+        assert together(context, ReadingBatch("a", readings(200))) == [True]
 
 
 def test_all_that_is_wanted_at_once_is_stored_once_and_in_memory(app):

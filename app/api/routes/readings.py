@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import Query
 
-from app.api.bodies import BodyRoute, body_of_at_most
+from app.api.bodies import DirectRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
 from app.api.schemas.base import UtcTime
@@ -22,7 +22,9 @@ from app.services.context import Context
 from app.services.machines import show_readings, show_withdrawn_readings
 from app.services.readings import StoreOutcome, store_readings, withdraw_reading, withdraw_readings
 
-router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"])
+router = Router(
+    route_class=DirectRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"]
+)
 
 
 SinceQuery = Annotated[UtcTime | None, Query(alias="from", description="From this time on")]
