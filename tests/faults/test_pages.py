@@ -16,7 +16,7 @@ SAID = {
 }
 """What goes on from memory, and where it says that it does."""
 
-STANDS = (f"{MACHINE}/maps", f"{MACHINE}/events")
+STANDS = (f"{MACHINE}/maps", f"{MACHINE}/events", f"{MACHINE}/loop", "/fleet")
 """What cannot be read without the database."""
 
 

@@ -69,9 +69,22 @@ async function refused(answer) {
   }
 }
 
+// What one reads and has chosen stays: such a page asks by itself for what it follows. That the
+// database is away it hears here, from a small question that only the database can answer.
+async function askStill() {
+  try {
+    const answer = await fetch(root.dataset.still, { cache: "no-store" });
+    if (answer.ok) {
+      refusal = "";
+      mark();
+    } else await refused(answer);
+  } catch {
+    // the connection says so by itself
+  }
+}
+
 async function ask() {
-  // What one reads and has chosen stays: such a page asks by itself for what it follows.
-  if ("still" in root.dataset) return;
+  if (root.dataset.still) return;
   if (asking) {
     isDue = true;
     return;
@@ -148,7 +161,7 @@ setInterval(() => {
 }, 1000);
 
 // Ages grow although nothing comes.
-setInterval(ask, 10000);
+setInterval(root.dataset.still ? askStill : ask, 10000);
 
 document.getElementById("theme").addEventListener("click", () => {
   const isDark = getComputedStyle(root).colorScheme === "dark";
