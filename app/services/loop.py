@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.errors import ThermapError
+from app.errors import Conflict, InvalidContent, ThermapError
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.residual_report import Size
 from app.services.context import Context
-from app.services.residuals import compare_models
+from app.services.residuals import compare_models, show_residuals
 from app.storage.analyses import find_analysis, list_analyses, stored_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.machines import find_machine, stored_machine
@@ -88,6 +88,33 @@ def show_loop(context: Context, machine_id: str, analysis_id: int | None = None)
         return view
     later = _later_visits(context, machine_id, chosen, chosen.adopted_version, verifications)
     return replace(view, later=later)
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOfCheck:
+    """What the active version leaves of one check.
+
+    `lengths` is None where none was measured, or where nothing could be held against the model;
+    `why_not` then says why, and is empty otherwise.
+    """
+
+    lengths: Size | None
+    why_not: str = ""
+
+
+def show_left_of_check(context: Context, machine_id: str, verification_id: int) -> LeftOfCheck:
+    """Hold one check against the active version, where that can be done.
+
+    Raises
+    ------
+    UnknownThing
+        If there is no such machine or verification.
+    """
+    try:
+        shown = show_residuals(context, machine_id, [verification_id])
+    except (InvalidContent, Conflict) as error:
+        return LeftOfCheck(None, error.detail)
+    return LeftOfCheck(shown.report.overall)
 
 
 def _chosen(

@@ -1,6 +1,7 @@
 """The page of the loop as a browser without JavaScript gets it: every state says what to do."""
 
 import json
+import re
 from datetime import timedelta
 
 import pytest
@@ -79,6 +80,38 @@ async def test_before_anything_is_found_it_says_what_to_do_next(client, empty, a
     assert "Nothing was adopted; the table is not affected." in page.text
     problem(await client.get(f"{PAGE}?analysis=99"), 404)
     problem(await empty.get("/machines/another/loop"), 404)
+
+
+async def test_a_check_that_came_later_is_ticked_and_one_left_out_is_not(client, app):
+    """What is started next takes in what is new; what was left out on purpose stays out."""
+
+    async def ticked():
+        page = (await client.get(PAGE)).text
+        return re.findall(r'aria-label="(\w+)" checked', page)
+
+    app.state.context.now.time = START
+    for number, label in enumerate(("analysed", "omitted")):
+        await check(client, label, START - timedelta(hours=4 - number), [7.0, 12.0, 23.0])
+    assert await ticked() == ["omitted", "analysed"]
+    asked(app)
+    assert await ticked() == ["analysed"]
+    app.state.context.now.time = START + timedelta(hours=1)
+    await check(client, "later", START - timedelta(hours=1), [7.0, 12.0, 23.0])
+    assert await ticked() == ["later", "analysed"]
+
+
+async def test_what_cannot_be_compared_is_said_and_no_error(client, app):
+    held = await check(client, "held", START - timedelta(hours=2), [7.0, 15.0, 23.0])
+    place = {"component": "EXX", "position_mm": 100, "direction": "+", "measured_um": 1.0}
+    before = iso(START - timedelta(days=9))
+    body = {"label": "early", "observations": [{"time": before, **place}]}
+    early = (await client.post(f"{ROOM}/verifications", json=body)).json()["id"]
+    assert "3.00" in (await shown(client, f"{PAGE}/residuals/{held}")).text
+    answer = await client.get(f"{PAGE}/residuals/{early}")
+    assert answer.status_code == 200, answer.text
+    assert "not comparable" in answer.text
+    assert "before the first reading" in answer.text
+    problem(await client.get(f"{PAGE}/residuals/99"), 404)
 
 
 @pytest.mark.parametrize("which", ALL)

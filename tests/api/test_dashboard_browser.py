@@ -45,8 +45,9 @@ def chromium():
 class Shop:
     """A service that can be ended and begun again at its address."""
 
-    def __init__(self, database_url):
-        self._settings = Settings(database_url=database_url, **UNHURRIED)
+    def __init__(self, database_url, **stated):
+        self.database_url = database_url
+        self._settings = Settings(database_url=database_url, **UNHURRIED, **stated)
         self._port = 0
         self.url = ""
 

@@ -18,7 +18,7 @@ from app.pages.dashboard.compared_residuals import compared_residuals
 from app.pages.dashboard.events import events_page
 from app.pages.dashboard.export import export_page
 from app.pages.dashboard.fleet import fleet_page
-from app.pages.dashboard.loop import loop_page
+from app.pages.dashboard.loop import left_of_check, loop_page
 from app.pages.dashboard.maps import activation_preview, maps_page, withdrawal_preview
 from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.volume import volume_page
@@ -28,7 +28,7 @@ from app.services.dashboard import show_machine_view, show_machine_views
 from app.services.error_maps import preview_withdrawal
 from app.services.events import show_events
 from app.services.fleet import show_fleet
-from app.services.loop import show_loop
+from app.services.loop import show_left_of_check, show_loop
 from app.services.machines import show_error_map
 from app.services.maps_view import show_maps_view
 from app.services.models import preview_model_activation
@@ -109,6 +109,20 @@ def get_loop(
     """Show a machine's checks, and what an analysis of them found; the newest if none is stated."""
     view = show_loop(context, machine, analysis)
     return Page(loop_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/loop/residuals/{verification}", response_class=Page)
+def get_left_of_check(
+    context: ContextDep,
+    machine: MachinePath,
+    verification: Annotated[int, Path(ge=1, le=2**31 - 1)],
+) -> Page:
+    """Show what the active version leaves of a check, as a part of the page of the loop.
+
+    That nothing of it can be compared is an answer here, and no error.
+    """
+    found = show_left_of_check(context, machine, verification)
+    return Page(left_of_check(found), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/export", response_class=Page)

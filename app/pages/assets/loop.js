@@ -254,9 +254,10 @@ let turn = Promise.resolve();
 
 async function showResiduals(cell) {
   try {
-    const found = await send("GET", `${api}/verifications/${cell.dataset.residuals}/residuals`);
-    const size = found.overall;
-    cell.textContent = size ? size.rms.toFixed(2) : "no length";
+    const part = await send("GET", cell.dataset.residuals, undefined, "*/*");
+    const left = new DOMParser().parseFromString(await part.text(), "text/html").getElementById("left");
+    cell.textContent = left.textContent;
+    cell.title = left.title;
   } catch (error) {
     cell.textContent = "–";
     cell.title = error.message;

@@ -40,7 +40,7 @@ from app.pages.report_parts.effect_names import (
 )
 from app.pages.report_parts.smallest_seen import size_range, units_of
 from app.pages.report_parts.words import chance_text, decimals_for, figure_text
-from app.services.loop import UNFINISHED, LaterVisits, LoopView
+from app.services.loop import UNFINISHED, LaterVisits, LeftOfCheck, LoopView
 from app.storage.records import AnalysisStatus, StoredAnalysis, StoredVerification
 from app.units import Unit
 
@@ -78,6 +78,11 @@ def loop_page(view: LoopView, now: datetime) -> str:
         result=result,
         **({} if result is None else _result(view, result)),
     )
+
+
+def left_of_check(found: LeftOfCheck) -> str:
+    """Write what the active version leaves of a check, as a part of the page of the loop."""
+    return render_live("dashboard/left_of_check.html", found=found)
 
 
 def later_words(later: LaterVisits) -> str:
@@ -138,13 +143,16 @@ def _analysed(one: StoredAnalysis | None, labels: dict[int, str]) -> str:
 
 
 def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime) -> dict[str, Any]:
+    # What the shown analysis left out stays out; what came after it was asked for is new to it.
     return {
         "stored": one,
         "when": clock(one.first_at, now),
         "what": list_names(one.components, 6),
         "judged": "–" if one.judgement is None else _JUDGED[one.judgement.status],
         "why": "" if one.judgement is None else one.judgement.summary,
-        "is_analysed": chosen is not None and one.id in chosen.task.verification_ids,
+        "is_ticked": chosen is None
+        or one.id in chosen.task.verification_ids
+        or one.stored_at > chosen.created_at,
     }
 
 
