@@ -13,10 +13,11 @@ depend on the time, it is computed each time.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
 from datetime import UTC, datetime
-from functools import lru_cache
+from threading import Lock
 from time import perf_counter
+from weakref import ref
 
 import orjson
 from fastapi import FastAPI
@@ -44,11 +45,11 @@ LARGEST_PLAIN_BODY = 4096
 LARGEST_PLAIN_TABLE = 4000
 """Larger tables go the ordinary way [numbers]: remembered answers would fill the memory."""
 
-REMEMBERED = 1024
-"""Answers that are remembered, over all machines: some 15 MB, at most 250 MB.
+ANSWERS_BYTES = 32 * 2**20
+"""Room for remembered answers, over all machines: some 2,000 of 12 × 21 numbers."""
 
-With standard errors half as much again.
-"""
+_ANSWER_BYTES = 500
+"""What an answer takes besides its text and that of its question: places in tables, headers."""
 
 WITHOUT_BODY = "thermap.without_body"
 """Marks a request of which only the head is answered: a stream would never end."""
@@ -115,13 +116,51 @@ def plain_answer(context: Context, machine_id: str, body: bytes) -> bytes | None
     try:
         if live.current.effects:
             return _answer(live.current, body, context.now())
-        before, after = _around_time(live.current, body)
+        before, after = ANSWERS.around_time(live.current, body)
     except Exception:
         return None  # whatever it is, the ordinary way meets it too, and has the words for it
     return b"".join((before, orjson.dumps(context.now(), option=OPTIONS), after))
 
 
-@lru_cache(maxsize=REMEMBERED)
+class Answers:
+    """Answers that were written, in so much memory at most: those asked for longest ago go first.
+
+    A model is not held by its answers: with each version of each machine there is another one.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._kept: OrderedDict[tuple[ref[LiveModel], bytes], tuple[bytes, bytes]] = OrderedDict()
+        self._lock = Lock()
+        self.bytes = 0
+
+    def around_time(self, current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
+        """Find the answer to a body, or write it: what comes before and after the time."""
+        key = (ref(current), body)
+        with self._lock:
+            found = self._kept.get(key)
+            if found is not None:
+                self._kept.move_to_end(key)
+                return found
+        found = _around_time(current, body)
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = found
+                self.bytes += _size(body, found)
+            while self.bytes > self._most_bytes:
+                (_, oldest), answer = self._kept.popitem(last=False)
+                self.bytes -= _size(oldest, answer)
+        return found
+
+
+def _size(body: bytes, answer: tuple[bytes, bytes]) -> int:
+    """Bytes that an answer and its question take."""
+    return len(body) + len(answer[0]) + len(answer[1]) + _ANSWER_BYTES
+
+
+ANSWERS = Answers(ANSWERS_BYTES)
+
+
 def _around_time(current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
     """Write the answer to a body: what comes before and after the time of computing."""
     if current.model.numbers > LARGEST_PLAIN_TABLE:

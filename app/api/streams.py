@@ -55,6 +55,9 @@ STEP_S: Final = 1.0
 REMEMBERED: Final = 64
 """Tables of each machine that are remembered, for followers that come back."""
 
+REMEMBERED_BYTES: Final = 4 * 2**20
+"""Room for the numbers of those of one machine [bytes]: 64 of 8,000 numbers, fewer of more."""
+
 TABLES: Final[frozenset[str]] = frozenset(("table", "status"))
 """What is told to those who do not say what they want; with `table` comes `state`."""
 
@@ -76,7 +79,7 @@ class Table:
     number
         Later tables of this service have larger ones.
     content
-        The JSON of `GET …/compensation`.
+        The JSON of `GET …/compensation`; empty in those that are remembered.
     layout
         Which numbers `values` are: tables of other positions or components cannot be compared.
     values
@@ -125,10 +128,15 @@ class Feed:
 
 
 def _remember(tables: OrderedDict[int, Table], table: Table) -> None:
-    """Keep a table for those who come back."""
-    tables[table.number] = table
-    if len(tables) > REMEMBERED:
-        tables.popitem(last=False)
+    """Keep what a later table is compared with, for those who come back."""
+    layout = table.layout
+    if tables and (last := tables[next(reversed(tables))]).layout == layout:
+        layout = last.layout  # most often the same: all share one
+    tables[table.number] = replace(table, content=b"", layout=layout)
+    taken = sum(one.values.nbytes for one in tables.values())
+    while len(tables) > REMEMBERED or taken > REMEMBERED_BYTES:
+        _, oldest = tables.popitem(last=False)
+        taken -= oldest.values.nbytes
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,13 +4,17 @@ Every refusal is a problem with a sentence that says what was expected, what cam
 the unit; and the database holds before and after the same.
 """
 
+import gc
 import json
 import re
 from copy import deepcopy
 from datetime import timedelta
+from weakref import ref
 
 import pytest
+from pydantic import TypeAdapter, ValidationError
 
+from app.api.schemas.readings import OneOrMoreReadings
 from tests.databases import KINDS, reachable
 from tests.service_examples import (
     MACHINE,
@@ -615,3 +619,30 @@ async def test_huge_values_are_not_repeated_in_the_answer(app, client):
     body = changed("map", ("label",), ["x" * 1_000_000])
     found = await refused(app, client, body)
     assert len(json.dumps(found)) < 2000
+
+
+READINGS = TypeAdapter(OneOrMoreReadings)
+
+
+class Stated(list):
+    """A list that can be watched: of a plain one nobody can say whether it is still held."""
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"time": "soon"}, {"temperatures_c": {"bed": "warm"}}, {"more": 1}],
+    ids=["time", "number", "unknown"],
+)
+def test_a_list_that_is_refused_is_not_held(wrong):
+    reading = {"time": "2026-03-01T06:00:00Z", "temperatures_c": {"bed": 20.0}}
+    stated = Stated([reading, reading | wrong])
+    held = ref(stated)
+    errors = 0
+    try:  # not `pytest.raises`, which holds what was raised
+        READINGS.validate_python(stated)
+    except ValidationError as refused:
+        errors = refused.error_count()
+    del stated
+    gc.collect()
+    assert errors == 1
+    assert held() is None

@@ -1,8 +1,10 @@
 """The short way to the table says what the ordinary way says, to the last byte but the time."""
 
 import asyncio
+import gc
 import json
 from datetime import datetime
+from weakref import ref
 
 import pytest
 from fastapi import FastAPI
@@ -10,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.api.schemas.compensation import CompensationAnswer
-from app.api.short_way import LARGEST_PLAIN_BODY, plain_answer
+from app.api.short_way import LARGEST_PLAIN_BODY, Answers, plain_answer
 from app.live.database_watch import TroubleKind
 from tests.service_examples import client_of, furnish_database, running
 
@@ -81,6 +83,33 @@ async def test_what_is_remembered_does_not_outlive_the_model(both):
     await client.patch("/v1/machines/mcfv5050", json={"out_of_range": "clamp"})
     after = (await client.post(PATH, json=BODIES["clamped"])).json()
     assert after["components"] == before["components"]
+
+
+async def test_a_model_is_not_held_by_what_is_remembered_of_it(app, both):
+    client = both[0]
+    for _ in range(2):  # the first brings the machine into memory, the second is remembered
+        await client.post(PATH, json=BODIES["clamped"])
+    former = ref(app.state.context.live.get("mcfv5050").current)
+    await client.patch("/v1/machines/mcfv5050", json={"out_of_range": "reject"})
+    await client.post(PATH, json=BODIES["clamped"])
+    gc.collect()
+    assert former() is None
+
+
+async def test_what_is_remembered_has_a_bounded_size(app, both, monkeypatch):
+    kept = Answers(100_000)
+    monkeypatch.setattr("app.api.short_way.ANSWERS", kept)
+    sizes = []
+    for i in range(100):
+        body = {"temperatures_c": PLAIN | {"spindle": 26.0 + 0.01 * i}}
+        answer = await both[0].post(PATH, json=body)
+        assert answer.content == (await both[0].post(PATH, json=body)).content
+        sizes.append(kept.bytes)
+    assert max(sizes) <= 100_000
+    assert sizes[-1] > 50_000, "nothing was kept"
+    for text in (answer for pair in kept._kept.values() for answer in pair):
+        kept.bytes -= len(text)
+    assert 0 < kept.bytes < 50_000, "what is kept was not all counted"
 
 
 async def test_it_steps_aside_while_the_database_is_away(app, both, clock):

@@ -4,8 +4,10 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 import httpx
+import numpy as np
 import pytest
 
+from app.api.streams import REMEMBERED, REMEMBERED_BYTES, Feed, Table, _remember
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
@@ -190,3 +192,17 @@ def test_what_cannot_be_followed_is_refused(shop):
 def test_asked_for_the_head_alone_nothing_is_followed(shop):
     answer = shop("HEAD", PATH)
     assert answer.headers["content-type"].startswith("text/event-stream")
+
+
+@pytest.mark.parametrize("count", [12, 50_000, REMEMBERED_BYTES])
+def test_what_is_remembered_for_those_who_come_back_has_a_bounded_size(count):
+    feed = Feed("m")
+    values = np.zeros(count)
+    for i in range(1, 2 * REMEMBERED):
+        layout = b"EXX, %d of them" % count  # each time another object
+        _remember(feed.tables, Table(i, b"the table", layout, values, ()))
+    kept = list(feed.tables.values())
+    assert len(kept) == min(REMEMBERED, REMEMBERED_BYTES // values.nbytes)
+    assert {table.content for table in kept} <= {b""}
+    assert len({id(table.layout) for table in kept}) <= 1
+    assert feed.known(2 * REMEMBERED) is (kept[-1] if kept else None)

@@ -94,8 +94,9 @@ def _moved(error: ValidationError, first: int) -> list[InitErrorDetails]:
     moved: list[InitErrorDetails] = []
     for one in shown_errors(error):
         place, *more = one["loc"] or (0,)
-        problem = PydanticCustomError(
-            one["type"], "{said}", {**one.get("ctx", {}), "said": one["msg"]}
-        )
+        # An exception leads by its traceback to the frame of `_check`, and from there back to the
+        # problem: into which the collector cannot see, so that the body would be held for ever.
+        context = {k: v for k, v in one.get("ctx", {}).items() if not isinstance(v, Exception)}
+        problem = PydanticCustomError(one["type"], "{said}", {**context, "said": one["msg"]})
         moved.append({"type": problem, "loc": (first + place, *more), "input": one["input"]})
     return moved
