@@ -62,7 +62,7 @@ class _Values(Collector):
         )
         yield self._gauge(
             "thermap_connection_trouble",
-            "1 where something is the matter with a connection: GET /v1/connections says what",
+            "1 where something is the matter with a connection, as the list of connections says",
             lambda all_: float(any(one.trouble for one in all_)),
         )
         for name, said, count in (

@@ -15,11 +15,13 @@ import numpy as np
 from app.arrays import FloatArray
 from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
+from app.search.foresight import learn
 from app.search.library import read_library
 from app.search.problem import Problem, Term
 from app.search.scan import scan
 from app.search.selection import Selector
 from app.search.threshold import threshold
+from app.search.walk import may_be_walk, walk_seen
 
 STRONG: Final = 6.0
 """2 ln of a likelihood ratio from which evidence is strong (Kass, Raftery, J. Am. Stat. Assoc. 90
@@ -29,6 +31,8 @@ SAME: Final = 1e-6
 """Share of a flexible version's size below which nothing of it is left beside the term."""
 
 WANDERS_ALONE: Final = "what is left beside it wanders as in no other component"
+
+WALKS: Final = "its set-ups look as if a zero walked at random from one to the next"
 
 
 def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list[tuple[str, ...]]:
@@ -61,6 +65,8 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
         [] if term.origin is not None or odd.isdisjoint(term.channels) else [WANDERS_ALONE]
         for term in terms
     ]
+    for number in _walking(selector, terms):
+        said[number].append(WALKS)
     if not candidates:
         return [tuple(words) for words in said]
     problem = selector.library.problem
@@ -97,6 +103,33 @@ def _odd_wanderers(selector: Selector, terms: Sequence[Term]) -> set[int]:
         ratio = 2.0 * float(own.max() - (state.null - believed.max()).max())
         if ratio > STRONG:
             found.add(c)
+    return found
+
+
+def _walking(selector: Selector, terms: Sequence[Term]) -> list[int]:
+    """Name the terms that grow or begin with time and may be zeros that walk.
+
+    Zeros of different channels walk each by itself: one channel that is sure is enough.
+    """
+    trends = [n for n, t in enumerate(terms) if t.origin is None and t.candidate.trending]
+    if not trends:
+        return []
+    learned = learn(selector.states, terms)
+    channels = {c: state.fixed.channel for c, state in selector.states.items()}
+    visit = {c: selector.library.problem.rows.visit[one.rows] for c, one in channels.items()}
+    left = {c: one.values - learned.effect(c) for c, one in channels.items()}
+    seen = {c: walk_seen(left[c], visit[c]) for c in channels}
+    starts = np.cumsum([0, *(term.size for term in terms)])
+    found = []
+    for number in trends:
+        amplitudes = learned.fit.amplitudes[starts[number] : starts[number + 1]]
+        judged = []
+        for c, columns in terms[number].columns.items():
+            own = columns @ amplitudes
+            others = [w for other, w in seen.items() if other != c and w is not None]
+            judged.append(may_be_walk(left[c] + own, own, visit[c], others))
+        if True in judged and False not in judged:
+            found.append(number)
     return found
 
 

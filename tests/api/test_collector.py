@@ -67,7 +67,7 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
         first = verification.observations[:1]
         return store_verification(context, machine, replace(verification, observations=first))
 
-    class Noting(bodies._ReadRequest):
+    class Noting(bodies.ReadRequest):
         def __init__(self, request, body, what):
             super().__init__(request, body, what)
             said.append(weakref.ref(what.observations[0]))
@@ -77,7 +77,7 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
             super().release()
 
     monkeypatch.setattr(verifications, "store_verification", store_the_first)
-    monkeypatch.setattr(bodies, "_ReadRequest", Noting)
+    monkeypatch.setattr(bodies, "ReadRequest", Noting)
     observations = [OBSERVATION | {"measured_um": 0.001 * i} for i in range(count)]
     body = json.dumps({"label": "long", "observations": observations})
     assert (len(body) > bodies.MEGABYTE) is not collects

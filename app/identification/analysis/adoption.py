@@ -22,6 +22,7 @@ from app.identification.analysis.finished_search import GROWING, FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import rms
 from app.search.findings import FLEXIBLE, FoundTerm
+from app.search.names import WALKS
 from app.search.rows import Datum
 from app.search.scatter import FEWEST_SETUPS
 from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
@@ -62,6 +63,10 @@ BESIDE_WHAT_NOBODY_KNOWS: Final = (
 )
 OF_EITHER: Final = (
     "of the machine, or of the instrument in this channel: it is known from one set-up alone"
+)
+OF_A_WALK: Final = (
+    "an instrument or a foundation whose zero walks from set-up to set-up would show the same, and "
+    "visits that are held out among the others would foretell it too"
 )
 NOT_HELD_OUT: Final = "nothing could be held out that would show whether it helps"
 
@@ -284,6 +289,8 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
         return None
     if _is_of_one_setup(found, effect):
         return OF_EITHER
+    if WALKS in term.doubts:
+        return OF_A_WALK
     # What only differs in shape from what was found, is of the same cause as it.
     is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
     return BESIDE_WHAT_NOBODY_KNOWS if is_open else None

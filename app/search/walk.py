@@ -1,0 +1,165 @@
+"""Whether what grows or begins with time is more than a zero that walks from set-up to set-up.
+
+Set-ups that scatter independently average out, and a small trend of their levels is soon sure.
+Levels that add up, each a little off the one before, make trends and steps of themselves, and
+visits held out among the others foretell them. Both happen: a laser is set up anew each time, an
+inductive sensor's zero or a foundation stays where it went.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import ndtr
+
+from app.arrays import FloatArray, IntArray
+
+CHANCE: Final = 0.002
+"""How improbable the opposite sign of a trend must be, walks of every size considered."""
+
+FEWEST_LEVELS: Final = 4
+MOST_LEVELS: Final = 100
+"""Neighbouring set-ups are taken together where there are more: only slow changes matter."""
+
+SIZES: Final = (0.0, *np.geomspace(0.03, 30.0, 13).tolist())
+SIZES_TRIED: Final = tuple(product(SIZES, SIZES))
+"""Standard deviations of a set-up, and of a step of the walk, in repeatabilities."""
+
+_WEIGHTS: Final = np.array([1.0 if step else len(SIZES) - 1.0 for _, step in SIZES_TRIED])
+AS_LIKELY_NONE: Final = _WEIGHTS / _WEIGHTS.sum()
+"""Where nothing is known of a walk it is as likely that there is none: set-ups are made anew."""
+
+NEXT_TO_NOTHING: Final = 1e-6
+
+
+class _Fits(NamedTuple):
+    """Levels fitted with every size of scatter and of walk: log likelihood, first size, error."""
+
+    log: FloatArray
+    size: FloatArray
+    error: FloatArray
+
+
+def walk_seen(left: FloatArray, visit: IntArray) -> FloatArray | None:
+    """Say how probable one channel makes each size of scatter and of walk.
+
+    Parameters
+    ----------
+    left : ndarray, shape (n,)
+        Residuals beside all terms, in repeatabilities.
+    visit : ndarray, shape (n,)
+        Numbers of their set-ups, growing with time.
+
+    Returns
+    -------
+    ndarray or None
+        Probabilities that add up to one. None: fewer than four set-ups say nothing.
+    """
+    levels = _levels(left, np.zeros(len(left)), visit)
+    if len(levels) < FEWEST_LEVELS:
+        return None
+    return _probable(_fits(levels, np.ones((len(levels), 1))).log)
+
+
+def may_be_walk(
+    left: FloatArray, own: FloatArray, visit: IntArray, others: Sequence[FloatArray] = ()
+) -> bool | None:
+    """Judge whether a walk over set-ups leaves the sign of a term open.
+
+    Levels of set-ups are a constant, the term at a free size, an independent scatter of set-ups,
+    and a random walk, whose variances are integrated over (restricted likelihood). One instrument
+    measures all channels: what the others show of its walk is expected here, and anything else
+    is as probable as that one channel is unlike all others.
+
+    Parameters
+    ----------
+    left : ndarray, shape (n,)
+        Residuals of one channel beside all other terms, in repeatabilities.
+    own : ndarray, shape (n,)
+        What the term explains of them.
+    visit : ndarray, shape (n,)
+        Numbers of their set-ups, growing with time.
+    others
+        `walk_seen` of the other channels.
+
+    Returns
+    -------
+    bool or None
+        None: fewer than four set-ups, or all with as much of the term, say nothing.
+
+    Examples
+    --------
+    >>> visit = np.repeat(np.arange(20), 5)
+    >>> drift = 0.4 * visit
+    >>> noise = np.random.default_rng(1).normal(size=100)
+    >>> may_be_walk(drift + noise, drift, visit)
+    False
+    >>> walk = np.cumsum(np.random.default_rng(2).normal(size=20))[visit]
+    >>> slope = visit * (walk @ visit) / (visit @ visit)
+    >>> may_be_walk(walk + noise, slope, visit)
+    True
+    """
+    levels = _levels(left, own, visit)
+    if len(levels) < FEWEST_LEVELS or np.ptp(levels[:, 1]) <= 0.0:
+        return None
+    fits = _fits(levels, np.column_stack([levels[:, 1], np.ones(len(levels))]))
+    odd = 1.0 / (len(others) + 2.0) if others else 1.0
+    expected = odd * AS_LIKELY_NONE
+    if others:
+        expected = expected + (1.0 - odd) * np.mean(others, axis=0)
+    weights = _probable(fits.log + np.log(expected))
+    return float(weights @ ndtr(-fits.size / fits.error)) > CHANCE
+
+
+def _probable(log: FloatArray) -> FloatArray:
+    weights = np.exp(log - log.max())
+    found: FloatArray = weights / weights.sum()
+    return found
+
+
+def _fits(levels: FloatArray, design: FloatArray) -> _Fits:
+    """Fit levels, shape (m, 3), by generalised least squares at each size of scatter and walk."""
+    level, count = levels[:, 0], levels[:, 2]
+    steps = np.arange(1.0, len(level) + 1.0)
+    walk = np.minimum(steps[:, None], steps[None, :])
+    found = []
+    for scatter, step in SIZES_TRIED:
+        covariance = np.diag(1.0 / count + scatter**2) + step**2 * walk
+        factor = cho_factor(covariance, lower=True)
+        weighted = cho_solve(factor, design)
+        information = design.T @ weighted
+        sizes = np.linalg.solve(information, weighted.T @ level)
+        rest = level - design @ sizes
+        log = (
+            -np.log(np.diag(factor[0])).sum()
+            - 0.5 * np.linalg.slogdet(information)[1]
+            - 0.5 * float(rest @ cho_solve(factor, rest))
+        )
+        found.append((log, sizes[0], np.sqrt(np.linalg.inv(information)[0, 0])))
+    return _Fits(*np.array(found).T)
+
+
+def _levels(left: FloatArray, own: FloatArray, visit: IntArray) -> FloatArray:
+    """Give each set-up's level, the term's share of it, and its observations, shape (m, 3).
+
+    Along the term's own course over the places; where it is nothing, the plain mean.
+    """
+    sign = 1.0 if own.sum() >= 0.0 else -1.0
+    nothing = NEXT_TO_NOTHING * float(np.abs(own).max(initial=0.0))
+    numbers = np.unique(visit)
+    groups = np.array_split(numbers, min(len(numbers), MOST_LEVELS))
+    found = []
+    for group in groups:
+        here = np.isin(visit, group)
+        count = float(here.sum())
+        size = float(np.linalg.norm(own[here]))
+        if size <= nothing * np.sqrt(count):
+            found.append((sign * float(left[here].mean()), 0.0, count))
+        else:
+            along = float(left[here] @ own[here]) / size
+            found.append((along / np.sqrt(count), size / np.sqrt(count), count))
+    return np.array(found)
