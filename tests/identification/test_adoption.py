@@ -8,8 +8,14 @@ import pytest
 
 from app.effects.effect import Effect
 from app.effects.observations import Observation, Verification, observation_rows
-from app.identification.analysis.adoption import OF_EITHER, judge_help
+from app.identification.analysis.adoption import (
+    BESIDE_A_WALK,
+    OF_A_WALK,
+    OF_EITHER,
+    judge_help,
+)
 from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
+from app.search.names import WALKS
 from app.search.rows import Datum
 
 DAY_S = 86400.0
@@ -197,6 +203,20 @@ def test_a_step_that_one_setup_alone_knows_may_be_the_instruments(last):
     assert judged(other, other, kinds=("step",))[0].helps == (last == 2)
     # A late sensor does not hang on when somebody looked.
     assert judged(step, step, kinds=("thermal-lag",))[0].helps
+
+
+@pytest.mark.parametrize("kind", ["drift", "step"])
+def test_what_a_walking_zero_shows_too_is_not_adopted_and_no_map_is_called_outdated_beside_it(kind):
+    rows = campaign()
+    trend, shift = 0.5 * rows.visit, np.full(len(rows), 5.0)
+    walking = term(status=Status.SUSPECTED, doubts=(WALKS,))
+    kinds = (kind, "outdated-map")
+    first, second = judged(trend + shift, trend, shift, kinds=kinds, terms=(walking, term()))
+    assert first == (False, OF_A_WALK)
+    assert second == (False, BESIDE_A_WALK)
+    # A late sensor beside it is none of its doing, and a trend that is sure is adopted.
+    assert judged(trend + shift, trend, shift, kinds=(kind, "thermal-lag"))[1:] != second
+    assert judged(trend, trend, kinds=(kind,))[0].why_not != OF_A_WALK
 
 
 def test_a_drift_of_one_record_may_be_the_instruments():

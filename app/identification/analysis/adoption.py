@@ -13,6 +13,7 @@ from scipy.stats import norm, t
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.effect import Effect
+from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.step import Step
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
@@ -67,6 +68,10 @@ OF_EITHER: Final = (
 OF_A_WALK: Final = (
     "an instrument or a foundation whose zero walks from set-up to set-up would show the same, and "
     "visits that are held out among the others would foretell it too"
+)
+BESIDE_A_WALK: Final = (
+    "the zero of an instrument or a foundation seems to walk from set-up to set-up: what its "
+    "levels say of the maps may be its own"
 )
 NOT_HELD_OUT: Final = "nothing could be held out that would show whether it helps"
 
@@ -254,6 +259,8 @@ def _why_not(
         return not_adopted
     if not_lasting := _why_not_lasting(found, effect, term):
         return not_lasting
+    if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
+        return BESIDE_A_WALK
     either = (kind_of(rival.family).never_sure for rival in term.rivals if rival.tied)
     if of_either := next(filter(None, either), None):
         return of_either
