@@ -44,7 +44,7 @@ async def table_server(service, security=None):
     server = TableServer(lambda: service.state.context, url, security)
     running = asyncio.create_task(server.run())
     try:
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(120):
             while not server.is_listening:
                 assert not running.done()
                 await asyncio.sleep(0.02)
@@ -69,7 +69,7 @@ class Plc:
 
     async def until(self, path, is_so):
         """Wait until a node's value is so; the test's own limit is a minute."""
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(120):
             while not is_so(found := await self.read(path)):
                 await asyncio.sleep(0.05)
         return found
@@ -290,11 +290,11 @@ async def test_a_taken_port_is_said_and_tried_again(machine, monkeypatch):
         url = f"opc.tcp://127.0.0.1:{taken.getsockname()[1]}/thermap"
         server = TableServer(lambda: service.state.context, url)
         running = asyncio.create_task(server.run())
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(120):
             while not server.trouble:
                 await asyncio.sleep(0.05)
         assert url in server.trouble
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(120):
         while not server.is_listening:
             await asyncio.sleep(0.05)
     assert server.trouble == ""
