@@ -265,7 +265,7 @@ class LogFollower:
         return None
 
     def _missed(self, count: int | None) -> News:
-        words = "entries of the event log cannot be told any more; GET …/events has them"
+        words = "entries of the event log cannot be told any more; the log itself has them"
         how_many = "an unknown number of" if count is None else f"{count}"
         missed = MissedEntries(count, f"{how_many} {words}")
         return News(self._machine_id or "", "missed", _MISSED.dump_json(missed))
