@@ -89,12 +89,16 @@ UNKIND: Final[Mapping[str, Mapping[str, Any]]] = {
     **NOISE,
     "set-ups correlated": {"setup_shift_um": 1.0, "setup_tilt_um": 0.5, "setup_correlation": 0.85},
     "laser warms up": {"warm_up_um": 2.0, "warm_up_min": 5.0},
+    "no air compensation": {"length_um_per_m_per_k": -0.93},
+    "no material temperature": {"length_um_per_m_per_k": 11.7, "length_sensor": "bed"},
     "outliers": {"outliers": 0.02, "state_repeatability": False},
     "zeroed at the first": {"datum": "first"},
 }
 BY_INSTRUMENT: Final = {
     "laser warms up": frozenset({"instrument-warm-up"}),
     "instrument drifts": frozenset({"instrument-warm-up", "drift"}),
+    "no air compensation": frozenset({"instrument-compensation"}),
+    "no material temperature": frozenset({"instrument-compensation"}),
 }
 """What is rightly named where the instrument does it, though nothing is planted."""
 

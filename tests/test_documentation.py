@@ -15,6 +15,7 @@ PAGES = [
     *METHODS,
 ]
 
+RUN = re.compile(r"python -m ((?:benchmarks|examples|tests)(?:\.\w+)*)")
 NAMED = re.compile(r"`((?:app|thermap)(?:\.\w+)+)`")
 
 
@@ -30,9 +31,7 @@ def test_named_objects_exist():
     missing = [
         f"{page.name}: {name}"
         for page in PAGES
-        for name in sorted(
-            set(re.findall(r"`((?:app|thermap)(?:\.\w+)+)`", page.read_text(encoding="utf-8")))
-        )
+        for name in sorted(set(NAMED.findall(page.read_text(encoding="utf-8"))))
         if not exists(name)
     ]
     assert missing == []
@@ -64,6 +63,16 @@ def test_named_files_exist():
         ]
     assert len(named) > 100
     assert [str(path) for path in named if not path.exists()] == []
+
+
+def test_named_programs_exist():
+    missing = [
+        f"{page.name}: {name}"
+        for page in PAGES
+        for name in sorted(set(RUN.findall(page.read_text(encoding="utf-8"))))
+        if not any((ROOT / name.replace(".", "/")).with_suffix(end).exists() for end in (".py", ""))
+    ]
+    assert missing == []
 
 
 def test_named_tests_exist():
