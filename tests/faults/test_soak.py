@@ -21,7 +21,7 @@ from tests.faults.soak.evaluation import (
 )
 from tests.faults.soak.machines import SENSORS, MadeMachine
 from tests.faults.soak.process import Sample, growth_of
-from tests.faults.soak.run import Soaked, soak
+from tests.faults.soak.run import Soaked, errors_in, soak
 from tests.faults.soak.tally import Tally
 
 
@@ -37,6 +37,25 @@ def test_a_fleet_with_faults_is_answered_rightly(databases, kind, tmp_path):
     assert checked["stream"] > 5
     assert soaked.tally.faults["service ended by SIGKILL"] >= 1
     databases.give_back(url)
+
+
+def traceback(where, error):
+    return f'Traceback (most recent call last):\n  File "{where}\n    work()\n{error}\n'
+
+
+def test_what_was_raised_is_found_in_the_log_but_for_orphans_of_a_killed_service(tmp_path):
+    log = tmp_path / "log"
+    assert errors_in(log) == []
+    begun = 'spawn.py", line 122, in spawn_main'
+    orphan = traceback(begun, "EOFError: Ran out of input")
+    log.write_text(f"started\n{orphan}ended\n" * 2)
+    assert errors_in(log) == []
+    own = traceback('app/live.py", line 3, in table', "EOFError: Ran out of input")
+    other = traceback(begun, "ValueError: expected 3")
+    log.write_text(f"{orphan}{own}{orphan}{other}CRITICAL lost\n")
+    first = "Traceback (most recent call last):"
+    ended = "EOFError: Ran out of input"
+    assert errors_in(log) == [first, ended, first, "ValueError: expected 3", "CRITICAL lost"]
 
 
 def sensor(name, stand_in=None):

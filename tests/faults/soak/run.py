@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import psycopg
@@ -40,6 +41,12 @@ THREADS_MORE = 8
 GROWTH_JUDGED_AFTER_H = 0.25
 GROWTH_MIB_PER_H = 30.0
 SAMPLES_EVERY_S = 1.0
+
+ORPHAN = re.compile(
+    r"^Traceback \(most recent call last\):\n(?: .*\n)*?.* in spawn_main\n(?: .*\n)*"
+    r"(?:EOFError: Ran out of input|_pickle\.UnpicklingError: pickle data was truncated)\n?",
+    re.MULTILINE,
+)
 
 
 @dataclass(frozen=True)
@@ -191,7 +198,7 @@ def soak(
         filling=growth_of(lived[: len(lived) // 2]),
         growth=growth_of(lived[len(lived) // 2 :]),
         samples=watch.samples,
-        log_errors=_errors_in(log),
+        log_errors=errors_in(log),
     )
 
 
@@ -235,16 +242,17 @@ def _database_mib(database_url: str) -> float:
     return 0.0
 
 
-def _errors_in(log: Path) -> list[str]:
-    """Find what a service never may write: that something was raised which nobody expected."""
+def errors_in(log: Path) -> list[str]:
+    """Find what a service never may write: that something was raised which nobody expected.
+
+    A process for an analysis that had hardly begun when its service was killed finds nothing to
+    read any more, and says so: that is expected.
+    """
     if not log.exists():
         return []
-    found = []
-    with log.open(encoding="utf-8", errors="replace") as lines:
-        for line in lines:
-            if re.search(r"^Traceback|\bCRITICAL\b|^\S*Error: ", line) and len(found) < 100:
-                found.append(line.strip()[:300])
-    return found
+    text = ORPHAN.sub("", log.read_text(encoding="utf-8", errors="replace"))
+    found = re.finditer(r"^Traceback.*|^.*\bCRITICAL\b.*|^\S*Error: .*", text, re.MULTILINE)
+    return [one[0].strip()[:300] for one in islice(found, 100)]
 
 
 def _growth_words(growth: Growth | None) -> str:
