@@ -20,7 +20,7 @@ from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS, ORDER, Component
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ComponentTable, ErrorMap
-from app.thermal.group import Group, Member, Scale, common_range_of_rows, from_to_mm
+from app.thermal.group import Group, Member, Scale, common_range_of_rows, from_to_mm, member_of
 from app.thermal.machine import Machine, SameTemperature, Sensor
 from app.thermal.one_measuring_line import on_one_line
 from app.thermal.resampling import (
@@ -375,7 +375,9 @@ def _group(scales: tuple[Scale, ...], labels: tuple[str, ...], parts: Sequence[_
         columns += directions
         own += [part.own] * len(directions)
         width += n * len(directions)
-        members.append(Member(part.component, part.positions_mm, forward, backward, part.ranges_mm))
+        members.append(
+            member_of(part.component, part.positions_mm, forward, backward, part.ranges_mm)
+        )
     nodes = np.hstack([rows.values for rows in columns])
     variances = np.hstack([rows.variances for rows in columns])
     for matrix in (nodes, variances):

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -32,9 +34,9 @@ class Scale:
         return self.temperatures_c[lower + 1] - self.temperatures_c[lower]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Member:
-    """One component's place in a row of numbers.
+    """One component's place in a row of numbers; made by `member_of`, once for all that are alike.
 
     `forward` and `backward` are the columns of its tables at `positions_mm`; `backward` is
     None where no map of it is bidirectional. `ranges_mm` has for each of the group's maps
@@ -58,6 +60,30 @@ class Member:
     def common_range(self, rows: Sequence[int]) -> tuple[float, float]:
         """Find the range of positions that maps have in common: `common_range_of_rows` [mm]."""
         return common_range_of_rows(self.ranges_mm, rows)
+
+
+_MEMBERS: Final[WeakValueDictionary[tuple[object, ...], Member]] = WeakValueDictionary()
+
+
+def member_of(
+    component: Component,
+    positions_mm: FloatArray,
+    forward: slice,
+    backward: slice | None,
+    ranges_mm: FloatArray,
+) -> Member:
+    """Give a component's place in a row: the same object to all that are alike.
+
+    Sister machines are measured at the same positions. What is remembered of members, such as
+    how a table is laid out, is then made and kept once for ten thousand of them.
+    """
+    columns = tuple((c.start, c.stop) for c in (forward, backward) if c is not None)
+    key = (component.code, positions_mm.tobytes(), columns, ranges_mm.shape, ranges_mm.tobytes())
+    known = _MEMBERS.get(key)
+    if known is not None:
+        return known
+    # Two threads that make one at once may each go on with its own: kept twice, and no less right.
+    return _MEMBERS.setdefault(key, Member(component, positions_mm, forward, backward, ranges_mm))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +281,7 @@ def _narrowed(members: Sequence[Member], kept: BoolArray) -> tuple[Member, ...]:
         positions = member.positions_mm
         if positions.size:
             positions = positions[kept[member.forward]]
-        found.append(Member(member.component, positions, forward, backward, member.ranges_mm))
+        found.append(member_of(member.component, positions, forward, backward, member.ranges_mm))
     return tuple(found)
 
 

@@ -229,3 +229,20 @@ def test_the_coverage_is_what_the_tables_have(grids):
             assert ends == [interval.from_mm, interval.to_mm]
         else:
             assert len(set(errors_of(model, "EXX", float(middle)).tolist())) == 1
+
+
+def test_sister_machines_share_their_members_and_others_do_not():
+    """What is remembered of a member is then kept once for all sisters, however many."""
+
+    def members(maps, temperature_c):
+        model = compiled(maps)
+        return [state_of(model, code, temperature_c)[1] for code in ("EXX", "EYX")]
+
+    longer = [
+        *LONG_AND_SHORT[:2],
+        error_map("short", 40.0, table("EXX", [5.0, 9.0], [0, 101]), table("EYX", [5.0], [0])),
+    ]
+    for temperature_c in (25.0, 35.0):
+        one, other = members(LONG_AND_SHORT, temperature_c), members(LONG_AND_SHORT, temperature_c)
+        assert all(a is b for a, b in zip(one, other, strict=True))
+        assert one[0] is not members(longer, temperature_c)[0]
