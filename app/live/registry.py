@@ -171,6 +171,10 @@ class LiveRegistry:
         """Find a machine that is in memory."""
         return self._machines.get(machine_id)
 
+    def ids(self) -> set[str]:
+        """Name the machines that are in memory."""
+        return set(self._machines)
+
     def stamps(self) -> dict[str, tuple[datetime, int, int]]:
         """Say in which shape each machine is in memory: birth, revision and withdrawals."""
         return {

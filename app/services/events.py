@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,7 +19,7 @@ from app.errors import StorageUnavailable
 from app.events.event import Event, EventKind, Events
 from app.live.registry import LiveMachine
 from app.services.context import Context
-from app.services.status import Stored, status_of, stored_of_machines
+from app.services.status import status_of, stored_of_machines
 from app.status.machine_status import MachineStatus, SensorNow, Verdict
 from app.storage.events import (
     begin_passing,
@@ -30,6 +31,7 @@ from app.storage.events import (
     write_event,
 )
 from app.storage.machines import find_machine, list_machines
+from app.storage.watches import Watched
 from app.thermal.sensor_health import Health
 
 log = logging.getLogger("thermap")
@@ -142,6 +144,7 @@ class AlarmLog:
         self._written: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
         self._seen: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
         self._judged: dict[str, tuple[object, float]] = {}
+        self._waiting: deque[str] = deque()
         self._tidied_s: float | None = None
 
     def start(self) -> None:
@@ -175,37 +178,45 @@ class AlarmLog:
             self._judged.clear()
 
     def look(self) -> None:
-        """Look once at every machine that may have changed."""
+        """Look once at the machines that may have changed: at all, or as many as there is time for.
+
+        The next look goes on with those that have waited longest. Even to see that nothing is new
+        of ten thousand machines takes a while, in which the live table waits for its turns.
+        """
         context = self._context
         if context.live.database.trouble is not None:
             return
         self._tidy()
         stored = stored_of_machines(context)
         began_s = monotonic()
-        for machine_id, live, mark in self._due(began_s, stored):
-            self._judged[machine_id] = (mark, began_s)
-            self._compare(machine_id, _lasting(status_of(context, live, stored)))
+        for _ in range(self._list_waiting()):
+            machine_id = self._waiting.popleft()
+            live = context.live.get(machine_id)
+            if live is None:
+                continue
+            mark = _mark(live, stored.watches.get(machine_id))
+            if self._is_due(machine_id, mark, began_s):
+                self._judged[machine_id] = (mark, began_s)
+                self._compare(machine_id, _lasting(status_of(context, live, stored)))
+            self._waiting.append(machine_id)
             if self._stop.is_set() or monotonic() - began_s >= AT_MOST_S:
                 return
 
-    def _due(self, now_s: float, stored: Stored) -> list[tuple[str, LiveMachine, object]]:
-        """List the machines of which something is new, those first that have waited longest."""
-        machines = {live.current.model.machine.id: live for live in self._context.live.machines()}
-        for known_of in (self._written, self._seen, self._judged):
-            for machine_id in [one for one in known_of if one not in machines]:
-                del known_of[machine_id]
-        due = []
-        for machine_id, live in machines.items():
-            latest = live.readings.latest
-            read_at = None if latest is None else latest.time
-            watched = stored.watches.get(machine_id)
-            mark = (live.current.version, live.current.revision, read_at, watched)
-            known, judged_s = self._judged.get(machine_id, (None, -math.inf))
-            settled = self._seen.get(machine_id) == self._written.get(machine_id)
-            if known != mark or now_s - judged_s >= JUDGED_AGAIN_S or not settled:
-                due.append((judged_s, machine_id, live, mark))
-        due.sort(key=lambda one: one[:2])
-        return [one[1:] for one in due]
+    def _list_waiting(self) -> int:
+        """Bring the list of those that wait up to date; say how many they are."""
+        ids = self._context.live.ids()
+        known = set(self._waiting)
+        if ids != known:
+            self._waiting = deque([*sorted(ids - known), *(m for m in self._waiting if m in ids)])
+            for known_of in (self._written, self._seen, self._judged):
+                for machine_id in known_of.keys() - ids:
+                    del known_of[machine_id]
+        return len(self._waiting)
+
+    def _is_due(self, machine_id: str, mark: object, now_s: float) -> bool:
+        known, judged_s = self._judged.get(machine_id, (None, -math.inf))
+        settled = self._seen.get(machine_id) == self._written.get(machine_id)
+        return known != mark or now_s - judged_s >= JUDGED_AGAIN_S or not settled
 
     def _compare(self, machine_id: str, lasting: _Lasting) -> None:
         key = (frozenset(lasting.alarms), frozenset(lasting.sensors))
@@ -238,6 +249,13 @@ class AlarmLog:
         with self._context.database.writing() as session:
             delete_old_alarms(session, self._context.now())
         self._tidied_s = now_s
+
+
+def _mark(live: LiveMachine, watched: Watched | None) -> object:
+    """Give what changes whenever something is new of a machine."""
+    latest = live.readings.latest
+    read_at = None if latest is None else latest.time
+    return (live.current.version, live.current.revision, read_at, watched)
 
 
 def _words(sensor: SensorNow) -> str:

@@ -10,7 +10,16 @@ from app.access.keys import Role
 from app.events.event import LONGEST_NAME
 from app.services.access_keys import create_key
 from app.services.events import AlarmLog
-from tests.service_examples import MACHINE, ROOM, START, error_map, iso, problem, reading
+from tests.service_examples import (
+    MACHINE,
+    ROOM,
+    START,
+    error_map,
+    furnish,
+    iso,
+    problem,
+    reading,
+)
 
 pytestmark = pytest.mark.anyio
 
@@ -132,6 +141,40 @@ async def test_an_alarm_is_one_row_that_comes_goes_and_is_counted(app, client, c
     await at(29.8, 3600)
     await at(30.5, 60)
     assert len(await alarms()) == 2
+
+
+@pytest.fixture
+def one_at_a_look(monkeypatch):
+    """The log of alarms looks when it is told to, and has time for one machine."""
+    monkeypatch.setattr("app.services.events.LOOK_EVERY_S", 3600.0)
+    monkeypatch.setattr("app.services.events.AT_MOST_S", 0.0)
+
+
+async def test_where_there_is_time_for_one_machine_alone_they_take_turns(
+    one_at_a_look, app, client
+):
+    rooms = [f"/v1/machines/{name}" for name in ("a", "b", "z")]
+    for room in rooms:
+        await furnish(client, MACHINE | {"id": room.rsplit("/", 1)[-1]})
+        await client.post(f"{room}/readings", json=reading(START, 30.5))
+    log = AlarmLog(app.state.context)
+
+    async def alarmed(looks):
+        for _ in range(looks):
+            log.look()
+        every = (await events(client, "?kind=alarm", "/v1/events"))["events"]
+        return sorted(event["machine"] for event in every)
+
+    log.look()
+    turns = len(app.state.context.live)
+    # An alarm is written when it was there at two looks at its machine.
+    assert await alarmed(turns - 1) == []
+    assert await alarmed(turns - 1) == ["a", "b"]
+    await client.delete(rooms[0], params={"confirm": "a"})
+    assert "z" in await alarmed(1)
+    await furnish(client, MACHINE | {"id": "c"})
+    await client.post("/v1/machines/c/readings", json=reading(START, 30.5))
+    assert "c" in await alarmed(5)
 
 
 async def test_a_sensor_that_is_lost_and_comes_back(app, client, clock):

@@ -33,6 +33,7 @@ def test_a_registry_begins_empty():
     assert len(registry) == 0
     assert registry.get("m") is None
     assert registry.stamps() == {}
+    assert registry.ids() == set()
     registry.forget("m")
     assert registry.get("m") is None
 
@@ -45,6 +46,7 @@ def test_a_newer_revision_replaces_an_older_one_and_keeps_the_readings():
     assert registry.get("m").current is newer
     assert registry.get("m").readings.latest == READING
     assert registry.stamps() == {"m": (START, 2, 0)}
+    assert registry.ids() == {"m"}
     assert len(registry) == 1
 
 
