@@ -134,17 +134,19 @@ class DatabaseFollower:
 
     def _follow(self) -> None:
         live = self._context.live
-        have = live.stamps()
-        self._pass_over_own()
         with self._context.database.reading(QUESTION) as session:
             total = sum_of_machines(session)
-            wanted = revisions(session) if total != self._sum else None
+        # What is in memory first: a machine that comes while the database is read was not lost.
+        have = live.stamps() if total != self._sum else None
+        self._pass_over_own()
+        with self._context.database.reading(QUESTION) as session:
+            wanted = None if have is None else revisions(session)
             unseen = self._unseen or UnseenNumbers(newest_id(session) - LOOK_BACK)
             fresh = numbered_readings(session, unseen.highest, unseen.gaps)
         live.database.note_answer()
         # First what came, then what changed: among what came may be what was withdrawn since.
         self._add(fresh)
-        if wanted is not None:
+        if have is not None and wanted is not None:
             self._load(have, wanted)
         self._sum = total
         self._restore(live.behind())
