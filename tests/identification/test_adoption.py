@@ -9,6 +9,7 @@ import pytest
 from app.effects.effect import Effect
 from app.effects.observations import Observation, Verification, observation_rows
 from app.identification.analysis.adoption import (
+    AS_SLOW_AS_CAN_BE,
     BESIDE_A_WALK,
     OF_A_WALK,
     OF_EITHER,
@@ -65,6 +66,7 @@ def judgement(
     floor=1.0,
     left=(),
     predicted=None,
+    is_slowest=False,
 ):
     """Judge effects that claim what they say of rows where something is true."""
     rows = campaign() if rows is None else rows
@@ -81,6 +83,7 @@ def judgement(
         ),
         use=np.ones(len(rows), dtype=bool),
         explained=lambda effect: claimed[[effect is e for e in effects].index(True)],
+        is_slowest=lambda _term: is_slowest,
         is_unexplained_at=lambda channels, besides: bool(set(channels) & set(left)),
         findings=SimpleNamespace(
             known=None,
@@ -217,6 +220,15 @@ def test_what_a_walking_zero_shows_too_is_not_adopted_and_no_map_is_called_outda
     assert second == (False, BESIDE_A_WALK)
     # A trend that is sure is adopted.
     assert judged(trend, trend, kinds=(kind,)) == [(True, None)]
+
+
+def test_what_is_as_late_as_can_be_tried_is_not_adopted_beside_what_nobody_knows():
+    right = swinging(campaign())
+    for left, is_slowest in (((), True), ((0,), False), ((1,), True)):
+        (one,) = judged(right, right, kinds=("state-variable",), left=left, is_slowest=is_slowest)
+        assert one == (True, None)
+    (one,) = judged(right, right, kinds=("state-variable",), left=(0,), is_slowest=True)
+    assert one == (False, AS_SLOW_AS_CAN_BE)
 
 
 def test_a_drift_of_one_record_may_be_the_instruments():

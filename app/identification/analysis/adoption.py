@@ -65,6 +65,10 @@ BESIDE_WHAT_NOBODY_KNOWS: Final = (
 OF_EITHER: Final = (
     "of the machine, or of the instrument in this channel: it is known from one set-up alone"
 )
+AS_SLOW_AS_CAN_BE: Final = (
+    "it is as late as can be tried, and something unexplained remains where it acts: what changes "
+    "about as slowly as the visits follow each other imitates whatever else does"
+)
 OF_A_WALK: Final = (
     "an instrument or a foundation whose zero walks from set-up to set-up would show the same, and "
     "visits that are held out among the others would foretell it too"
@@ -291,15 +295,15 @@ def _why_not(
 
 
 def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
-    """Say why nobody knows of what grows or begins with time that it will go on."""
+    """Say why nobody knows of what grows or begins with time, or is very late, that it lasts."""
+    # What only differs in shape from what was found, is of the same cause as it.
+    is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
     if effect.kind not in EITHER:
-        return None
+        return AS_SLOW_AS_CAN_BE if is_open and found.is_slowest(term) else None
     if _is_of_one_setup(found, effect):
         return OF_EITHER
     if WALKS in term.doubts:
         return OF_A_WALK
-    # What only differs in shape from what was found, is of the same cause as it.
-    is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
     return BESIDE_WHAT_NOBODY_KNOWS if is_open else None
 
 

@@ -27,6 +27,9 @@ from app.search.validation import holds
 GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
 """What grows with time."""
 
+SLOWEST: Final = 0.99
+"""Share of the longest time constant from which it counts as that."""
+
 
 @dataclass(frozen=True, eq=False)
 class FinishedSearch:
@@ -60,6 +63,13 @@ class FinishedSearch:
         """Say whether structure remains in any of some channels, whatever one test says."""
         left = {one.channel for one in self.findings.unexplained if one.test != besides}
         return None in left or bool(left.intersection(channels))
+
+    def is_slowest(self, term: FoundTerm) -> bool:
+        """Say whether a term has the longest time constant that was tried for it."""
+        nonlinear = self.hypotheses[term.key].nonlinear
+        if nonlinear is None or not nonlinear.is_time or term.theta is None:
+            return False
+        return term.theta >= SLOWEST * nonlinear.grid[-1]
 
     def without_refits(self) -> FinishedSearch:
         """Leave the effects that the model has as they are, in what is predicted too."""
