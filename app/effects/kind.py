@@ -128,6 +128,11 @@ class EffectKind(ABC):
         """Say what to do about what was found, in a sentence; empty where nothing need be done."""
         return self.remedy.format(components=list_names(effect.components, 3))
 
+    def doubt(self, effect: Effect) -> str:
+        """Say what of an effect's own size speaks against its name; empty where nothing does."""
+        del effect
+        return ""
+
     def separating_measurement(self, effect: Named, rival: Named) -> str:
         """Name what to measure to tell an effect from a rival.
 

@@ -319,3 +319,28 @@ def test_what_the_maps_contain_is_not_lacking():
     difference = where.beyond_maps("EZZ", "spindle", "z-column")
     assert difference.at(as_in_maps).tolist() == [0.0]
     assert difference.at(moment(z_column=24.0, spindle=36.0)).tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "is_doubted"),
+    [
+        (1.0, 0.05, False),
+        (1.1, 0.05, False),
+        (1.2, 0.05, True),
+        (3.2, 0.3, True),
+        (-0.6, 0.1, False),
+    ],
+)
+def test_what_follows_late_by_more_than_the_whole_is_no_lag_for_sure(share, error, is_doubted):
+    lag = Effect(
+        "thermal-lag",
+        ("EZZ",),
+        ("z-column",),
+        parameters={"time_constant_min": 140.0, "share": share},
+        standard_errors={"time_constant_min": 17.0, "share": error},
+    )
+    doubt = kind_of("thermal-lag").doubt(lag)
+    assert bool(doubt) == is_doubted
+    if is_doubted:
+        assert f"{share:.2g}" in doubt
+        assert "z-column" in doubt

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
@@ -15,7 +15,11 @@ from app.effects.kind import EffectKind, Need, Proposals
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.effects.words import components, is_whole, parameter, verb
+from app.errors import list_names
 from app.units import SECONDS_PER_MIN
+
+FAR_ABOVE: Final = 3.0
+"""Standard errors by which a share is above 1 beyond chance."""
 
 
 class ThermalLag(EffectKind):
@@ -70,6 +74,16 @@ class ThermalLag(EffectKind):
             )
         follow = verb(effect.components, "follows", "follow")
         return f"{components(effect)} {follow} {effect.sensors[0]} {late} late{share}"
+
+    def doubt(self, effect: Effect) -> str:
+        """A body that follows late follows as a whole at most; what is past that is not late."""
+        share = effect.parameters.get("share", 1.0)
+        if share - 1.0 <= FAR_ABOVE * effect.standard_errors.get("share", 0.0):
+            return ""
+        return (
+            f"a share of {share:.2g}, by which {list_names(effect.components, 3)} would go "
+            f"backwards at first whenever {effect.sensors[0]} changes"
+        )
 
 
 def _hypothesis(sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]) -> Hypothesis:

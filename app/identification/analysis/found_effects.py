@@ -100,7 +100,9 @@ def _found_effect(
     alternatives = _alternatives(found, term)
     # Held-out visits show what a tied one would do as well: they say nothing of which it is.
     is_tied = any(a.tied and not a.is_other_form_of(effect) for a in alternatives)
-    is_open = is_proxy or is_unsure or is_tied or bool(kind_of(effect.kind).never_sure)
+    own_doubt = kind_of(effect.kind).doubt(effect)
+    never_sure = bool(kind_of(effect.kind).never_sure or own_doubt)
+    is_open = is_proxy or is_unsure or is_tied or never_sure
     return FoundEffect(
         effect=effect,
         before_rms=before,
@@ -110,7 +112,7 @@ def _found_effect(
         helps=helps.helps,
         why_not=helps.why_not,
         is_proxy=is_proxy,
-        doubts=term.doubts,
+        doubts=(*term.doubts, *filter(None, [own_doubt])),
         evidence=_evidence(term),
         alternatives=alternatives,
         explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}",
