@@ -2,7 +2,10 @@
 
 import importlib
 import re
+import subprocess
 from pathlib import Path
+
+import pytest
 
 from scripts.write_http_reference import PAGE, openapi_document, write_page
 
@@ -17,6 +20,7 @@ PAGES = [
 
 RUN = re.compile(r"python -m ((?:benchmarks|examples|tests)(?:\.\w+)*)")
 NAMED = re.compile(r"`((?:app|thermap)(?:\.\w+)+)`")
+COMMIT = re.compile(r"`([0-9a-f]{7,40})`")
 
 
 def test_http_reference_is_what_the_service_says():
@@ -102,6 +106,30 @@ def test_tests_named_on_a_methods_page_are_in_a_file_that_it_names():
 
 def defines(path, test):
     return f"def {test}(" in path.read_text(encoding="utf-8")
+
+
+def test_named_commits_are_in_the_history():
+    if git("rev-parse", "--is-shallow-repository") != (0, "false"):
+        pytest.skip("there is no whole history here")
+    missing = [
+        f"{page.name}: {name}"
+        for page in PAGES
+        for name in sorted(set(COMMIT.findall(page.read_text(encoding="utf-8"))))
+        if git("merge-base", "--is-ancestor", name, "HEAD")[0] != 0
+    ]
+    assert missing == []
+
+
+def git(*words):
+    """Git's exit code and its answer about the folder of the project; 127 where there is no git."""
+    # A folder unpacked inside another repository has no history of its own.
+    if not (ROOT / ".git").exists():
+        return 128, ""
+    try:
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True)
+    except FileNotFoundError:
+        return 127, ""
+    return done.returncode, done.stdout.strip()
 
 
 def test_every_dependency_has_its_reason():
