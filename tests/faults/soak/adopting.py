@@ -5,14 +5,11 @@ from __future__ import annotations
 import random
 import threading
 import time
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from tests.faults.reversing import EFFECTS, POSITIONS, ReversingMachine, found_reversal
 from tests.faults.soak.asking import Asker, Ended, Shop
 
-POSITIONS = [0.0, 125.0, 250.0, 375.0, 500.0]
-COLD_C, WARM_C = 20.0, 26.0
-BEGAN = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
 PATIENCE_S = 300.0
 DIGITS_UM = 2e-4
 """Answers have four decimals, and the adopted value has nine digits."""
@@ -58,72 +55,19 @@ class Adopter(threading.Thread):
         return answered.content
 
     def _round(self, machine_id: str) -> None:
-        room = f"/v1/machines/{machine_id}"
-        rises = {t: self._chance.uniform(-0.02, 0.02) for t in (COLD_C, WARM_C)}
-        reversal_um = self._chance.choice((-1, 1)) * self._chance.uniform(5.0, 12.0)
-        sensors = [{"name": "bed", "stuck_after_s": None}]
-        self._ask(
-            "POST",
-            "/v1/machines",
-            {
-                "id": machine_id,
-                "name": "Reverses",
-                "configuration": "XYFZ",
-                "axes": {"x": {"min_mm": 0, "max_mm": 500}},
-                "sensors": sensors,
-            },
-        )
-        for t_c, rise in rises.items():
-            part = {
-                "component": "EXX",
-                "positions_mm": POSITIONS,
-                "errors_um": [rise * x for x in POSITIONS],
-            }
-            one = {
-                "label": f"{t_c} °C",
-                "measured_at": BEGAN.isoformat(),
-                "temperatures_c": {"bed": t_c},
-                "components": [part],
-            }
+        machine = ReversingMachine(machine_id, self._chance)
+        room = machine.room
+        self._ask("POST", "/v1/machines", machine.body)
+        for one in machine.maps():
             self._ask("POST", f"{room}/error-maps", one)
-        self._ask(
-            "POST",
-            f"{room}/readings",
-            [
-                {
-                    "time": (BEGAN + timedelta(minutes=i)).isoformat(),
-                    "temperatures_c": {"bed": 21.0 + 0.1 * i},
-                }
-                for i in range(41)
-            ],
-        )
-        check = self._verification(rises, reversal_um)
-        number = self._ask("POST", f"{room}/verifications", check)["id"]
-        asked = {"verifications": [number], "effects": ["backlash"]}
+        self._ask("POST", f"{room}/readings", machine.readings())
+        number = self._ask("POST", f"{room}/verifications", machine.verification())["id"]
+        asked = {"verifications": [number], "effects": EFFECTS}
         analysis = self._ask("POST", f"{room}/analyses", asked, 202)["id"]
         result = self._wait(f"{room}/analyses/{analysis}")
         if result is not None:
-            self._adopt(room, analysis, result, rises)
+            self._adopt(machine, analysis, result)
         self._ask("DELETE", room, None, 204)
-
-    def _verification(self, rises: dict[float, float], reversal_um: float) -> dict[str, Any]:
-        observations = []
-        for i in range(36):
-            minute = 2 + i
-            position = POSITIONS[(i // 2) % len(POSITIONS)]
-            up = i % 2 == 0
-            half = reversal_um / 2.0 if up else -reversal_um / 2.0
-            measured = _line(rises, 21.0 + 0.1 * minute, position) + half
-            observations.append(
-                {
-                    "time": (BEGAN + timedelta(minutes=minute)).isoformat(),
-                    "component": "EXX",
-                    "position_mm": position,
-                    "direction": "+" if up else "-",
-                    "measured_um": round(measured + self._chance.gauss(0.0, 0.3), 3),
-                }
-            )
-        return {"label": "both ways", "repeatability_um": 0.3, "observations": observations}
 
     def _wait(self, path: str) -> Any:
         """Wait for an analysis; its result, or None where it takes too long."""
@@ -140,27 +84,26 @@ class Adopter(threading.Thread):
         self._shop.tally.fault("analysis not awaited")
         return None
 
-    def _adopt(self, room: str, analysis: int, result: Any, rises: dict[float, float]) -> None:
-        found = [e for e in result["effects"] if set(e["parameters"]) == {"reversal_um"}]
-        if not found:
+    def _adopt(self, machine: ReversingMachine, analysis: int, result: Any) -> None:
+        room, reversal_um = machine.room, found_reversal(result)
+        if reversal_um is None:
             self._shop.tally.fault("no plain reversal found, nothing adopted")
             return
         before = self._ask("GET", room, None)["active_model"]
         self._ask("POST", f"{room}/analyses/{analysis}/adopt", {"effects": [0]})
         after = self._ask("GET", room, None)["active_model"]
         self._shop.tally.fault("adopted")
-        reversal_um = found[0]["parameters"]["reversal_um"]
-        self._check(room, rises, after, reversal_um)
+        self._check(machine, after, reversal_um)
         for version, value in ((before, 0.0), (after, reversal_um), (before, 0.0)):
             self._ask("POST", f"{room}/models/{version}/activate", None)
-            self._check(room, rises, version, value)
+            self._check(machine, version, value)
         self._shop.tally.fault("gone back from what was adopted", 2)
 
-    def _check(self, room: str, rises: dict[float, float], version: int, value: float) -> None:
-        t_c = round(self._chance.uniform(21.5, 24.5), 2)
+    def _check(self, machine: ReversingMachine, version: int, value: float) -> None:
+        room, t_c = machine.room, round(self._chance.uniform(21.5, 24.5), 2)
         came = self._ask("POST", f"{room}/compensation", {"temperatures_c": {"bed": t_c}})
         (line,) = came["components"]
-        expected = [_line(rises, t_c, x) for x in POSITIONS]
+        expected = [machine.error_um(t_c, x) for x in POSITIONS]
         found = []
         if came["model_version"] != version:
             found.append(f"version {came['model_version']}, expected {version}")
@@ -171,9 +114,3 @@ class Adopter(threading.Thread):
             if any(abs(a - b) > DIGITS_UM for a, b in zip(line[name], numbers, strict=True)):
                 found.append(f"{name} {line[name]}, expected {numbers}")
         self._shop.tally.check("with and without what was adopted", f"{room} at {t_c} °C", found)
-
-
-def _line(rises: dict[float, float], t_c: float, position_mm: float) -> float:
-    """Interpolate between the two maps, each a straight line through zero [µm]."""
-    share = (t_c - COLD_C) / (WARM_C - COLD_C)
-    return ((1.0 - share) * rises[COLD_C] + share * rises[WARM_C]) * position_mm
