@@ -1,4 +1,9 @@
-"""One analysis in a process of its own: live tables must not wait for it."""
+"""One analysis in a process of its own: live tables must not wait for it.
+
+What analyses is imported where it is used. That alone takes two seconds of processor time, and
+many more on a busy machine; before that the process stands behind the live tables, and sees when
+whoever began it is gone.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +12,12 @@ import os
 import signal
 import threading
 from contextlib import suppress
-from dataclasses import replace
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 from time import monotonic
 from typing import Final, Literal, NamedTuple
 
-from app.errors import Conflict, ThermapError
-from app.identification.analysis.analyse import analyse
-from app.services.change_model import choose_version
-from app.services.context import CLOCKS_DIFFER
-from app.services.residuals import load_campaign, read_verifications
-from app.storage.analyses import read_analysis
-from app.storage.analysis_results import RESULTS
-from app.storage.database import Database
-from app.storage.limits import LONG
+from app.errors import ThermapError
 
 log = logging.getLogger("thermap")
 
@@ -55,17 +51,30 @@ def run_analysis(database_url: str, analysis_id: int, to_service: Connection) ->
     threading.Thread(target=_exit_with_service, daemon=True).start()
     with suppress(OSError, AttributeError):
         os.nice(BEHIND_TABLES)
+    with suppress(BrokenPipeError), to_service:  # nobody is there to be told
+        to_service.send(_carried_out(database_url, analysis_id, _ProgressSender(to_service)))
+
+
+def _carried_out(database_url: str, analysis_id: int, progress: _ProgressSender) -> JobUpdate:
+    """Analyse, and give the last update.
+
+    Raises
+    ------
+    BrokenPipeError
+        If nobody listens to its progress any more.
+    """
     try:
-        update = JobUpdate(
-            "done", _analysed(database_url, analysis_id, _ProgressSender(to_service))
-        )
+        progress(0.0, "reading")
+        from app.services.analyse_stored import analyse_stored
+
+        return JobUpdate("done", analyse_stored(database_url, analysis_id, progress))
+    except BrokenPipeError:
+        raise
     except ThermapError as error:
-        update = JobUpdate("failed", error.detail)
+        return JobUpdate("failed", error.detail)
     except Exception as error:
         log.exception("analysis %d failed", analysis_id)
-        update = JobUpdate("failed", f"unexpected error: {type(error).__name__}: {error}")
-    to_service.send(update)
-    to_service.close()
+        return JobUpdate("failed", f"unexpected error: {type(error).__name__}: {error}")
 
 
 class _ProgressSender:
@@ -79,34 +88,6 @@ class _ProgressSender:
         if monotonic() - self._sent_at >= PROGRESS_EVERY_S:
             self._sent_at = monotonic()
             self._to_service.send(JobUpdate("progress", words, progress))
-
-
-def _analysed(database_url: str, analysis_id: int, progress: _ProgressSender) -> str:
-    progress(0.0, "reading")
-    database = Database(database_url, LONG, may_be_new=False)
-    try:
-        with database.reading() as session:
-            stored = read_analysis(session, analysis_id)
-            if stored is None:
-                raise Conflict("it was deleted")
-            machine, version = choose_version(session, stored.machine_id, stored.task.model_version)
-            ids = stored.task.verification_ids
-            verifications = read_verifications(session, stored.machine_id, ids)
-            until = stored.created_at + CLOCKS_DIFFER
-            campaign = load_campaign(
-                session, machine, version, verifications, until, searching=True
-            )
-            campaign = replace(campaign, verification_ids=tuple(ids))
-    finally:
-        database.close()
-    found = analyse(
-        campaign,
-        holdout_fraction=stored.task.holdout_fraction,
-        kinds=stored.task.kinds,
-        seed=stored.task.seed,
-        progress=progress,
-    )
-    return RESULTS.text(found)
 
 
 def _exit_with_service() -> None:
