@@ -6,10 +6,15 @@
 import copy
 import itertools
 import random
+from collections import Counter
 from dataclasses import replace
 
 import pytest
 
+from app.geometry.chain import Chain
+from app.thermal.machine import Machine, Sensor
+from app.thermal.sensor_health import assess_sensors
+from app.thermal.temperature_history import TemperatureHistory
 from tests.databases import reachable
 from tests.faults.soak.evaluation import (
     NoTable,
@@ -59,7 +64,16 @@ def test_what_was_raised_is_found_in_the_log_but_for_orphans_of_a_killed_service
 
 
 def sensor(name, stand_in=None):
-    return {"name": name, "stand_in": stand_in, "min_c": 0.0, "max_c": 60.0, "max_age_s": 10.0}
+    return {
+        "name": name,
+        "stand_in": stand_in,
+        "min_c": 0.0,
+        "max_c": 60.0,
+        "max_age_s": 10.0,
+        "resolution_c": 0.1,
+        "stuck_after_s": None,
+        "max_rate_c_per_min": 1e6,
+    }
 
 
 MACHINE = {
@@ -140,8 +154,95 @@ def test_old_and_future_readings():
         (116.0, {"x-middle": 30.0}),
     ]
     found = sensors_at(MACHINE, readings, 112.0)
-    assert found == Sensors({"z-column": 22.0}, {"x-middle": 20.0}, 108.0)
+    health = {"x-middle": "stale", "y-front": "out-of-range", "z-column": "ok"}
+    assert found == Sensors({"z-column": 22.0}, {"x-middle": 20.0}, 108.0, health)
     assert sensors_at(MACHINE, readings, 114.0).usable["x-middle"] == 30.0
+
+
+JUDGED = MACHINE | {
+    "sensors": [
+        sensor("x-middle") | {"stuck_after_s": 20.0},
+        sensor("y-front") | {"max_rate_c_per_min": 60.0},
+        sensor("z-column"),
+    ]
+}
+"""y-front changes by 1 °C in a second at most, and by 1 °C at once."""
+
+
+def health_at(rows, machine=JUDGED):
+    """What is the matter with each sensor after some values, each row at a time in s."""
+    return sensors_at(machine, rows.items(), max(rows)).health
+
+
+@pytest.mark.parametrize(
+    ("fronts_c", "health"),
+    [
+        ({0: 20.0, 1: 21.9}, "ok"),
+        ({0: 20.0, 1: 22.1}, "jump"),
+        ({0: 20.0, 1: 26.0, 2: 26.0}, "jump"),
+        ({0: 20.0, 1: 26.0, 2: 20.5}, "ok"),
+        ({0: 20.0, 1: 26.0, 5: 26.0}, "ok"),
+        ({0: 20.0, 1: 99.0, 2: 22.0}, "ok"),
+        ({0: 20.0, 1: 26.0, 2: 99.0}, "out-of-range"),
+    ],
+)
+def test_a_sensor_that_jumps(fronts_c, health):
+    assert health_at({t: {"y-front": c} for t, c in fronts_c.items()})["y-front"] == health
+
+
+def warming(z_rises_c=2.0, y_rises_c=2.0, changes_at_s=0, last_s=30):
+    """Neighbours that warm in the first five seconds; x-middle changes once, if at all."""
+    return {
+        t: {
+            "x-middle": 20.0 if t >= changes_at_s else 20.1,
+            "y-front": 20.0 + y_rises_c * min(t, 5) / 5,
+            "z-column": 20.0 + z_rises_c * min(t, 5) / 5,
+        }
+        for t in range(last_s + 1)
+    }
+
+
+@pytest.mark.parametrize(
+    ("rows", "health"),
+    [
+        (warming(), "stuck"),
+        (warming(last_s=22), "ok"),
+        (warming(last_s=23), "stuck"),
+        (warming(z_rises_c=0.5), "ok"),
+        (warming(y_rises_c=0.5), "ok"),
+        (warming(changes_at_s=2), "stuck"),
+        (warming(changes_at_s=4), "ok"),
+        ({t: row for t, row in warming().items() if not 10 < t < 25}, "ok"),
+    ],
+)
+def test_a_sensor_that_stands_still(rows, health):
+    assert health_at(rows)["x-middle"] == health
+    free = JUDGED | {"sensors": [{**s, "stuck_after_s": None} for s in JUDGED["sensors"]]}
+    assert health_at(rows, free)["x-middle"] == "ok"
+
+
+def test_the_service_judges_random_records_alike():
+    """Neither knows the other: the check is plain code of its own."""
+    chance = random.Random(7)
+    found = Counter()
+    for number in range(300):
+        made = MadeMachine(f"soak-{number}", chance)
+        stands = {name: chance.uniform(0.0, 30.0) for name in SENSORS}
+        lost = {name: chance.uniform(5.0, 90.0) for name in SENSORS}
+        rows = {}
+        for t in sorted(chance.sample(range(300), chance.randint(1, 60))):
+            row = made.temperatures() | {n: 25.0 for n, since in stands.items() if t / 10 > since}
+            if chance.random() < 0.1:
+                row[chance.choice(SENSORS)] = 99.0
+            rows[t / 10] = {n: c for n, c in row.items() if t / 10 < lost[n]}
+        sensors = {one["name"]: Sensor(**one) for one in made.body["sensors"]}
+        machine = Machine("m", "M", Chain.parse("XYFZ"), sensors=sensors)
+        history = TemperatureHistory.of_readings(sensors, list(rows.items()))
+        states = {s.sensor: str(s.health) for s in assess_sensors(machine, history)}
+        expected = sensors_at(made.body, rows.items(), max(rows), 100.0)
+        assert expected.health == states
+        found.update(states.values())
+    assert min(found[h] for h in ("ok", "jump", "stuck", "stale", "out-of-range")) > 10
 
 
 def answer_of(lines):

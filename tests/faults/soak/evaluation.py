@@ -1,8 +1,9 @@
 """The compensation table, evaluated once more from the maps as they were posted.
 
 Plain Python on the bodies of the requests; nothing of app is imported. Written from the chapter
-(C. Wang, 8.105–8.107) and from what docs/ and the OpenAPI document say of sensors that fail and of
-temperatures outside the maps, so that a mistake on one side shows on the other.
+(C. Wang, 8.105–8.107) and from what docs/ and the OpenAPI document say of sensors that fail
+(docs/nomenclature.md) and of temperatures outside the maps, so that a mistake on one side shows on
+the other.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ Body = Mapping[str, Any]
 
 CLOCKS_DIFFER_S = 2.0
 """A reading no further ahead than this is of now."""
+
+CLEARLY = 10.0
+"""So many resolutions are a change that a sensor must show, and one that may come at once."""
 
 HALF_A_DIGIT = 0.5e-4 + 1e-9
 """Answers are written to 0.1 nm, 0.1 nrad and 0.1 nm/m."""
@@ -53,43 +57,116 @@ class Line:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What the sensors of a machine are at one moment: usable and old temperatures [°C]."""
+    """What the sensors of a machine are at one moment: usable and old temperatures [°C].
+
+    `health` is what is the matter with each; None where there is no record to judge it by.
+    """
 
     usable: Mapping[str, float]
     stale: Mapping[str, float]
     latest: float | None
+    health: Mapping[str, str] | None = None
+
+
+Record = list[tuple[float, float]]
+"""A sensor's times [s since 1970] and temperatures [°C], in order of time."""
 
 
 def sensors_at(
-    machine: Body, readings: Iterable[tuple[float, Mapping[str, float]]], now_s: float
+    machine: Body,
+    readings: Iterable[tuple[float, Mapping[str, float]]],
+    now_s: float,
+    back_s: float | None = None,
 ) -> Sensors:
-    """Judge every sensor by its newest value that can have been measured by now.
+    """Judge every sensor by its values that can have been measured by now.
 
     Parameters
     ----------
     readings
         Time [s since 1970] and temperatures by sensor [°C], in any order.
+    back_s
+        How far back from the latest one readings are looked at [s], without it `looked_back_s`;
+        those that have one of a sensor's last two values always are.
     """
-    newest: dict[str, tuple[float, float]] = {}
-    latest: float | None = None
-    for time_s, temperatures_c in readings:
-        if time_s > now_s + CLOCKS_DIFFER_S:
-            continue
-        latest = time_s if latest is None else max(latest, time_s)
-        for name, value in temperatures_c.items():
-            if name not in newest or time_s > newest[name][0]:
-                newest[name] = (time_s, value)
+    back_s = looked_back_s(machine) if back_s is None else back_s
+    past = sorted((r for r in readings if r[0] <= now_s + CLOCKS_DIFFER_S), key=lambda r: r[0])
+    latest = past[-1][0] if past else None
+    names = [sensor["name"] for sensor in machine["sensors"]]
+    last_two = {t for name in names for t in [t for t, came in past if name in came][-2:]}
+    kept = [r for r in past if r[0] in last_two or r[0] >= past[-1][0] - back_s]
+    records = {name: [(t, came[name]) for t, came in kept if name in came] for name in names}
     usable: dict[str, float] = {}
     stale: dict[str, float] = {}
+    health: dict[str, str] = {}
     for sensor in machine["sensors"]:
-        if sensor["name"] not in newest:
+        name = sensor["name"]
+        health[name] = _health(machine, sensor, records)
+        if health[name] != "ok":
             continue
-        time_s, value = newest[sensor["name"]]
-        if sensor["min_c"] <= value <= sensor["max_c"]:
-            # What is ahead by no more than clocks differ makes no other value older.
-            age_s = max(now_s, latest or now_s) - time_s
-            (stale if age_s > sensor["max_age_s"] else usable)[sensor["name"]] = value
-    return Sensors(usable, stale, latest)
+        time_s, value = records[name][-1]
+        # What is ahead by no more than clocks differ makes no other value older.
+        if max(now_s, latest or now_s) - time_s > sensor["max_age_s"]:
+            health[name] = "stale"
+        (stale if health[name] == "stale" else usable)[name] = value
+    return Sensors(usable, stale, latest, health)
+
+
+def looked_back_s(machine: Body) -> float:
+    """Say how much of a record judges sensors: twice `stuck_after_s`, or `max_age_s` [s]."""
+    return max(max(2.0 * (s["stuck_after_s"] or 0.0), s["max_age_s"]) for s in machine["sensors"])
+
+
+def _health(machine: Body, sensor: Body, records: Mapping[str, Record]) -> str:
+    """Say what is the matter with a sensor's last value, whatever its age."""
+    record = records.get(sensor["name"], [])
+    if not record:
+        return "missing"
+    believable = _in_range(sensor, record)
+    if not believable or believable[-1] != record[-1]:
+        return "out-of-range"
+    if _has_jumped(sensor, believable):
+        return "jump"
+    return "stuck" if _stands_still(machine, sensor, records) else "ok"
+
+
+def _in_range(sensor: Body, record: Record) -> Record:
+    return [one for one in record if sensor["min_c"] <= one[1] <= sensor["max_c"]]
+
+
+def _has_jumped(sensor: Body, record: Record) -> bool:
+    """Whether the last value came faster than heat does, seen from the last one believed."""
+    believed_at, believed_c = record[0]
+    for time_s, value in record:
+        minutes = (time_s - believed_at) / 60.0
+        may_change_c = sensor["max_rate_c_per_min"] * minutes + CLEARLY * sensor["resolution_c"]
+        if abs(value - believed_c) <= may_change_c:
+            believed_at, believed_c = time_s, value
+    return believed_at != record[-1][0]
+
+
+def _stands_still(machine: Body, sensor: Body, records: Mapping[str, Record]) -> bool:
+    """Whether the neighbours moved since the last change, `stuck_after_s` ago or more."""
+    if sensor["stuck_after_s"] is None:
+        return False
+    record = records[sensor["name"]]
+    since_s = last_s = record[-1][0]
+    for time_s, value in reversed(record):
+        if value != record[-1][1] or since_s - time_s > sensor["max_age_s"]:
+            break
+        since_s = time_s
+    until_s = last_s - sensor["stuck_after_s"]
+    if until_s < since_s:
+        return False
+    steps = [abs(b - a) for (_, a), (_, b) in pairwise(record) if a != b]
+    clear_c = CLEARLY * max(sensor["resolution_c"], min(steps, default=0.0))
+    moved = []
+    for other in machine["sensors"]:
+        if other["name"] != sensor["name"]:
+            since = [o for o in _in_range(other, records.get(other["name"], [])) if o[0] >= since_s]
+            values = [value for time_s, value in since if time_s <= until_s]
+            if since:
+                moved.append(max(values) - min(values) if values else 0.0)
+    return bool(moved) and sorted(moved)[(len(moved) - 1) // 2] >= clear_c
 
 
 def stated(machine: Body, temperatures_c: Mapping[str, float]) -> Sensors:

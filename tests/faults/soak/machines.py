@@ -18,6 +18,10 @@ PLACES = 8
 """So many maps fit on one machine: each has temperatures that no other has."""
 COLDEST_C, STEP_C = 17.0, 2.5
 MAX_AGE_S = 12.0
+STUCK_AFTER_S = 8.0
+RATES_C_PER_MIN = (1e6, 1e6, 1200.0, 300.0)
+"""A sensor may do anything, or of what is drawn here it does some, or most, too fast."""
+
 MEASURED = datetime(2026, 3, 1, 6, 0, tzinfo=UTC)
 
 
@@ -64,8 +68,9 @@ class MadeMachine:
             "min_c": 0.0,
             "max_c": 60.0,
             "max_age_s": MAX_AGE_S,
-            "stuck_after_s": None,
-            "max_rate_c_per_min": 1e6,
+            "resolution_c": 0.1,
+            "stuck_after_s": self._chance.choice((None, STUCK_AFTER_S)),
+            "max_rate_c_per_min": self._chance.choice(RATES_C_PER_MIN),
         }
 
     def error_map(self, place: int, label: str) -> dict[str, Any]:
