@@ -2,6 +2,8 @@
 
 The system's programs and this Python, at /usr/local as in Python's own images, can be seen and not
 changed. What the image brings is in folders of the test.
+
+Python's own images have a program named python; a system may have python3 alone, as Debian does.
 """
 
 import os
@@ -18,7 +20,13 @@ look() {{ mkdir -p "$2"; mount --bind "$1" "$2"; mount -o remount,bind,ro "$2"; 
 mount -t tmpfs tmpfs {root}
 look /usr {root}/usr
 look /etc {root}/etc
-look {python} {root}/usr/local
+if [ -e {python}/bin/python ]; then look {python} {root}/usr/local
+else
+    mount -t tmpfs tmpfs {root}/usr/local
+    mkdir {root}/usr/local/bin
+    ln -s {python}/bin/{program} {root}/usr/local/bin/python
+    mount -o remount,ro {root}/usr/local
+fi
 [ {python} = /usr ] || look {python} {root}{python}
 for one in bin sbin lib lib64; do
     if [ -L "/$one" ]; then cp -P "/$one" "{root}/$one"
@@ -72,6 +80,7 @@ class Container:
         named = {
             "root": shlex.quote(str(self._root)),
             "python": shlex.quote(sys.base_prefix),
+            "program": "python{}.{}".format(*sys.version_info[:2]),
             "user": user,
             "folder": shlex.quote(folder),
         }
