@@ -21,6 +21,9 @@ from app.thermal.reading import Reading
 SEARCHED = 2000
 """Readings looked through for sensors that have not reported for long."""
 
+LAST = 2
+"""Values of each sensor that are read however old they are: a jump shows by the one before it."""
+
 BATCH = 2000
 """Times a question: SQLite and PostgreSQL allow some 32,000 values in one."""
 
@@ -248,8 +251,8 @@ def recent_readings(
 ) -> list[Reading]:
     """List the newest readings up to a time, oldest first.
 
-    They go back over a window before the newest one, and, for sensors that none of
-    those has, over at most `SEARCHED` more.
+    They go back over a window before the newest one, and, for the last `LAST` values of
+    sensors of which those have fewer, over at most `SEARCHED` more.
     """
     query = (
         select(ReadingRow)
@@ -258,7 +261,7 @@ def recent_readings(
         .execution_options(yield_per=1000)
     )
     found: list[Reading] = []
-    unseen = set(sensors)
+    unseen = dict.fromkeys(sensors, LAST)
     beyond = 0
     with session.scalars(query) as rows:
         for row in rows:
@@ -267,10 +270,13 @@ def recent_readings(
                 beyond += 1
                 if not unseen or beyond > SEARCHED:
                     break
-                if unseen.isdisjoint(reading.temperatures_c):
+                if unseen.keys().isdisjoint(reading.temperatures_c):
                     continue
             found.append(reading)
-            unseen.difference_update(reading.temperatures_c)
+            for name in unseen.keys() & reading.temperatures_c.keys():
+                unseen[name] -= 1
+                if not unseen[name]:
+                    del unseen[name]
     return found[::-1]
 
 

@@ -399,3 +399,22 @@ async def test_a_withdrawn_reading_ahead_is_named_no_more(client, clock):
     assert (await current(client))["warnings"] == []
     clock.advance(58)
     assert x_middle(await current(client)) == 25.5
+
+
+async def test_a_sensor_that_jumped_long_ago_is_judged_alike_after_a_restart(
+    client, app, new_app, furnished_url
+):
+    """Its last two values are far older than what else is looked at."""
+    alone = [at(-20_000, 25.5), at(-19_990, 60.0)]
+    for one in alone:
+        one["temperatures_c"] = {"spindle": one["temperatures_c"]["spindle"]}
+    await feed(client, *alone)
+    others = [at(seconds) for seconds in (-30, -20, -10)]
+    for one in others:
+        del one["temperatures_c"]["spindle"]
+    for one in others:
+        await feed(client, one)
+    before = (await current(client))["sensors"]
+    assert {s["sensor"]: s["health"] for s in before}["spindle"] == "jump"
+    async with client_of(new_app(furnished_url)) as again:
+        assert (await current(again))["sensors"] == before
