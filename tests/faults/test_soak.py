@@ -8,13 +8,14 @@ import itertools
 import random
 from collections import Counter
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import pytest
 
 from app.geometry.chain import Chain
+from app.live.reading_window import ReadingWindow
 from app.thermal.machine import Machine, Sensor
-from app.thermal.sensor_health import assess_sensors
-from app.thermal.temperature_history import TemperatureHistory
+from app.thermal.reading import Reading
 from tests.databases import reachable
 from tests.faults.soak.evaluation import (
     NoTable,
@@ -221,28 +222,40 @@ def test_a_sensor_that_stands_still(rows, health):
     assert health_at(rows, free)["x-middle"] == "ok"
 
 
+def random_rows(made, chance):
+    """Readings in which sensors stand still, go away, or leave their range; some close together."""
+    stands = {name: chance.uniform(0.0, 30.0) for name in SENSORS}
+    lost = {name: chance.uniform(5.0, 90.0) for name in SENSORS}
+    times = [round(chance.uniform(0.0, 30.0), 3) for _ in range(chance.randint(1, 80))]
+    times += [round(t + 0.005, 3) for t in times if chance.random() < 0.3]
+    rows = {}
+    for t in times:
+        row = made.temperatures() | {name: 25.0 for name, since in stands.items() if t > since}
+        if chance.random() < 0.1:
+            row[chance.choice(SENSORS)] = 99.0
+        rows[t] = {name: c for name, c in row.items() if t < lost[name]}
+    return rows
+
+
 def test_the_service_judges_random_records_alike():
     """Neither knows the other: the check is plain code of its own."""
     chance = random.Random(7)
     found = Counter()
-    for number in range(300):
+    for number in range(100):
         made = MadeMachine(f"soak-{number}", chance)
-        stands = {name: chance.uniform(0.0, 30.0) for name in SENSORS}
-        lost = {name: chance.uniform(5.0, 90.0) for name in SENSORS}
-        rows = {}
-        for t in sorted(chance.sample(range(300), chance.randint(1, 60))):
-            row = made.temperatures() | {n: 25.0 for n, since in stands.items() if t / 10 > since}
-            if chance.random() < 0.1:
-                row[chance.choice(SENSORS)] = 99.0
-            rows[t / 10] = {n: c for n, c in row.items() if t / 10 < lost[n]}
+        rows = random_rows(made, chance)
         sensors = {one["name"]: Sensor(**one) for one in made.body["sensors"]}
         machine = Machine("m", "M", Chain.parse("XYFZ"), sensors=sensors)
-        history = TemperatureHistory.of_readings(sensors, list(rows.items()))
-        states = {s.sensor: str(s.health) for s in assess_sensors(machine, history)}
-        expected = sensors_at(made.body, rows.items(), max(rows), 100.0)
-        assert expected.health == states
+        readings = [Reading(datetime.fromtimestamp(t, UTC), c, {}) for t, c in rows.items()]
+        chance.shuffle(readings)
+        window = ReadingWindow()
+        for begin in range(0, len(readings), 10):
+            now = datetime.fromtimestamp(max(rows), UTC)
+            window.add(machine, readings[begin : begin + 10], now)
+        states = {s.sensor: str(s.health) for s in window.judge(machine)}
+        assert sensors_at(made.body, rows.items(), max(rows)).health == states
         found.update(states.values())
-    assert min(found[h] for h in ("ok", "jump", "stuck", "stale", "out-of-range")) > 10
+    assert min(found[h] for h in ("ok", "jump", "stuck", "stale", "out-of-range")) > 5
 
 
 def answer_of(lines):

@@ -68,32 +68,25 @@ class Sensors:
     health: Mapping[str, str] | None = None
 
 
+Reading = tuple[float, Mapping[str, float]]
+"""A time [s since 1970] and temperatures by sensor [°C]."""
+
 Record = list[tuple[float, float]]
 """A sensor's times [s since 1970] and temperatures [°C], in order of time."""
 
 
-def sensors_at(
-    machine: Body,
-    readings: Iterable[tuple[float, Mapping[str, float]]],
-    now_s: float,
-    back_s: float | None = None,
-) -> Sensors:
+def sensors_at(machine: Body, readings: Iterable[Reading], now_s: float) -> Sensors:
     """Judge every sensor by its values that can have been measured by now.
 
     Parameters
     ----------
     readings
-        Time [s since 1970] and temperatures by sensor [°C], in any order.
-    back_s
-        How far back from the latest one readings are looked at [s], without it `looked_back_s`;
-        those that have one of a sensor's last two values always are.
+        In any order.
     """
-    back_s = looked_back_s(machine) if back_s is None else back_s
     past = sorted((r for r in readings if r[0] <= now_s + CLOCKS_DIFFER_S), key=lambda r: r[0])
     latest = past[-1][0] if past else None
     names = [sensor["name"] for sensor in machine["sensors"]]
-    last_two = {t for name in names for t in [t for t, came in past if name in came][-2:]}
-    kept = [r for r in past if r[0] in last_two or r[0] >= past[-1][0] - back_s]
+    kept = _kept(machine, past)
     records = {name: [(t, came[name]) for t, came in kept if name in came] for name in names}
     usable: dict[str, float] = {}
     stale: dict[str, float] = {}
@@ -111,9 +104,21 @@ def sensors_at(
     return Sensors(usable, stale, latest, health)
 
 
-def looked_back_s(machine: Body) -> float:
-    """Say how much of a record judges sensors: twice `stuck_after_s`, or `max_age_s` [s]."""
-    return max(max(2.0 * (s["stuck_after_s"] or 0.0), s["max_age_s"]) for s in machine["sensors"])
+def _kept(machine: Body, past: Sequence[Reading]) -> list[Reading]:
+    """Leave what sensors are judged by: 720 parts of twice `stuck_after_s`, or of `max_age_s`.
+
+    Of each part, counted from 1970, the first reading of each sensor, and each sensor's last two.
+    """
+    span_s = max(max(2.0 * (s["stuck_after_s"] or 0.0), s["max_age_s"]) for s in machine["sensors"])
+    part_s = span_s / 720.0
+    needed: set[float] = set()
+    for sensor in machine["sensors"]:
+        times = [time_s for time_s, came in past if sensor["name"] in came]
+        needed.update(times[-2:])
+        firsts = {time_s // part_s: time_s for time_s in reversed(times)}
+        begins_s = past[-1][0] - span_s if past else 0.0
+        needed.update(t for part, t in firsts.items() if (part + 1.0) * part_s > begins_s)
+    return [reading for reading in past if reading[0] in needed]
 
 
 def _health(machine: Body, sensor: Body, records: Mapping[str, Record]) -> str:

@@ -17,7 +17,6 @@ from tests.faults.soak.evaluation import (
     NoTable,
     Sensors,
     differences,
-    looked_back_s,
     sensors_at,
     stated,
     table,
@@ -42,9 +41,6 @@ KEPT_VERSIONS = 60
 KEPT_VERIFICATIONS = 4
 MARGIN_S = 0.03
 """An answer rests on a clock between when it was asked for and when it came, and a little more."""
-
-RECORD_SLACK = 1.0 / 720.0
-"""A service keeps so many values of a record: it begins with the first of a 720th part of it."""
 
 FIRST_MAPS = 3
 STREAMED_LATE_S = 60.0
@@ -340,27 +336,17 @@ class Owner(threading.Thread):
 
     def _check_live(self) -> None:
         answered = self._asker.ask("GET", f"{self.room}/compensation")
+        found: list[str] = []
+        for now_s in self._moments(answered):
+            found = self._judged_live(answered, now_s)
+            if not found:
+                break
         kind = "a table" if answered.status == 200 else "a refusal"
-        found = self._differences_live(answered)
-        if found:
-            # What is believed can hang on the value with which the record begins: one more or less.
-            back_s = (1.0 + RECORD_SLACK) * looked_back_s(self._machine.body)
-            if not self._differences_live(answered, back_s):
-                found, kind = [], f"{kind}, by one value more of the record"
         self._shop.tally.check(f"latest reading: {kind}", self.room, found)
         if answered.status == 200:
             for one in answered.content["sensors"]:
                 if one["health"] != "ok":
                     self._shop.tally.fault(f"sensor found {one['health']}")
-
-    def _differences_live(self, answered: Answered, back_s: float | None = None) -> list[str]:
-        """Judge an answer at any moment at which it can have been made; empty where one fits."""
-        found: list[str] = []
-        for now_s in self._moments(answered):
-            found = self._judged_live(answered, now_s, back_s)
-            if not found:
-                break
-        return found
 
     def _moments(self, answered: Answered) -> list[float]:
         """Give a time of each stretch between asking and answering in which nothing grows old."""
@@ -370,8 +356,8 @@ class Owner(threading.Thread):
         edges = [low, *sorted(t for t in breaks if low < t < high), high]
         return [(a + b) / 2.0 for a, b in pairwise(edges)]
 
-    def _judged_live(self, answered: Answered, now_s: float, back_s: float | None) -> list[str]:
-        sensors = sensors_at(self._machine.body, self._readings.items(), now_s, back_s)
+    def _judged_live(self, answered: Answered, now_s: float) -> list[str]:
+        sensors = sensors_at(self._machine.body, self._readings.items(), now_s)
         found = self._judged(answered, lambda: sensors, is_early=self._is_early(now_s))
         if found or answered.status != 200:
             return found
