@@ -6,7 +6,7 @@ import pytest
 
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import read_csv_error_map
-from app.api.files.delimited_text import UnreadableFile
+from app.api.files.delimited_text import UnreadableFile, read_text
 
 HEAD = """\
 # label: Run #1
@@ -349,3 +349,10 @@ def test_positions_stand_in_one_column(complaints):
     assert complaints(HEAD + head + "EXX,0,0,0.2\n") == [
         "run.csv, line 4: expected position in one column, got position_mm and Position [m]"
     ]
+
+
+def test_what_is_no_text_is_said_to_be_none(tmp_path):
+    picture = tmp_path / "run.csv"
+    picture.write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR,,\n")
+    with pytest.raises(UnreadableFile, match=r"expected text .* got a file of another kind"):
+        read_text(picture)

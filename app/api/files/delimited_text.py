@@ -217,7 +217,7 @@ def text_of(content: bytes, file: Path) -> str:
     Raises
     ------
     UnreadableFile
-        If a workbook does not hold one table.
+        If it is no text, or a workbook does not hold one table.
     """
     if content.startswith((WORKBOOK, OLD_WORKBOOK)):
         try:
@@ -226,6 +226,10 @@ def text_of(content: bytes, file: Path) -> str:
             raise UnreadableFile(f"{file}: {error.detail}") from None
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16", errors="replace")
+    if b"\0" in content:  # no text has one; pictures and archives do
+        raise UnreadableFile(
+            f"{file}: expected text (CSV) or an Excel workbook, got a file of another kind"
+        )
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
