@@ -6,10 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from fastapi import Depends, Query, Response
+from fastapi import Depends, Query, Request, Response
 
 from app.api.bodies import FileRoute, in_a_thread
-from app.api.dependencies import AcceptLossesQuery, ContextDep, MachinePath, PreviewQuery
+from app.api.dependencies import (
+    AcceptLossesQuery,
+    ContextDep,
+    MachinePath,
+    PreviewQuery,
+    machine_in_memory,
+)
 from app.api.evaluations import EVALUATIONS
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap
@@ -25,10 +31,10 @@ from app.api.schemas.model_change import PreviewAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import FieldError, InvalidContent, list_names
 from app.pages.dashboard.maps import upload_preview
-from app.services.context import Context
 from app.services.error_maps import preview_error_map
-from app.services.measurements import map_of_result, measured_machine
+from app.services.measurements import map_of_result
 from app.thermal.error_map import ErrorMap
+from app.thermal.machine import Machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,35 +106,12 @@ def _temperatures(stated: Sequence[str]) -> dict[str, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Measured:
+class _Readings:
     """An instrument's readings: the method, the body in which it is asked, what was noticed."""
 
     method: str
     body: MeasurementRequest
     remarks: Sequence[str]
-
-
-async def uploaded_map(
-    machine: MachinePath,
-    content: FileContent,
-    beside: Annotated[_Beside, Depends(_beside)],
-    name: FileName = "file.csv",
-) -> CsvErrorMap | _Measured:
-    """Read the map or the measurement that came, and check what it says."""
-
-    def read_and_check() -> CsvErrorMap | _Measured:
-        read = read_uploaded_map(content, name, machine, beside.stated, beside.method)
-        if isinstance(read, CsvErrorMap):
-            return read
-        body = EVALUATIONS[read.method].checked(read.body)
-        return _Measured(read.method, body, read.remarks)
-
-    return await in_a_thread(read_and_check)
-
-
-UploadedMap = Annotated[CsvErrorMap | _Measured, Depends(uploaded_map)]
-
-router = Router(route_class=FileRoute, read_first=uploaded_map, tags=["error maps"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,14 +124,44 @@ class _Found:
     figures: Mapping[str, float] = field(default_factory=dict)
 
 
-def _map_in(read: CsvErrorMap | _Measured, context: Context, machine: str) -> _Found:
+async def uploaded_map(
+    request: Request,
+    context: ContextDep,
+    machine: MachinePath,
+    content: FileContent,
+    beside: Annotated[_Beside, Depends(_beside)],
+    name: FileName = "file.csv",
+) -> _Found:
+    """Read the map or the measurement that came, check what it says, and evaluate readings.
+
+    A million readings take seconds: nobody else waits for the database meanwhile.
+    """
+
+    def read_and_check() -> CsvErrorMap | _Readings:
+        read = read_uploaded_map(content, name, machine, beside.stated, beside.method)
+        if isinstance(read, CsvErrorMap):
+            return read
+        body = EVALUATIONS[read.method].checked(read.body)
+        return _Readings(read.method, body, read.remarks)
+
+    read = await in_a_thread(read_and_check)
+    live = await machine_in_memory(request, context, machine)
+    described = live.current.model.machine
+    return await in_a_thread(lambda: _map_of(described, read))
+
+
+def _map_of(described: Machine, read: CsvErrorMap | _Readings) -> _Found:
     """Give a file's map, or evaluate the readings in it."""
-    described = measured_machine(context, machine)
     if isinstance(read, CsvErrorMap):
         return _Found(read.error_map.to_error_map(), read.remarks)
     result = EVALUATIONS[read.method].evaluate(described, read.body)
     error_map = map_of_result(described, read.method, read.body.header(), result)
     return _Found(error_map, [*read.remarks, *result.notes], read.method, result.figures)
+
+
+UploadedMap = Annotated[_Found, Depends(uploaded_map)]
+
+router = Router(route_class=FileRoute, read_first=uploaded_map, tags=["error maps"])
 
 
 @router.post(
@@ -162,7 +175,7 @@ def _map_in(read: CsvErrorMap | _Measured, context: Context, machine: str) -> _F
 def post_map_file(
     context: ContextDep,
     machine: MachinePath,
-    read: UploadedMap,
+    found: UploadedMap,
     response: Response,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
@@ -175,7 +188,6 @@ def post_map_file(
     name, and is stated in the query. What is stated takes precedence over what the file says. All
     else is as with an error map in JSON.
     """
-    found = _map_in(read, context, machine)
     return answer_to_map(
         context,
         machine,
@@ -196,11 +208,10 @@ def post_map_file(
 def post_upload_preview(
     context: ContextDep,
     machine: MachinePath,
-    read: UploadedMap,
+    found: UploadedMap,
     name: FileName = "file.csv",
 ) -> Page:
     """Show what storing a file's map would do, as a part of the page of maps."""
-    found = _map_in(read, context, machine)
     preview = preview_error_map(context, machine, found.error_map)
     shown = upload_preview(
         preview, name, found.error_map, found.remarks, found.method, found.figures

@@ -6,14 +6,16 @@ import math
 from typing import Annotated
 
 import numpy as np
-from fastapi import Depends, Query
+from fastapi import Depends, Query, Request
+from starlette.concurrency import run_in_threadpool
 
-from app.api.bodies import BodyRoute, body_of_at_most
+from app.api.bodies import BodyRoute, body_of_at_most, in_a_thread
 from app.api.dependencies import (
     AcceptLossesQuery,
     ContextDep,
     MachinePath,
     PreviewQuery,
+    machine_in_memory,
 )
 from app.api.evaluations import (
     body_diagonal_of,
@@ -58,6 +60,7 @@ from app.api.schemas.measurements.simulation import (
     SimulatedStepDiagonal,
     StepDiagonalSimulation,
 )
+from app.api.turns import Turns
 from app.measurement.stated_runs import as_straightness
 from app.measurement.thermal_drift import DriftTest, evaluate_thermal_drift
 from app.services.measurements import (
@@ -130,16 +133,28 @@ def post_body_diagonal(
 
 
 @router.post("/positioning", summary="Positioning (ISO 230-2)", response_model_exclude_unset=True)
-def post_positioning(
-    context: ContextDep, machine: MachinePath, body: PositioningRequest, storing: StoringDep
+async def post_positioning(
+    request: Request,
+    context: ContextDep,
+    machine: MachinePath,
+    body: PositioningRequest,
+    storing: StoringDep,
 ) -> PositioningAnswer:
     """Evaluate runs over target positions; both directions are kept."""
-    described = measured_machine(context, machine)
-    found = positioning_of(body)
-    measured = store_measurement(
-        context, described, "positioning", body.header(), found.result, storing
-    )
-    return PositioningAnswer(**answer_fields(measured), targets=PositioningAnswer.targets_of(found))
+    described = (await machine_in_memory(request, context, machine)).current.model.machine
+    # A million readings take seconds: they are evaluated before it is our turn at the database.
+    found = await in_a_thread(lambda: positioning_of(body))
+
+    def stored() -> PositioningAnswer:
+        measured = store_measurement(
+            context, described, "positioning", body.header(), found.result, storing
+        )
+        targets = PositioningAnswer.targets_of(found)
+        return PositioningAnswer(**answer_fields(measured), targets=targets)
+
+    turns: Turns = request.app.state.turns
+    async with turns.taken():
+        return await run_in_threadpool(stored)
 
 
 @router.post(
