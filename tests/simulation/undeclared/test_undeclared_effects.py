@@ -13,7 +13,11 @@ from app.simulation.undeclared.history import low_pass
 from app.simulation.undeclared.unknown.hysteresis import preisach, relay_weights
 from app.simulation.undeclared.unknown.stick_slip import stored_strain
 
-EVERY = [f"{name}:{variant}" for name, family in ALL.items() for variant in family.variants]
+EVERY = [
+    f"{name}:{variant}"
+    for name, family in ALL.items()
+    for variant in (*family.variants, *family.only_asked_for)
+]
 
 CHANGES_THE_MACHINE = {
     *("thermal-lag", "other-sensor", "second-time-constant", "sensor-fault"),
@@ -188,6 +192,29 @@ def test_what_the_maps_contain_is_not_undeclared(exact_of, maps_contain_effect):
         warmth = warmth - np.interp(now, states[assigned], states[second])
     else:
         warmth = warmth - states[second][1]
+    np.testing.assert_allclose(contribution, (level + slope * u) * warmth, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["additional-sensor", "sensor-gradient"])
+def test_what_is_late_counts_from_balance_in_the_maps(exact_of, kind):
+    campaign = exact_of(6, f"{kind}:late", 1.5)
+    code, line, contribution = one_line(campaign)
+    effect, history = campaign.truth.effects[0], campaign.history
+    tau, states = effect["parameters"]["time_constant_min"], campaign.maps.temperatures_c
+    assert 20.0 <= tau <= 160.0
+    late, there = (
+        read(effect["sensors"][0]) - sum(read(minus) for minus in effect["sensors"][1:])
+        for read in (
+            lambda s: history.at(low_pass(history.temperatures_c[s], tau), line.time_min),
+            lambda s: states[s],
+        )
+    )
+    assigned = COMPONENTS[code].sensor
+    now = history.temperature(assigned, line.time_min)
+    warmth = late - np.interp(now, states[assigned], there)
+    level, slope = (v for k, v in effect["parameters"].items() if k.endswith("_per_k"))
+    axis = COMPONENTS[code].axis
+    u = 2 * line.point_mm[:, axis] / TRAVELS_MM[axis] - 1 if axis is not None else 0.0
     np.testing.assert_allclose(contribution, (level + slope * u) * warmth, atol=1e-9)
 
 

@@ -52,7 +52,9 @@ FAMILIES: Final = {
     "additional-sensor": Family(
         additional_sensor.VARIANTS, additional_sensor.plant, additional_sensor.ONLY_ASKED_FOR
     ),
-    "sensor-gradient": Family(sensor_gradient.VARIANTS, sensor_gradient.plant),
+    "sensor-gradient": Family(
+        sensor_gradient.VARIANTS, sensor_gradient.plant, sensor_gradient.ONLY_ASKED_FOR
+    ),
     "temperature-curvature": Family(temperature_curvature.VARIANTS, temperature_curvature.plant),
     "state-variable": Family(state_variable.VARIANTS, state_variable.plant),
     "backlash": Family(backlash.VARIANTS, backlash.plant),

@@ -1,4 +1,8 @@
-"""A second sensor acts too: a component also grows with another sensor's temperature."""
+"""A second sensor acts too: a component also grows with another sensor's temperature.
+
+At once, or late: then it grows with what a body follows that no sensor sees. In the thermal states
+of the maps that body was in balance.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,18 @@ from typing import Final
 
 from app.simulation.undeclared.components import COMPONENTS
 from app.simulation.undeclared.effect import Effect
+from app.simulation.undeclared.history import low_pass
 from app.simulation.undeclared.setting import Profile, Setting, driven
 
 VARIANTS: Final = ("component",)
 EXPANSION: Final = "expansion"
-ONLY_ASKED_FOR: Final = (EXPANSION,)
 """A positioning error grows in proportion to the length from the axis' zero, as a scale expands."""
+
+LATE: Final = "late"
+ONLY_ASKED_FOR: Final = (EXPANSION, LATE)
+
+LATE_MIN: Final = (20.0, 160.0)
+"""Time constants of what is late [min]."""
 
 LENGTHS: Final = ("EXX", "EYY", "EZZ")
 
@@ -24,9 +34,15 @@ def plant(setting: Setting, variant: str) -> Effect:
     profile = setting.choose_profile(code)
     if variant == EXPANSION:
         profile = Profile(code, profile.level, profile.level)
+    parameters: dict[str, float | str] = {"assigned_sensor": assigned}
+    series = setting.history.temperatures_c[second]
+    if variant == LATE:
+        tau = setting.choose_time_constant_min(*LATE_MIN)
+        series = low_pass(series, tau)
+        parameters["time_constant_min"] = tau
     driver = setting.beyond_maps(
         code,
-        lambda circumstances: circumstances.temperature(second),
+        lambda circumstances: circumstances.at(series),
         setting.machine.map_temperatures_c[second],
     )
     return setting.scaled(
@@ -36,7 +52,7 @@ def plant(setting: Setting, variant: str) -> Effect:
             (code,),
             {code: driven(profile, driver)},
             sensors=(second,),
-            parameters={"assigned_sensor": assigned},
+            parameters=parameters,
             strengths=profile.named("_per_k"),
         )
     )
