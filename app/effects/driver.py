@@ -66,6 +66,18 @@ class Driver(ABC):
         return ""
 
 
+def _read(conditions: Conditions, sensor: str, time_constant_s: float | None) -> FloatArray:
+    """Give a sensor's temperature, or its low-pass, shape (n,) [°C]."""
+    if time_constant_s is None:
+        return conditions.temperature(sensor)
+    return conditions.lagged(Signal("temperature", sensor), time_constant_s)
+
+
+def _late(time_constant_s: float | None) -> str:
+    """Say how late something follows, empty where it is at once."""
+    return "" if time_constant_s is None else f" {time_constant_s / SECONDS_PER_MIN:.3g} min late"
+
+
 @dataclass(frozen=True)
 class Always(Driver):
     """One, always."""
@@ -79,20 +91,28 @@ class Always(Driver):
 
 @dataclass(frozen=True)
 class AboveReference(Driver):
-    """A sensor's temperature above a fixed one [K]."""
+    """A sensor's temperature above a fixed one [K], at once or through a low-pass."""
 
     name: ClassVar[str] = "above-reference"
     sensor: str
     reference_c: float
+    time_constant_s: float | None = None
 
     def at(self, conditions: Conditions) -> FloatArray:
-        """Give T − reference [K]."""
-        return conditions.temperature(self.sensor) - self.reference_c
+        """Give T − reference [K], or T_lag − reference."""
+        return _read(conditions, self.sensor, self.time_constant_s) - self.reference_c
 
     @property
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:
-        """The sensor."""
-        return ((Signal("temperature", self.sensor), None),)
+        """The sensor, or its past."""
+        return ((Signal("temperature", self.sensor), self.time_constant_s),)
+
+    @property
+    def quantity(self) -> Quantity | None:
+        """The low-pass, if that matters."""
+        if self.time_constant_s is None:
+            return None
+        return Quantity(f"{self.sensor}{_late(self.time_constant_s)}", "°C", self.reference_c)
 
 
 @dataclass(frozen=True)
@@ -117,37 +137,40 @@ class Behind(Driver):
     @property
     def quantity(self) -> Quantity:
         """The lag."""
-        minutes = self.time_constant_s / SECONDS_PER_MIN
-        return Quantity(f"{self.sensor} {minutes:.3g} min late minus {self.sensor}", "K")
+        return Quantity(f"{self.sensor}{_late(self.time_constant_s)} minus {self.sensor}", "K")
 
 
 @dataclass(frozen=True)
 class Difference(Driver):
-    """The difference of two sensors, above what it was on average, times a height [K]."""
+    """The difference of two sensors, above what it was on average, times a height [K].
+
+    At once, or through a low-pass: that of the difference, as both have one time constant.
+    """
 
     name: ClassVar[str] = "difference"
     sensor: str
     minus: str
     reference_k: float
     height: float = 1.0
+    time_constant_s: float | None = None
 
     def at(self, conditions: Conditions) -> FloatArray:
         """Give T_a − T_b − reference, times the height [K]."""
-        difference = conditions.temperature(self.sensor) - conditions.temperature(self.minus)
-        return self.height * (difference - self.reference_k)
+        warm, cold = (_read(conditions, s, self.time_constant_s) for s in (self.sensor, self.minus))
+        return self.height * (warm - cold - self.reference_k)
 
     @property
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:
-        """Both sensors."""
+        """Both sensors, or their past."""
         return (
-            (Signal("temperature", self.sensor), None),
-            (Signal("temperature", self.minus), None),
+            (Signal("temperature", self.sensor), self.time_constant_s),
+            (Signal("temperature", self.minus), self.time_constant_s),
         )
 
     @property
     def quantity(self) -> Quantity:
         """The difference itself."""
-        named = f"{self.sensor} minus {self.minus}"
+        named = f"{self.sensor} minus {self.minus}{_late(self.time_constant_s)}"
         if self.height != 1.0:
             return Quantity(
                 f"{self.height:.3g} times ({named})", "K", self.height * self.reference_k
@@ -169,6 +192,10 @@ class BeyondMaps(Driver):
     in_maps_c
         In each map, in the order of the own sensor's temperature: that temperature, and what
         the sensor or the difference was [°C; °C or K].
+    time_constant_s
+        Of what follows the sensor or the difference late; None: at once. When the maps were
+        measured it had settled, as with all that is late: what it followed by then is what was
+        stated.
     """
 
     name: ClassVar[str] = "beyond-maps"
@@ -176,27 +203,29 @@ class BeyondMaps(Driver):
     minus: str
     own: str
     in_maps_c: tuple[tuple[float, float], ...]
+    time_constant_s: float | None = None
 
     def at(self, conditions: Conditions) -> FloatArray:
-        """Give T − T in the maps at the own sensor's temperature [K]."""
-        value = conditions.temperature(self.sensor)
+        """Give T, or T_lag, less T in the maps at the own sensor's temperature [K]."""
+        value = _read(conditions, self.sensor, self.time_constant_s)
         if self.minus:
-            value = value - conditions.temperature(self.minus)
+            value = value - _read(conditions, self.minus, self.time_constant_s)
         scale, there = np.array(self.in_maps_c).T
         found: FloatArray = value - np.interp(conditions.temperature(self.own), scale, there)
         return found
 
     @property
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:
-        """All sensors."""
-        names = filter(None, (self.sensor, self.minus, self.own))
-        return tuple((Signal("temperature", name), None) for name in names)
+        """All sensors; of what is late their past, and the own sensor as it is."""
+        late = ((name, self.time_constant_s) for name in (self.sensor, self.minus) if name)
+        return tuple((Signal("temperature", name), tau) for name, tau in (*late, (self.own, None)))
 
     @property
     def quantity(self) -> Quantity:
         """How far from the maps."""
         what = f"{self.sensor} minus {self.minus}" if self.minus else self.sensor
-        return Quantity(f"{what} above what it was in the maps", "K")
+        late = _late(self.time_constant_s)
+        return Quantity(f"{what}{late} above what it was in the maps", "K")
 
     def moved(self, learnt: tuple[float, float], other: BeyondMaps) -> tuple[float, float]:
         """Say where another one lies wherever this one lay in a range: what the maps moved by.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final, NamedTuple, TypeAlias
 
@@ -107,6 +107,8 @@ class Hypothesis:
         Of a mistake in the data, instead of `unit_terms`: what it would leave in every row.
     expected
         What its one amplitude is, where that is known beforehand.
+    follows
+        Which sensors its amplitudes answer, each by itself: to 1, or to −1 where it is subtracted.
     apart
         Of such a mistake, an effect for each place where it is the claim that their sizes are one:
         what each would leave in every row.
@@ -127,6 +129,7 @@ class Hypothesis:
     adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
     supposed: Supposed | None = None
     expected: Expected | None = None
+    follows: Mapping[str, int] = field(default_factory=dict)
     apart: Sequence[Supposed] = ()
 
     @property
@@ -162,6 +165,11 @@ class Hypothesis:
             expected=self.expected,
             flexible=None if self.supposed else partial(self._flexible, projection),
             apart=self._apart(projection) if self.apart else None,
+            follows={
+                f"{code} {sensor}": sign
+                for code in self.components
+                for sensor, sign in self.follows.items()
+            },
         )
 
     def _apart(self, projection: Projection) -> Candidate:

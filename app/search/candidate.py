@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -126,6 +126,10 @@ class Candidate:
     apart
         The same with an amplitude for each of its places, where it is the claim that they are
         one: nothing of its family is chosen where these explain more for their price.
+    follows
+        Of what its amplitudes are the response, such as a place's to a sensor, to 1, or −1 where
+        it enters with a minus: what is known of two candidates that follow the same is used by
+        `app.search.same_course`. Those who do have their amplitudes in the same order.
     """
 
     key: str
@@ -142,6 +146,7 @@ class Candidate:
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None
     forms: tuple[Form, ...] = ()
     apart: Candidate | None = None
+    follows: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if any(b <= a for a, b in zip(self.grid, self.grid[1:], strict=False)):

@@ -39,7 +39,9 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
         The closest first; of the term's own family only members that are tied.
     """
     term, others = terms[number], [t for i, t in enumerate(terms) if i != number]
-    score = np.where(selector.allowed, selector.scan(others).ratio - selector.penalty, -np.inf)
+    score = np.where(
+        selector.beside(others), selector.scan(others).ratio - selector.penalty, -np.inf
+    )
     base = selector.fit(others).log_likelihood
     own = selector.evidence(term, others, base)
     found = []
@@ -100,7 +102,9 @@ def _with_offset(
     level, base = (selector.fit(terms).log_likelihood for terms in (beside, others))
     count = sum(state.count for state in selector.states.values())
     gain = 2.0 * (level - base) - offset.size * float(np.log(count))
-    score = np.where(selector.allowed, selector.scan(beside).ratio - selector.penalty, -np.inf)
+    score = np.where(
+        selector.beside(beside), selector.scan(beside).ratio - selector.penalty, -np.inf
+    )
     tied = {rival.key for rival, _ in found if rival.tied}
     closest: dict[str, tuple[Rival, Term]] = {}
     tried = Counter[str]()

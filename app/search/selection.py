@@ -22,6 +22,7 @@ from app.search.joint_fit import Fit, fit_terms, unexpected
 from app.search.library import Library
 from app.search.problem import Term
 from app.search.refinement import refine
+from app.search.same_course import second_late, taken_back
 from app.search.scan import Scan, scan
 from app.search.state import Given, State
 from app.search.threshold import Threshold, threshold
@@ -221,14 +222,27 @@ class Selector:
         # The correction may lower the evidence, never raise it: it comes from few draws.
         factor = np.minimum(stage.limit.bartlett, 1.0)
         score = found.ratio * factor - self.penalty
-        passed = self.allowed & (stage.limit.excess(found) >= 0)
-        score = np.where(passed, score, -np.inf)
-        if score.max(initial=-np.inf) <= 0:
+        passed = self.beside(others) & (stage.limit.excess(found) >= 0)
+        best = self._best_beside(np.where(passed & (score > 0), score, -np.inf), others)
+        if best is None:
             return None
-        best = self.finalist(score, others)
         # A scan does not see whether an amplitude is what it is expected to be.
         is_right = best.candidate.expected is None or self.evidence(best, others) > 0
         return best if is_right else None
+
+    def beside(self, others: Sequence[Term]) -> BoolArray:
+        """Say which entries may be chosen beside others, shape (entries,)."""
+        return self.allowed & ~second_late(self.library, others)
+
+    def _best_beside(self, score: FloatArray, others: Sequence[Term]) -> Term | None:
+        """Give the best that neither takes an amplitude of another back nor has its own taken."""
+        while np.isfinite(score).any():
+            best = self.finalist(score, others)
+            if not taken_back(self.states, [*others, best]):
+                return best
+            own = self.library.candidates.index(best.candidate)
+            score = np.where(self.groups == own, -np.inf, score)
+        return None
 
     def finalist(self, score: FloatArray, others: Sequence[Term]) -> Term:
         """Refine the best entry of each of the best candidates; give the best of them.
@@ -281,6 +295,8 @@ class Selector:
             lone = not others and terms[i].origin is None  # it passed the threshold just now
             if not lone and self.evidence(terms[i], others) < 0:
                 terms = others
+        while back := taken_back(self.states, terms):
+            terms = [term for i, term in enumerate(terms) if i != back[-1]]
         return terms
 
     def _exchange(self, terms: list[Term], moved: Sequence[int]) -> list[int]:
@@ -296,8 +312,10 @@ class Selector:
             if terms[i].origin is not None:
                 continue
             others = terms[:i] + terms[i + 1 :]
-            score = np.where(self.allowed, self.scan(others).ratio - self.penalty, -np.inf)
-            best = self.finalist(score, others)
+            score = self.scan(others).ratio - self.penalty
+            best = self._best_beside(np.where(self.beside(others), score, -np.inf), others)
+            if best is None:
+                continue
             gain = self.evidence(best, others) - self.evidence(terms[i], others)
             # Below this a swap would follow the noise, and two equals could swap for ever.
             if best.candidate is not terms[i].candidate and gain > WORTH_A_SWAP:

@@ -191,6 +191,7 @@ def _updated(term: Term, change: Change) -> Term | None:
         )
         if of_maps is None:
             return None
+        of_maps = replace(of_maps, time_constant_s=driver.time_constant_s)
         if term.learnt is not None:
             term = replace(term, learnt=driver.moved(term.learnt, of_maps))
         driver = of_maps

@@ -1,4 +1,4 @@
-"""A second sensor acts too."""
+"""A second sensor acts too, at once or late."""
 
 from __future__ import annotations
 
@@ -6,32 +6,30 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from app.effects.campaign_view import CampaignView
-from app.effects.driver import AboveReference, BeyondMaps
+from app.effects.conditions import Signal
+from app.effects.driver import AboveReference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis
-from app.effects.kind import (
-    EffectKind,
-    Need,
-    Proposals,
-    amplitudes_of,
-    constant_sensors,
+from app.effects.kind import EffectKind, Need, Proposals, constant_sensors
+from app.effects.kinds.at_once_or_late import (
+    BEYOND,
+    LATE,
+    SINCE,
+    at_once_and_late,
+    how_late,
+    since_maps_clause,
 )
-from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
-from app.geometry.components import COMPONENTS
-
-BEYOND, SINCE = "beyond the maps", "since the maps"
-"""The sensor acted when the maps were measured, and they contain its part; or it did not."""
 
 
 class AdditionalSensor(EffectKind):
     """A component moves with a second sensor as well, evenly or rising along its axis."""
 
     kind: ClassVar[str] = "additional-sensor"
-    text: ClassVar[str] = "a second sensor acts on a component too"
+    text: ClassVar[str] = "a second sensor acts on a component too, at once or late"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     shown_by: ClassVar[str] = (
-        "measure {component} while {sensor} changes and the assigned sensor stands still"
+        "measure {component} every 10 min while {sensor} changes and for some hours after it, with "
+        "the assigned sensor standing still"
     )
     against: ClassVar[Mapping[str, str]] = {
         "additional-sensor": "bring {sensor} and {rival} apart, and measure {component} there",
@@ -42,39 +40,28 @@ class AdditionalSensor(EffectKind):
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component with every sensor that is not its own, in two forms."""
+        """Every component with every sensor that is not its own, in two forms, at once and late."""
         found = Proposals(not_testable=constant_sensors(self, view))
+        grids = {}
+        for sensor in view.varying_sensors:
+            grids[sensor] = view.time_constants_s(Signal("temperature", sensor))
+            if not grids[sensor]:
+                why = view.why_no_lag(Signal("temperature", sensor))
+                found.not_testable.append(self.refuse(f"{sensor}, {LATE}", why))
         for code in view.components:
-            for sensor in view.varying_sensors:
+            for sensor, grid_s in grids.items():
                 if sensor != view.sensor_of(code):
-                    beyond = view.beyond_maps(code, sensor)
-                    since = AboveReference(sensor, view.reference_c(sensor))
-                    found.hypotheses.append(_hypothesis(view, code, since, SINCE))
-                    if beyond is not None:
-                        found.hypotheses.append(_hypothesis(view, code, beyond, BEYOND))
+                    drivers = {
+                        SINCE: AboveReference(sensor, view.reference_c(sensor)),
+                        BEYOND: view.beyond_maps(code, sensor),
+                    }
+                    found.hypotheses.extend(
+                        at_once_and_late(self.kind, view, code, drivers, grid_s)
+                    )
         return found
 
     def explain(self, effect: Effect) -> str:
-        """Say with which sensor what moves, and how much."""
+        """Say with which sensor what moves, how late, and how much."""
         how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
-        clause = since_maps_clause(effect)
-        return f"{effect.components[0]} also moves with {effect.sensors[0]}, {how}{clause}"
-
-
-def since_maps_clause(effect: Effect) -> str:
-    """Say of an effect of the variant `SINCE` that it was not there when the maps were measured."""
-    return ", as it did not when the maps were measured" if effect.variant == SINCE else ""
-
-
-def _hypothesis(
-    view: CampaignView, code: str, driver: BeyondMaps | AboveReference, variant: str
-) -> Hypothesis:
-    shapes = view.shapes(code)
-    return Hypothesis(
-        kind=AdditionalSensor.kind,
-        variant=variant,
-        components=(code,),
-        sensors=(driver.sensor,),
-        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
-        amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_k"),
-    )
+        late, clause = how_late(effect), since_maps_clause(effect)
+        return f"{effect.components[0]} also moves with {effect.sensors[0]}{late}, {how}{clause}"

@@ -1,4 +1,4 @@
-"""Bending with the difference of two sensors."""
+"""Bending with the difference of two sensors, at once or late."""
 
 from __future__ import annotations
 
@@ -9,31 +9,29 @@ from typing import ClassVar, Final
 import numpy as np
 
 from app.effects.campaign_view import CampaignView
-from app.effects.driver import BeyondMaps, Difference
+from app.effects.conditions import Signal
+from app.effects.driver import Difference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis
-from app.effects.kind import (
-    EffectKind,
-    Need,
-    NotTested,
-    Proposals,
-    amplitudes_of,
-    constant_sensors,
+from app.effects.kind import EffectKind, Need, NotTested, Proposals, constant_sensors
+from app.effects.kinds.at_once_or_late import (
+    BEYOND,
+    LATE,
+    SINCE,
+    at_once_and_late,
+    how_late,
+    since_maps_clause,
 )
-from app.effects.kinds.additional_sensor import BEYOND, SINCE, since_maps_clause
-from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
-from app.geometry.components import COMPONENTS
 
 ALL_PAIRS_UP_TO: Final = 8
-"""Of more sensors than this, only pairs with the component's own are tried."""
+"""Of more sensors than this, only pairs with the component's own are tried, and those at once."""
 
 
 class SensorGradient(EffectKind):
     """A component moves with how much warmer one place is than another."""
 
     kind: ClassVar[str] = "sensor-gradient"
-    text: ClassVar[str] = "bending with the difference of two sensors"
+    text: ClassVar[str] = "bending with the difference of two sensors, at once or late"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
@@ -50,33 +48,62 @@ class SensorGradient(EffectKind):
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component with pairs of sensors, in two forms."""
+        """Every component with pairs of sensors, in two forms at once, and in one of them late.
+
+        Late it is as it was in the maps, where they state both sensors: with both forms there
+        would be more late differences than everything else together.
+        """
         found = Proposals(not_testable=constant_sensors(self, view))
         if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
-            found.not_testable.append(self._refused_pairs(view))
+            found.not_testable.extend(self._refused_pairs(view))
+        grids = self._time_constants_s(view, found)
         for code in view.components:
             for pair in _pairs(view, code):
-                beyond = view.beyond_maps(code, *pair)
-                since = Difference(*pair, reference_k=_mean_k(view, pair))
-                found.hypotheses.append(_hypothesis(view, code, since, SINCE))
-                if beyond is not None:
-                    found.hypotheses.append(_hypothesis(view, code, beyond, BEYOND))
+                drivers = {
+                    SINCE: Difference(*pair, reference_k=_mean_k(view, pair)),
+                    BEYOND: view.beyond_maps(code, *pair),
+                }
+                late = SINCE if drivers[BEYOND] is None else BEYOND
+                both_s = tuple(tau_s for tau_s in grids[pair[0]] if tau_s in grids[pair[1]])
+                found.hypotheses.extend(
+                    at_once_and_late(self.kind, view, code, drivers, both_s, [late])
+                )
         return found
 
     def explain(self, effect: Effect) -> str:
-        """Say with which difference what moves, and how much."""
+        """Say with which difference what moves, how late, and how much."""
         how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
         warm, cold = effect.sensors
         return (
-            f"{effect.components[0]} bends with the difference of {warm} and {cold}, "
-            f"{how}{since_maps_clause(effect)}"
+            f"{effect.components[0]} bends with the difference of {warm} and {cold}"
+            f"{how_late(effect)}, {how}{since_maps_clause(effect)}"
         )
 
-    def _refused_pairs(self, view: CampaignView) -> NotTested:
-        return self.refuse(
-            f"{len(view.varying_sensors)} sensors",
-            "pairs without a component's own sensor are left out: they are too many",
-        )
+    def _time_constants_s(
+        self, view: CampaignView, found: Proposals
+    ) -> dict[str, tuple[float, ...]]:
+        """List for each sensor the time constants to try [s], and say why there are none."""
+        if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
+            return dict.fromkeys(view.varying_sensors, ())
+        grids = {}
+        for sensor in view.varying_sensors:
+            signal = Signal("temperature", sensor)
+            grids[sensor] = view.time_constants_s(signal)
+            if not grids[sensor]:
+                why = view.why_no_lag(signal)
+                found.not_testable.append(self.refuse(f"{sensor}, {LATE}", why))
+        return grids
+
+    def _refused_pairs(self, view: CampaignView) -> list[NotTested]:
+        among = f"{len(view.varying_sensors)} sensors"
+        return [
+            self.refuse(
+                among, "pairs without a component's own sensor are left out: they are too many"
+            ),
+            self.refuse(
+                f"{among}, {LATE}", "differences that act late are left out: they are too many"
+            ),
+        ]
 
 
 def _pairs(view: CampaignView, code: str) -> list[tuple[str, str]]:
@@ -93,17 +120,3 @@ def _mean_k(view: CampaignView, pair: tuple[str, str]) -> float:
     both = [stated[0][label] - stated[1][label] for label in stated[0] if label in stated[1]]
     temperature = view.conditions.temperature
     return float(np.mean(both or np.nanmean(temperature(pair[0]) - temperature(pair[1]))))
-
-
-def _hypothesis(
-    view: CampaignView, code: str, driver: BeyondMaps | Difference, variant: str
-) -> Hypothesis:
-    shapes = view.shapes(code)
-    return Hypothesis(
-        kind=SensorGradient.kind,
-        variant=variant,
-        components=(code,),
-        sensors=(driver.sensor, driver.minus),
-        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
-        amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_k"),
-    )

@@ -122,11 +122,13 @@ def _named(driver: Driver) -> tuple[str, str] | None:
         case Behind():
             return f"{driver.sensor}, late minus present", "K"
         case AboveReference():
-            return f"{driver.sensor} above {driver.reference_c:.3g} °C", "K"
+            late = ", late," if driver.time_constant_s else ""
+            return f"{driver.sensor}{late} above {driver.reference_c:.3g} °C", "K"
         case Difference() | BeyondMaps():
             minus = f" minus {driver.minus}" if driver.minus else ""
+            late = ", late" if driver.time_constant_s else ""
             beyond = ", beyond the maps" if isinstance(driver, BeyondMaps) else ""
-            return f"{driver.sensor}{minus}{beyond}", "K"
+            return f"{driver.sensor}{minus}{late}{beyond}", "K"
         case Curvature():
             return f"curvature over {driver.sensor}", "K²"
         case State():

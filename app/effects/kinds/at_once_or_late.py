@@ -1,0 +1,96 @@
+"""A component that moves with a temperature or a difference of two, at once or late."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Final, TypeAlias
+
+from app.effects.campaign_view import CampaignView
+from app.effects.driver import AboveReference, BeyondMaps, Difference
+from app.effects.effect import Effect
+from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
+from app.effects.kind import amplitudes_of
+from app.effects.shape import Shape
+from app.effects.term import Term
+from app.effects.words import parameter
+from app.geometry.components import COMPONENTS
+from app.units import SECONDS_PER_MIN
+
+BEYOND, SINCE = "beyond the maps", "since the maps"
+"""It acted when the maps were measured, and they contain its part; or it did not."""
+
+LATE: Final = "late"
+"""Through a low-pass. When the maps were measured it had settled, as is taken of every lag."""
+
+EACH: Final = 2
+"""Of the time constants that can be tested each second one is looked at first: four times as long
+each time. What follows late is more like its neighbours than what a lag leaves."""
+
+Course: TypeAlias = AboveReference | BeyondMaps | Difference
+"""What it moves with [K]."""
+
+
+def at_once_and_late(
+    kind: str,
+    view: CampaignView,
+    code: str,
+    drivers: Mapping[str, Course | None],
+    grid_s: tuple[float, ...],
+    late: Collection[str] = (BEYOND, SINCE),
+) -> Iterator[Hypothesis]:
+    """Make the hypotheses that a component moves with a course, in all their forms.
+
+    Parameters
+    ----------
+    drivers
+        Variant to the course at once; None where it is not known.
+    grid_s
+        Time constants that can be tested [s].
+    late
+        Variants of which the late form is tested too.
+    """
+    shapes = view.shapes(code)
+    for variant, driver in drivers.items():
+        if driver is not None:
+            yield _hypothesis(kind, code, shapes, driver, variant)
+            if grid_s and variant in late:
+                some, ends = grid_s[1::EACH] or grid_s, (grid_s[0], grid_s[-1])
+                tau = Nonlinear("time_constant_min", SECONDS_PER_MIN, some, ends)
+                one = _hypothesis(kind, code, shapes, driver, f"{variant}, {LATE}")
+                yield replace(one, nonlinear=tau)
+
+
+def how_late(effect: Effect) -> str:
+    """Say how late an effect comes, as a clause; empty where it comes at once."""
+    if "time_constant_min" not in effect.parameters:
+        return ""
+    return f", {parameter(effect, 'time_constant_min', 'min')} late"
+
+
+def since_maps_clause(effect: Effect) -> str:
+    """Say of an effect of the variant `SINCE` that it was not there when the maps were measured."""
+    is_since = effect.variant.startswith(SINCE)
+    return ", as it did not when the maps were measured" if is_since else ""
+
+
+def _hypothesis(
+    kind: str, code: str, shapes: list[Shape], driver: Course, variant: str
+) -> Hypothesis:
+    minus = "" if isinstance(driver, AboveReference) else driver.minus
+    follows = {driver.sensor: 1, minus: -1} if minus else {driver.sensor: 1}
+    return Hypothesis(
+        kind=kind,
+        variant=variant,
+        components=(code,),
+        sensors=tuple(follows),
+        unit_terms=partial(_terms, code, driver, shapes),
+        amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_k"),
+        follows=follows,
+    )
+
+
+def _terms(code: str, driver: Course, shapes: list[Shape], theta: float | None) -> Amplitudes:
+    own = replace(driver, time_constant_s=theta)
+    return [[Term(code, own, shape)] for shape in shapes]
