@@ -11,6 +11,7 @@ from app.effects.driver import (
     AboveReference,
     Always,
     Behind,
+    BeyondMaps,
     SinceReference,
     State,
     StepAfter,
@@ -74,6 +75,26 @@ SPEED_LATE = learnt(
         parameters={"slope_um_per_spindle_rpm": 0.001, "time_constant_min": 15.0},
         terms=(Term("EXX", State("spindle_rpm", 1, 900.0), Everywhere(), 0.001),),
     )
+)
+SPINDLE_LATE = learnt(
+    Effect(
+        "additional-sensor",
+        ("EXX",),
+        ("spindle",),
+        variant="beyond the maps, late",
+        parameters={"time_constant_min": TAU_S / 60.0, "slope_um_per_k": 1.5},
+        terms=(
+            Term(
+                "EXX",
+                # Where x-middle reads t, the spindle reads t + 5: in every map, and after that.
+                BeyondMaps("spindle", "", "x-middle", ((20.0, 25.0), (30.0, 35.0)), TAU_S),
+                Everywhere(),
+                1.5,
+                learnt=(-3.0, 3.0),
+            ),
+        ),
+    ),
+    temperatures_c={"x-middle": (-10.0, 80.0)},
 )
 BACKLASH = learnt(
     Effect(
@@ -207,4 +228,4 @@ def low_pass_by_steps(readings, value, tau_s, rise):
     return y
 
 
-ALL = (LAG, SPEED, SPEED_LATE, BACKLASH, SINE, ROLL, SLOPE, DRIFT)
+ALL = (LAG, SPEED, SPEED_LATE, SPINDLE_LATE, BACKLASH, SINE, ROLL, SLOPE, DRIFT)

@@ -39,6 +39,9 @@ HOLDS: Final = {"temperature": Hold.LINEAR, "state": Hold.PREVIOUS}
 MOST_FILTERS: Final = 256
 """Filtered records that are kept ready."""
 
+MOST_LAGGED: Final = 2
+"""Low-passes at the times that are kept: as many as one driver has, which several shapes share."""
+
 
 class Signal(NamedTuple):
     """Something that is recorded: a sensor's temperature, or a power of a state.
@@ -247,6 +250,7 @@ class Conditions:
     states: Mapping[str, FloatArray] = field(default_factory=dict)
     lags: Lags = field(default_factory=NoHistory)
     rates_c_per_h: Mapping[str, FloatArray] = field(default_factory=dict)
+    _lagged: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -289,7 +293,13 @@ class Conditions:
 
     def lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
         """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
-        return self.lags.lagged(signal, time_constant_s, self.times_s)
+        found = self._lagged.get((signal, time_constant_s))
+        if found is None:
+            found = self.lags.lagged(signal, time_constant_s, self.times_s)
+            if len(self._lagged) >= MOST_LAGGED:
+                self._lagged.clear()
+            self._lagged[signal, time_constant_s] = found
+        return found
 
     def temperature_later(self, sensor: str, by_s: float) -> FloatArray:
         """Give what a sensor read some time later, or earlier, shape (n,) [°C], NaN: not known."""

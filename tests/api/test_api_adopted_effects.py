@@ -26,6 +26,7 @@ from tests.effect_examples import (
     SLOPE,
     SPEED,
     SPEED_LATE,
+    SPINDLE_LATE,
     TAU_S,
     adopt,
     current,
@@ -108,6 +109,72 @@ async def test_a_lag_needs_five_time_constants_and_says_so(client, app):
     assert said["status"] == ["effect-missing"]
     assert said["predicted_um"] == pytest.approx([by_code(document)["EZZ"]["errors_um"][-1]])
     assert "thermal-lag of EZZ is not in some predictions of EZZ" in said["warnings"][0]
+
+
+async def test_a_late_second_sensor_is_carried_along_and_is_what_predictions_say(
+    client, app, new_app, furnished_url
+):
+    readings = warm_up()
+    await stored(client, readings[:40])
+    adopt(app, SPINDLE_LATE)
+    for one in readings[40:]:
+        await stored(client, one)
+    document = await current(client)
+    assert document["complete"] is True
+    (effect,) = document["effects"]
+    assert effect["explanation"] == "EXX also moves with spindle, 10 min late, 1.5 µm/K"
+    assert effect["valid"]["made_of"] == {
+        "spindle 10 min late above what it was in the maps [K]": [-3.0, 3.0]
+    }
+    late_c = low_pass_by_steps(readings, lambda r: r["temperatures_c"]["spindle"], TAU_S, True)
+    # EXX is (t − 20)·x/100 µm; where x-middle reads t the maps had the spindle at t + 5.
+    t_c = readings[-1]["temperatures_c"]["x-middle"]
+    exx = by_code(document)["EXX"]
+    added = 1.5 * (late_c - (t_c + 5.0))
+    assert abs(added) > 0.2
+    expected = [(t_c - 20.0) * x / 100.0 + added for x in exx["positions_mm"]]
+    assert exx["errors_um"] == pytest.approx(expected, abs=1e-3)
+    said = await predicted(client, *({"component": "EXX", "position_mm": x} for x in (0, 100, 500)))
+    assert said["status"] == ["interpolated"] * 3
+    assert said["predicted_um"] == pytest.approx(exx["errors_um"], abs=5.1e-5)
+    async with client_of(new_app(furnished_url)) as again:
+        restarted = by_code(await current(again))["EXX"]
+    assert restarted["errors_um"] == pytest.approx(exx["errors_um"], abs=1e-9)
+
+
+async def test_a_late_second_sensor_needs_its_past_and_says_so(client, app):
+    adopt(app, SPINDLE_LATE)
+    await stored(client, warm_up(49))
+    document = await current(client)
+    assert document["complete"] is False
+    (effect,) = document["effects"]
+    lacking = (
+        "expected 50 min of readings of spindle without a gap, five time constants, got 49 min"
+    )
+    assert (effect["in_table"], effect["missing"]) == (False, lacking)
+    assert by_code(document)["EXX"]["effects"] == []
+    said = await predicted(client, {"component": "EXX", "position_mm": 500})
+    assert said["status"] == ["effect-missing"]
+    answer = await client.post(f"{ROOM}/compensation", json={"temperatures_c": temperatures(25.5)})
+    assert answer.json()["warnings"] == [
+        "additional-sensor of EXX is not in the table: the history of spindle is not known here"
+    ]
+
+
+async def test_a_late_second_sensor_is_held_where_it_was_learnt(client, app):
+    """The spindle runs 20 K hotter than beside any map: its low-pass counts, not its reading."""
+    adopt(app, SPINDLE_LATE)
+    readings = warm_up(90)
+    for one in readings[30:]:
+        one["temperatures_c"]["spindle"] += 20.0
+    await stored(client, readings)
+    document = await current(client)
+    exx = by_code(document)["EXX"]
+    assert exx["status"] == "held"
+    assert exx["errors_um"][0] == pytest.approx(1.5 * 3.0, abs=1e-4)
+    (warning,) = document["effects"][0]["held"]
+    assert "spindle 10 min late above what it was in the maps is" in warning
+    assert "learnt from -3 to 3 K" in warning
 
 
 async def test_stated_temperatures_have_no_past(client, app):

@@ -8,8 +8,11 @@ import pytest
 
 from app.effects.adopted.carry_over import Change, carry_over
 from app.effects.adopted.live_effects import corrected_tables
+from app.effects.adopted.live_lags import LiveLags
 from app.effects.conditions import Conditions
 from app.effects.driver import Curvature
+from app.effects.low_pass import Hold, LagState
+from app.effects.past import needed_past
 from app.effects.registry import explain
 from app.geometry.components import COMPONENTS
 from app.thermal.compile_model import compile_model
@@ -150,6 +153,7 @@ def test_curvature_between_maps_is_zero_in_the_new_map_too():
         "temperature-curvature|over all maps",
         "additional-sensor|since the maps",
         "sensor-gradient|since the maps",
+        "additional-sensor|since the maps, late",
     ],
 )
 def test_what_a_new_map_shows_and_the_effect_cannot_know_is_left_out(each):
@@ -159,6 +163,17 @@ def test_what_a_new_map_shows_and_the_effect_cannot_know_is_left_out(each):
     assert all("measured again in map 'Run #9'" in note for note in notes)
 
 
+def in_balance(effect, temperatures_c):
+    """Temperatures at which the machine has stood for long: what is late has caught up."""
+    past = needed_past([effect])
+    lags = {
+        (signal, tau_s): LagState(tau_s, Hold.LINEAR, 0.0, START_S, t, t)
+        for signal, tau_s in past.lags
+        for t in [temperatures_c[signal.name]]
+    }
+    return Conditions.of_moment(START_S, temperatures_c, lags=LiveLags(lags))
+
+
 @pytest.mark.parametrize("each", [e for e in EACH if "beyond" in e])
 def test_second_sensors_learn_what_they_were_in_the_new_map(each):
     effect = fitted(each)
@@ -166,7 +181,7 @@ def test_second_sensors_learn_what_they_were_in_the_new_map(each):
     changed = change(new_map(code, **{"spindle": 61.0, "y-front": 29.0, "z-column": 33.0}))
     (kept,), notes = carry_over([effect], changed)
     assert notes == []
-    moment = Conditions.of_moment(START_S, changed.new_maps[0].temperatures_c)
+    moment = in_balance(kept, changed.new_maps[0].temperatures_c)
     (correction,) = corrected_tables(changed.after, [kept], moment).tables
     # In the new map's own thermal state the table is right as it is.
     np.testing.assert_allclose(correction.errors, 0.0, atol=1e-12)

@@ -1,5 +1,7 @@
 """Values of every kind of effect that can be computed by hand, with their units and signs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ from app.effects.shape import (
     Sensitivity,
     Wave,
 )
-from app.effects.term import Term
+from app.effects.term import Term, term_from_json
 from app.geometry.chain import Chain
 from app.thermal.compile_model import compile_model
 from tests.effects.example_campaign_view import START_S, example_view, machine, maps
@@ -140,6 +142,63 @@ def test_another_sensor_reads_the_same_maps():
 def test_terms_by_hand(term, here, at_mm, expected):
     conditions = moment({"spindle_rpm": 8000.0}, x_middle=22.0, z_column=24.0, spindle=40.0)
     assert value(term, conditions, float(at_mm)) == pytest.approx(expected)
+
+
+SPINDLE = Signal("temperature", "spindle")
+
+
+@pytest.mark.parametrize(
+    ("driver", "expected", "quantity"),
+    [
+        (AboveReference("spindle", 36.0, 600.0), 1.0, "spindle 10 min late"),
+        # Both late: 37 − 23 K, usually 12 K apart.
+        (
+            Difference("spindle", "x-middle", 12.0, time_constant_s=600.0),
+            2.0,
+            "spindle minus x-middle 10 min late",
+        ),
+        # At x-middle's 22 °C, which counts at once, the maps saw 34 °C and a difference of 12 K.
+        (
+            BeyondMaps("spindle", "", "x-middle", IN_MAPS, 600.0),
+            3.0,
+            "spindle 10 min late above what it was in the maps",
+        ),
+        (
+            BeyondMaps("spindle", "x-middle", "x-middle", APART, 600.0),
+            2.0,
+            "spindle minus x-middle 10 min late above what it was in the maps",
+        ),
+    ],
+)
+def test_what_drives_late_is_what_the_sensors_were_late(driver, expected, quantity):
+    filters = {
+        (Signal("temperature", name), 600.0): LagState(600.0, Hold.LINEAR, 0.0, START_S, t, t)
+        for name, t in (("spindle", 37.0), ("x-middle", 23.0))
+    }
+    known = moment(x_middle=22.0, spindle=40.0, lags=LiveLags(filters))
+    assert driver.at(known).tolist() == pytest.approx([expected])
+    assert driver.quantity.name == quantity
+    assert (SPINDLE, 600.0) in driver.signals
+    assert driver.why_missing(known) == ""
+    unknown = moment(x_middle=22.0, spindle=40.0)
+    assert np.isnan(driver.at(unknown)).all()
+    assert driver.why_missing(unknown) == "the history of spindle is not known here"
+
+
+@pytest.mark.parametrize(
+    "driver",
+    [
+        AboveReference("spindle", 36.0),
+        Difference("spindle", "x-middle", 12.0),
+        BeyondMaps("spindle", "", "x-middle", IN_MAPS),
+    ],
+)
+def test_drivers_that_were_stored_before_any_could_be_late_act_at_once(driver):
+    stored = Term("EXX", driver).to_json()
+    del stored["driver"]["time_constant_s"]
+    assert term_from_json(stored).driver == driver
+    late = Term("EXX", replace(driver, time_constant_s=600.0))
+    assert term_from_json(late.to_json()) == late
 
 
 def test_a_reversal_has_the_sign_of_the_approach():
@@ -287,6 +346,34 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
             ),
             "x-middle reads wrong by 0.80 ± 0.05 K since 2026-03-01 00:00 UTC, which shows in "
             "EXX, EYX, EYY and 1 more",
+        ),
+        *(
+            (
+                Effect(
+                    kind,
+                    ("EZZ",),
+                    sensors,
+                    variant=variant,
+                    parameters={"time_constant_min": 41.2, "slope_um_per_k": 1.7},
+                    standard_errors={"time_constant_min": 1.9, "slope_um_per_k": 0.1},
+                ),
+                told,
+            )
+            for kind, sensors, variant, told in (
+                (
+                    "additional-sensor",
+                    ("bed",),
+                    "beyond the maps, late",
+                    "EZZ also moves with bed, 41 ± 2 min late, 1.70 ± 0.10 µm/K",
+                ),
+                (
+                    "sensor-gradient",
+                    ("bed", "spindle"),
+                    "since the maps, late",
+                    "EZZ bends with the difference of bed and spindle, 41 ± 2 min late, "
+                    "1.70 ± 0.10 µm/K, as it did not when the maps were measured",
+                ),
+            )
         ),
         (
             Effect(

@@ -72,7 +72,48 @@ def test_without_history_nothing_is_late():
         where.rows,
         Conditions(where.conditions.times_s, where.conditions.temperatures_c, lags=NoHistory()),
     )
-    assert refused("thermal-lag", bare)["x-middle"] == "the history of x-middle is not known here"
+    unknown = "the history of x-middle is not known here"
+    assert refused("thermal-lag", bare)["x-middle"] == unknown
+    for kind in ("additional-sensor", "sensor-gradient"):
+        assert refused(kind, bare)["x-middle, late"] == unknown
+        assert all(h.nonlinear is None for h in KINDS[kind].candidates(bare).hypotheses)
+        assert any(h.nonlinear for h in KINDS[kind].candidates(where).hypotheses)
+
+
+def test_a_second_sensor_and_a_difference_are_tried_late_in_their_neighbours_forms():
+    where = example_view()
+    found = {kind: KINDS[kind].candidates(where).hypotheses for kind in LATE_TOO}
+    for kind, variants in LATE_TOO.items():
+        late = [h for h in found[kind] if h.nonlinear]
+        assert {h.variant for h in late} == variants
+        at_once = {(h.variant, h.components, h.sensors) for h in found[kind] if not h.nonlinear}
+        for one in late:
+            assert (one.variant.removesuffix(", late"), one.components, one.sensors) in at_once
+            assert one.nonlinear.bounds == (300.0, 9600.0)
+            assert one.nonlinear.grid == (600.0, 2400.0, 9600.0)
+            assert one.follows == dict(zip(one.sensors, (1, -1), strict=False))
+            (driver,) = {term.driver for terms in one.unit_terms(2400.0) for term in terms}
+            assert driver.time_constant_s == 2400.0
+
+
+LATE_TOO = {
+    "additional-sensor": {"beyond the maps, late", "since the maps, late"},
+    "sensor-gradient": {"beyond the maps, late"},
+}
+
+
+def test_differences_of_many_sensors_are_not_tried_late():
+    where = example_view()
+    known = where.conditions.temperatures_c
+    more = {f"s{n}": known["spindle"] + 0.1 * n * known["y-front"] for n in range(5)}
+    conditions = replace(where.conditions, temperatures_c={**known, **more})
+    many = CampaignView(where.model, where.maps, where.rows, conditions)
+    assert (
+        refused("sensor-gradient", many)["9 sensors, late"]
+        == "differences that act late are left out: they are too many"
+    )
+    assert not any(h.nonlinear for h in KINDS["sensor-gradient"].candidates(many).hypotheses)
+    assert any(h.nonlinear for h in KINDS["additional-sensor"].candidates(many).hypotheses)
 
 
 def test_a_short_history_cuts_the_time_constants():

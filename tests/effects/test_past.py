@@ -82,6 +82,11 @@ def test_what_effects_need_is_read_off_their_drivers():
     assert needed.record_s == FORGOTTEN * 900.0
     assert needed.sensors == {"a"}
     assert not needed_past([effect(Always(), AboveReference("a", 1.0))])
+    late = effect(BeyondMaps("a", "b", "own", ((20.0, 1.0), (30.0, 2.0)), 300.0))
+    assert needed_past([late]).lags == {
+        (Signal("temperature", "a"), 300.0),
+        (Signal("temperature", "b"), 300.0),
+    }
     assert needed_past([]).record_s == 0.0
 
 
