@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -12,7 +12,8 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions, Signal
 from app.effects.driver import Always, BeyondMaps
-from app.effects.map_tables import positions_of, temperatures_of_maps
+from app.effects.low_pass import SETTLED
+from app.effects.map_tables import maps_of_label, positions_of, temperatures_of_maps
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
 from app.effects.shape import Everywhere, Rising, Shape
@@ -139,6 +140,34 @@ class CampaignView:
     def beyond_maps(self, code: str, sensor: str, minus: str = "") -> BeyondMaps | None:
         """Make the driver of a second sensor; None where a map does not state its temperature."""
         return beyond_maps(self.model, self.maps, code, sensor, minus)
+
+    def late_beyond_maps(self, code: str, driver: BeyondMaps, time_constant_s: float) -> BeyondMaps:
+        """Make the driver late, less what was followed late when the maps were measured.
+
+        As far as the record knows: a map from before it counts as measured when all had settled.
+        """
+        found = self.model.find(code)
+        if found is None:
+            return replace(driver, time_constant_s=time_constant_s)
+        labels = [found[0].labels[row] for row in found[0].scales[0].rows]
+        late = [self._late_in_map(code, label, driver, time_constant_s) for label in labels]
+        points = tuple(
+            (own, there if np.isfinite(there) else settled)
+            for (own, settled), there in zip(driver.in_maps_c, late, strict=True)
+        )
+        return replace(driver, in_maps_c=points, time_constant_s=time_constant_s)
+
+    def _late_in_map(self, code: str, label: str, driver: BeyondMaps, tau_s: float) -> float:
+        """Say what was followed late when a component's map was measured; NaN: not known."""
+        own = [m for m in maps_of_label(self.maps, label) if code in m.tables]
+        found, lags = [], self.conditions.lags
+        for name in filter(None, (driver.sensor, driver.minus)):
+            signal = Signal("temperature", name)
+            at_s = [m.measured_at.timestamp() for m in own]
+            at_s = [t for t in at_s if lags.record_before_s(signal, t) >= SETTLED * tau_s]
+            late = lags.lagged(signal, tau_s, np.array(at_s[:1]))
+            found.append(float(late[0]) if late.size else np.nan)
+        return found[0] - sum(found[1:])
 
     def time_constants_s(self, signal: Signal) -> tuple[float, ...]:
         """List the time constants for which a signal's past is known in the campaign [s]."""

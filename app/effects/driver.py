@@ -193,9 +193,8 @@ class BeyondMaps(Driver):
         In each map, in the order of the own sensor's temperature: that temperature, and what
         the sensor or the difference was [°C; °C or K].
     time_constant_s
-        Of what follows the sensor or the difference late; None: at once. When the maps were
-        measured it had settled, as with all that is late: what it followed by then is what was
-        stated.
+        Of what follows the sensor or the difference late; None: at once. `in_maps_c` then has
+        what was followed when the maps were measured: what they state, where it had settled.
     """
 
     name: ClassVar[str] = "beyond-maps"

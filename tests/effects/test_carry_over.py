@@ -189,6 +189,23 @@ def test_second_sensors_learn_what_they_were_in_the_new_map(each):
     assert np.abs(old.errors).max() > 0.01
 
 
+def test_what_is_known_of_the_past_at_older_maps_stays_known():
+    effect = fitted("additional-sensor|beyond the maps, late")
+    term = effect.terms[0]
+    known = tuple((own, there - 1.5) for own, there in term.driver.in_maps_c)
+    terms = tuple(replace(t, driver=replace(t.driver, in_maps_c=known)) for t in effect.terms)
+    (kept,), _ = carry_over([replace(effect, terms=terms)], change(new_map(*effect.components)))
+    driver = kept.terms[0].driver
+    assert driver.time_constant_s == term.driver.time_constant_s
+    assert set(known) < set(driver.in_maps_c)
+    ((_, there),) = set(driver.in_maps_c) - set(known)
+    assert there == changed_reading(effect.sensors[0])
+
+
+def changed_reading(sensor):
+    return new_map().temperatures_c[sensor]
+
+
 def test_another_sensor_reads_the_new_map_too():
     effect = fitted("other-sensor|")
     changed = change(new_map(*effect.components))

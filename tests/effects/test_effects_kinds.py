@@ -1,12 +1,13 @@
 """What each kind needs, and what it says where that is missing."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 from app.effects.campaign_view import CampaignView
-from app.effects.conditions import Conditions, NoHistory
+from app.effects.conditions import Conditions, NoHistory, Signal
 from app.effects.kinds.periodic import aliases, common_step, why_no_pitch
 from app.effects.observations import Observation, Verification
 from app.effects.registry import KINDS, kind_of, repertoire
@@ -100,6 +101,28 @@ LATE_TOO = {
     "additional-sensor": {"beyond the maps, late", "since the maps, late"},
     "sensor-gradient": {"beyond the maps, late"},
 }
+
+
+def test_what_was_late_in_the_maps_is_what_the_record_knows_of_it():
+    where, tau_s = example_view(), 2400.0
+    at_s = START_S + np.array([2.0, 2.2, 3.1]) * 86400.0
+    measured = [
+        replace(m, measured_at=datetime.fromtimestamp(t, UTC))
+        for m, t in zip(where.maps, [*at_s[:2], START_S - 86400.0], strict=True)
+    ]
+    within = CampaignView(where.model, measured, where.rows, where.conditions)
+    at_once = within.beyond_maps("EXX", "spindle", "y-front")
+    late = within.late_beyond_maps("EXX", at_once, tau_s)
+    (_, first), (_, second), (_, third) = late.in_maps_c
+    spindle, front = (
+        where.conditions.lags.lagged(Signal("temperature", name), tau_s, at_s[:2])
+        for name in ("spindle", "y-front")
+    )
+    assert [first, second] == pytest.approx((spindle - front).tolist())
+    # The third map is older than the record: 50 − 29 K is what it states, and had settled.
+    assert third == at_once.in_maps_c[2][1] == 50.0 - 29.0
+    assert late.time_constant_s == tau_s
+    assert where.late_beyond_maps("EXX", at_once, tau_s) == replace(at_once, time_constant_s=tau_s)
 
 
 def test_differences_of_many_sensors_are_not_tried_late():

@@ -191,7 +191,7 @@ def _updated(term: Term, change: Change) -> Term | None:
         )
         if of_maps is None:
             return None
-        of_maps = replace(of_maps, time_constant_s=driver.time_constant_s)
+        of_maps = _as_late(of_maps, driver)
         if term.learnt is not None:
             term = replace(term, learnt=driver.moved(term.learnt, of_maps))
         driver = of_maps
@@ -199,6 +199,18 @@ def _updated(term: Term, change: Change) -> Term | None:
         driver = replace(driver, temperatures_c=found[0].scales[0].temperatures_c)
         term = replace(term, learnt=None)  # the temperature's own range holds it
     return replace(term, driver=driver, shape=shape)
+
+
+def _as_late(of_maps: BeyondMaps, before: BeyondMaps) -> BeyondMaps:
+    """Make a driver as late as it was before, with what is known of the past at older maps.
+
+    Of a new map it is not known here: it counts as measured when all had settled.
+    """
+    if before.time_constant_s is None:
+        return of_maps
+    known = dict(before.in_maps_c)
+    points = tuple((own, known.get(own, there)) for own, there in of_maps.in_maps_c)
+    return replace(of_maps, in_maps_c=points, time_constant_s=before.time_constant_s)
 
 
 def _still_wrong(shape: Exchange, code: str, change: Change) -> Exchange | None:

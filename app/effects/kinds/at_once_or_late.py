@@ -22,7 +22,8 @@ BEYOND, SINCE = "beyond the maps", "since the maps"
 """It acted when the maps were measured, and they contain its part; or it did not."""
 
 LATE: Final = "late"
-"""Through a low-pass. When the maps were measured it had settled, as is taken of every lag."""
+"""Through a low-pass. What was followed when the maps were measured is what the record knows of it;
+maps from before the record count as measured when all had settled."""
 
 EACH: Final = 2
 """Of the time constants that can be tested each second one is looked at first: four times as long
@@ -51,14 +52,13 @@ def at_once_and_late(
     late
         Variants of which the late form is tested too.
     """
-    shapes = view.shapes(code)
     for variant, driver in drivers.items():
         if driver is not None:
-            yield _hypothesis(kind, code, shapes, driver, variant)
+            yield _hypothesis(kind, view, code, driver, variant)
             if grid_s and variant in late:
                 some, ends = grid_s[1::EACH] or grid_s, (grid_s[0], grid_s[-1])
                 tau = Nonlinear("time_constant_min", SECONDS_PER_MIN, some, ends)
-                one = _hypothesis(kind, code, shapes, driver, f"{variant}, {LATE}")
+                one = _hypothesis(kind, view, code, driver, f"{variant}, {LATE}")
                 yield replace(one, nonlinear=tau)
 
 
@@ -76,8 +76,9 @@ def since_maps_clause(effect: Effect) -> str:
 
 
 def _hypothesis(
-    kind: str, code: str, shapes: list[Shape], driver: Course, variant: str
+    kind: str, view: CampaignView, code: str, driver: Course, variant: str
 ) -> Hypothesis:
+    shapes = view.shapes(code)
     minus = "" if isinstance(driver, AboveReference) else driver.minus
     follows = {driver.sensor: 1, minus: -1} if minus else {driver.sensor: 1}
     return Hypothesis(
@@ -85,12 +86,17 @@ def _hypothesis(
         variant=variant,
         components=(code,),
         sensors=tuple(follows),
-        unit_terms=partial(_terms, code, driver, shapes),
+        unit_terms=partial(_terms, view, code, driver, shapes),
         amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_k"),
         follows=follows,
     )
 
 
-def _terms(code: str, driver: Course, shapes: list[Shape], theta: float | None) -> Amplitudes:
-    own = replace(driver, time_constant_s=theta)
-    return [[Term(code, own, shape)] for shape in shapes]
+def _terms(
+    view: CampaignView, code: str, driver: Course, shapes: list[Shape], theta: float | None
+) -> Amplitudes:
+    if theta is not None and isinstance(driver, BeyondMaps):
+        driver = view.late_beyond_maps(code, driver, theta)
+    elif theta is not None:
+        driver = replace(driver, time_constant_s=theta)
+    return [[Term(code, driver, shape)] for shape in shapes]
