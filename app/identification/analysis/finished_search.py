@@ -69,7 +69,7 @@ class FinishedSearch:
         nonlinear = self.hypotheses[term.key].nonlinear
         if nonlinear is None or not nonlinear.is_time or term.theta is None:
             return False
-        return term.theta >= SLOWEST * nonlinear.grid[-1]
+        return term.theta >= SLOWEST * (nonlinear.bounds or nonlinear.grid)[-1]
 
     def without_refits(self) -> FinishedSearch:
         """Leave the effects that the model has as they are, in what is predicted too."""
