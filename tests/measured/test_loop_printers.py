@@ -20,6 +20,16 @@ pytestmark = pytest.mark.skipif(
 FACTOR = {"voron": 5.0, "annex": 3.0}
 
 
+def said_to_move_z(effects):
+    """Sensors of what was found, and of what is said to be tied with it."""
+    return {
+        sensor
+        for found in effects
+        for one in (found.effect, *(other for other in found.alternatives if other.tied))
+        for sensor in one.sensors
+    }
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PRINTERS)
 def test_the_bed_is_found_and_what_was_left_out_is_predicted(name):
@@ -27,8 +37,10 @@ def test_the_bed_is_found_and_what_was_left_out_is_predicted(name):
     known, asked = campaign(printer, read_homings(data_folder(), printer), part=0)
     rounds = close_the_loop(known, most_rounds=2)
     strongest = rounds[0].adopted[0]
-    assert "bed" in strongest.effect.sensors
+    assert "bed" in said_to_move_z(rounds[0].adopted)
     assert strongest.effect.kind in ("additional-sensor", "sensor-gradient")
+    # Four sensors that warm in one run: which of them it is, and how late, is not sure.
+    assert {found.status for found in rounds[0].adopted} == {"suspected"}
     before = Figures.of(measured_and_left(known, asked)[2]).rms
     effects = effects_of(known, rounds)
     after = Figures.of(measured_and_left(known, asked, effects)[2]).rms
@@ -45,9 +57,8 @@ def test_what_is_quicker_than_the_frame_is_the_bed_and_no_wrong_clock():
     printer = PRINTERS["annex"]
     known, _ = campaign(printer, read_homings(data_folder(), printer), part=0)
     answer = analyse(known)
-    strongest = answer.effects[0]
-    assert "bed" in strongest.effect.sensors
-    assert strongest.helps
+    assert "bed" in said_to_move_z(answer.effects)
+    assert answer.effects[0].helps
     untested = {one.kind: one.reason for one in answer.not_testable}
     assert "EZZ" in untested["late-sensor"]
     assert "EZZ" in untested["clock-offset"]
