@@ -67,12 +67,20 @@ def judgement(
     left=(),
     predicted=None,
     is_slowest=False,
+    always=None,
 ):
     """Judge effects that claim what they say of rows where something is true."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
     effects = [Effect(kind, ("EXX",)) for kind in kinds]
+
+    def explained(effect):
+        own = [number for number, one in enumerate(effects) if one is effect]
+        # Another one: as it would be had it always been the same.
+        return claimed[own[0]] if own else always if always is not None else claimed[0]
+
     found = SimpleNamespace(
+        effects=lambda: effects,
         residuals=SimpleNamespace(rows=rows),
         rows=SimpleNamespace(
             values=values,
@@ -82,7 +90,7 @@ def judgement(
             tilt=rows.points_mm[:, :1],
         ),
         use=np.ones(len(rows), dtype=bool),
-        explained=lambda effect: claimed[[effect is e for e in effects].index(True)],
+        explained=explained,
         is_slowest=lambda _term: is_slowest,
         is_unexplained_at=lambda channels, besides: bool(set(channels) & set(left)),
         findings=SimpleNamespace(
@@ -300,6 +308,39 @@ def two_channels():
     return replace(
         rows, channels=("EXX", "points x"), channel=np.where(at_points, 1, 0), replicate=-rows.visit
     ), at_points
+
+
+def of_one_component_and_points(after):
+    """EXX in the first visit and in the last, points in all; what is true after a visit."""
+    rows, at_points = two_channels()
+    rows = replace(rows, channels=("EXX", "points x"))
+    kept = at_points | (rows.visit == 0) | (rows.visit == VISITS - 1)
+    channel = np.where(at_points, 1, 0)
+    return replace(rows, channel=np.where(kept, channel, 1)), rows.visit >= after
+
+
+@pytest.mark.parametrize(("shown", "knows"), [(1.0, True), (0.0, False), ("always", False)])
+def test_points_of_several_setups_know_a_step_that_they_show(shown, knows):
+    """What the component's one set-up on either side does not say, points may."""
+    rows, after = of_one_component_and_points(10)
+    claimed, always = np.where(after, 5.0, 0.0), np.full(len(rows), 5.0)
+    # A map that is wrong is as large before.
+    at_points = always if shown == "always" else shown * claimed
+    true = np.where(rows.channel == 1, at_points, claimed)
+    both = term(channels=(0, 1))
+    told = {"rows": rows, "kinds": ("step",), "terms": (both,), "always": always}
+    (one,) = judged(true, claimed, **told)
+    assert (one == (True, None)) is knows
+    assert (one == (False, OF_EITHER)) is not knows
+
+
+@pytest.mark.parametrize("after", [1, 2, VISITS - 2, VISITS - 1])
+def test_a_step_at_points_alone_needs_two_setups_before_it_and_two_after(after):
+    rows = replace(campaign(), channels=("points x",))
+    claimed = np.where(rows.visit >= after, 5.0, 0.0)
+    always = np.full(len(rows), 5.0)
+    (one,) = judged(claimed, claimed, rows=rows, kinds=("step",), always=always)
+    assert one == ((True, None) if 2 <= after <= VISITS - 2 else (False, OF_EITHER))
 
 
 @pytest.mark.parametrize(("shown", "helps"), [(1.0, True), (0.0, False)])

@@ -6,12 +6,14 @@ How sure its name is, is another question, and its status answers it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.stats import norm, t
 
 from app.arrays import BoolArray, FloatArray
+from app.effects.driver import Always, SinceReference, StepAfter
 from app.effects.effect import Effect
 from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.step import Step
@@ -48,6 +50,9 @@ HALF: Final = 0.5
 
 ITSELF: Final = 3.0
 """Standard errors by which a component's own observations must show less than the whole."""
+
+APART: Final = 1e-9
+"""Share of an effect's information below which nothing tells it from what was always there."""
 
 CHANGES: Final = 0.1
 """Share of an effect's squares from which it changes at its places."""
@@ -339,14 +344,86 @@ def _is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) ->
 
 
 def _is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
-    """Whether one set-up alone knows an effect that grows or begins with time."""
+    """Whether one set-up alone knows an effect that grows or begins with time.
+
+    Its components by themselves may show it in several set-ups, or points. Where both were
+    measured, points count only if they show it by themselves: an effect that one record of its
+    component knows alone is only predicted there.
+    """
+    names = np.array(found.residuals.rows.channels)[found.rows.channel]
+    itself = found.use & np.isin(names, effect.components)
+    if _is_in_several(found, effect, itself):
+        return False
+    always = _had_it_always_been(found, effect)
+    points = found.use & np.isin(names, POINT_CHANNELS) & (always != 0.0)
+    if not _is_in_several(found, effect, points):
+        return True
+    return bool(itself.any()) and not _is_shown(found, effect, always, points)
+
+
+def _is_in_several(found: FinishedSearch, effect: Effect, acts: BoolArray) -> bool:
+    """Whether it shows in two set-ups at least; where it begins, in two before it too.
+
+    Parameters
+    ----------
+    acts : ndarray, shape (n,)
+        Rows in which it shows, or would had it begun before.
+    """
     size = np.abs(found.explained(effect))
-    acts = np.isin(np.array(found.residuals.rows.channels)[found.rows.channel], effect.components)
-    acts = found.use & (acts if acts.any() else size > 0.0)
-    setup = found.rows.visit
     after = acts & (size > SHOWN * size[acts].max(initial=0.0))
     sides = [acts] if effect.kind in GROWING else [after, acts & ~after]
-    return any(len(np.unique(setup[side])) < 2 for side in sides)
+    return all(len(np.unique(found.rows.visit[side])) > 1 for side in sides)
+
+
+def _had_it_always_been(found: FinishedSearch, effect: Effect) -> FloatArray:
+    """Say what an effect of time would be had it always been the same, shape (n,)."""
+    terms = (
+        replace(term, driver=Always())
+        if isinstance(term.driver, SinceReference | StepAfter)
+        else term
+        for term in effect.terms
+    )
+    return found.explained(replace(effect, terms=tuple(terms)))
+
+
+def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: BoolArray) -> bool:
+    """Whether some rows show by themselves that an effect came, as large as it is said to be.
+
+    What was there all the time, such as a map that is wrong, is fitted beside it: generalised
+    least squares, with the scatter of observations and of set-ups.
+
+    Parameters
+    ----------
+    always : ndarray, shape (n,)
+        What it would be had it always been the same.
+    acts : ndarray, shape (n,)
+        These rows.
+    """
+    own = found.explained(effect)
+    others = sum((found.explained(e) for e in found.effects()), -own)
+    zero = np.zeros(len(own))
+    information, product = np.zeros((2, 2)), np.zeros(2)
+    for c, visit in np.unique(
+        np.column_stack([found.rows.channel, found.rows.visit])[acts], axis=0
+    ).tolist():
+        rows = acts & (found.rows.channel == c) & (found.rows.visit == visit)
+        noise, shift = _scatter(found, c)
+        # Of nothing predicted, what is left is minus what the rows hold.
+        at_zero = _from_zero(found, zero, rows)
+        columns = np.column_stack(
+            [at_zero - _from_zero(found, part, rows) for part in (own, always)]
+        )
+        # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
+        shared = shift**2 / (noise**2 + len(columns) * shift**2)
+        weighted = (columns - shared * columns.sum(axis=0)) / noise**2
+        information += weighted.T @ columns
+        product += weighted.T @ _from_zero(found, others, rows)
+    covariance = np.linalg.pinv(information, hermitian=True)
+    # Where nothing tells the two apart, neither is known.
+    if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:
+        return False
+    share, error = float(covariance[0] @ product), float(np.sqrt(covariance[0, 0]))
+    return share > ITSELF * error and abs(share - 1.0) <= ITSELF * error
 
 
 def _gains(found: FinishedSearch, channels: Collection[int]) -> bool:
