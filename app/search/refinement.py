@@ -2,6 +2,7 @@
 
 G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413: variable projection.
 S. Wilks, Ann. Math. Statist. 9 (1938) 60: what a drop of the log likelihood means.
+D. Venzon, S. Moolgavkar, Appl. Statist. 37 (1988) 87: intervals by the profile likelihood.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from app.search.candidate import Candidate
 from app.search.joint_fit import fit_terms, unexpected
@@ -23,6 +24,18 @@ TOLERANCE: Final = 2e-3
 
 CURVATURE_STEP: Final = 0.5
 """Drop of the log likelihood that the standard error is read from: one standard error's."""
+
+INTERVAL: Final = 1.96
+"""Standard errors to either side that hold the truth 95 times in a hundred."""
+
+INTERVAL_DROP: Final = 0.5 * INTERVAL**2
+"""Drop of the log likelihood where that interval ends."""
+
+ENDS_WITHIN: Final = 0.02
+"""Share of a step of the grid to which the interval's end is looked for."""
+
+MOST_PLACES: Final = 100
+"""A longer grid, of pitches, is not walked: there the width around the best is what is known."""
 
 
 def refine(
@@ -83,8 +96,11 @@ class _Search:
 
     def term(self, place: float) -> Term:
         """Evaluate the candidate."""
-        theta = float(np.exp(place)) if self.candidate.log_scale else float(place)
-        return self.problem.term(self.candidate, theta)
+        return self.problem.term(self.candidate, self._outside(place))
+
+    def _outside(self, place: float) -> float:
+        """Come back from the scale that is stepped in."""
+        return float(np.exp(place)) if self.candidate.log_scale else float(place)
 
     def starts(self, term: Term) -> list[float]:
         """List values of the grid to start from where an amplitude is expected.
@@ -109,7 +125,8 @@ class _Search:
         """Read the standard error from where the likelihood has dropped by one half.
 
         A second difference over a fixed step fails where visit variances switch level;
-        the width at one standard error is what the error means.
+        the width at one standard error is what the error means. Where the likelihood is as
+        large further off, the error is so large that its 95 % interval reaches there.
         """
         bottom = self.loss(place)
         low, high = (self.inside(v) for v in self.candidate.bounds or (place, place))
@@ -119,7 +136,39 @@ class _Search:
         ]
         known = [w for w in widths if np.isfinite(w)]
         width = float(np.mean(known)) if known else float("inf")
-        return width * float(np.exp(place)) if self.candidate.log_scale else width
+        near = width * float(np.exp(place)) if self.candidate.log_scale else width
+        return max(near, self._reach(place, bottom) / INTERVAL)
+
+    def _reach(self, place: float, bottom: float) -> float:
+        """Say how far the parameter may be from the best, by the likelihood over all its grid.
+
+        It may have a second maximum, hardly lower than the first: the width of the first says
+        nothing of that. 0 where nothing beyond the grid's neighbours is likely enough.
+        """
+        grid = [self.inside(v) for v in self.candidate.grid]
+        if len(grid) > MOST_PLACES:
+            return 0.0
+        drops = [self.loss(at) - bottom for at in grid]
+        theta, far = self._outside(place), 0.0
+        for side in (-1, 1):
+            ordered = list(zip(grid, drops, strict=True))[::side]
+            beyond = [(at, drop) for at, drop in ordered if side * (at - place) > 0.0]
+            inside = [i for i, (_, drop) in enumerate(beyond) if drop < INTERVAL_DROP]
+            if not inside:
+                continue
+            at = beyond[inside[-1]][0]
+            if inside[-1] + 1 < len(beyond):
+                after = beyond[inside[-1] + 1][0]
+                at = float(
+                    brentq(
+                        lambda x: self.loss(x) - bottom - INTERVAL_DROP,
+                        at,
+                        after,
+                        xtol=ENDS_WITHIN * abs(after - at),
+                    )
+                )
+            far = max(far, abs(self._outside(at) - theta))
+        return far
 
 
 def _width(
