@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 import numpy as np
@@ -21,7 +21,13 @@ LARGEST_VOTE: Final = 6.0
 
 
 def held_out_figures(
-    problem: Problem, fit: Fit, typical: Mapping[int, int], checked: Validation, seed: int
+    problem: Problem,
+    fit: Fit,
+    typical: Mapping[int, int],
+    checked: Validation,
+    seed: int,
+    *,
+    settled: Collection[int] = (),
 ) -> dict[int, HeldOut]:
     """Sum up what is left of every channel, in its unit.
 
@@ -34,6 +40,8 @@ def held_out_figures(
         The final model: its scatter is the floor where none was declared.
     typical
         Channel to the set-up scatter that is usual in this campaign (`typical_level`).
+    settled
+        Channels of which the floor contains what the few visits that taught leave open.
 
     Returns
     -------
@@ -48,7 +56,10 @@ def held_out_figures(
             continue
         left = channel.scale * _left(channel, checked.after[channel.rows])[seen]
         visit = channel.blocks.setups[channel.block][seen]
-        floor = channel.scale**2 * _floor(problem, channel, fit, typical[c])[seen]
+        variance = _floor(problem, channel, fit, typical[c])
+        if c in settled:
+            variance = variance + checked.variance[channel.rows]
+        floor = channel.scale**2 * variance[seen]
         found[c] = HeldOut(
             rows=len(visit),
             visits=len(np.unique(visit)),

@@ -183,8 +183,12 @@ def search(
     fit = selector.fit(main.terms)
     typical = typical_level(selector.given(main.terms))
     held_out = held_out_figures(problem, fit, typical, checked, seed)
+    # An effect that is not sure may stand for another: what it leaves counts in full.
+    settled = checked.settled(main.terms, doubts)
+    told = checked.where_found(main.terms, settled, problem.rows.channel)
+    beside_learning = held_out_figures(problem, fit, typical, told, seed, settled=settled)
     remains = [
-        *adequacy(selector, main.terms, fit, use, draws, held_out),
+        *adequacy(selector, main.terms, fit, use, draws, beside_learning),
         *(
             Unexplained(FLEXIBLE, term.channels[0], term.candidate.key)
             for term, said in zip(main.terms, unlike, strict=True)

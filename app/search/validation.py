@@ -9,17 +9,18 @@ J. Copas, J. R. Stat. Soc. B 45 (1983) 311: slope of what is seen on what was pr
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.findings import Rival, Slope, Status
 from app.search.foresight import Learned, calibration_slope, learn
 from app.search.library import Library
 from app.search.problem import Term
-from app.search.selection import Selection, Selector
+from app.search.selection import Selection, Selector, given_states
 from app.search.splits import Splits
 
 ABOVE_ZERO: Final = 2.33
@@ -50,6 +51,12 @@ class Validation:
         `after` has the terms and refitted maps, `adopted` the terms alone.
     known : ndarray, shape (n,)
         The same of the terms that the model has already.
+    variance : ndarray, shape (n,)
+        Of `after`, by what the visits that taught it leave open of terms and maps.
+    fold : ndarray of int, shape (n,)
+        Which fold held a row out; -1: none.
+    found_in
+        For each term, the folds that found it again.
     forward
         For each term, the slope on the last visits; None: not found on the earlier ones.
     """
@@ -57,7 +64,10 @@ class Validation:
     after: FloatArray
     adopted: FloatArray
     known: FloatArray
+    variance: FloatArray
+    fold: IntArray
     slopes: list[list[Slope]]
+    found_in: list[set[int]]
     folds: int
     forward: list[Slope | None] = field(default_factory=list)
 
@@ -73,6 +83,46 @@ class Validation:
     def inclusion(self, number: int) -> float | None:
         """Give the share of folds that found a term again."""
         return len(self.slopes[number]) / self.folds if self.folds else None
+
+    def confirms(self, number: int) -> bool:
+        """Say whether held-out visits show a term as large as predicted, found again often."""
+        slope = self.slope(number)
+        often = (self.inclusion(number) or 0.0) >= OFTEN_FOUND
+        return often and slope is not None and bool(holds(slope, np.inf))
+
+    def settled(self, terms: Sequence[Term], doubts: Sequence[Collection[str]]) -> set[int]:
+        """List the channels in which terms act, and all that do are sure.
+
+        Parameters
+        ----------
+        doubts
+            For each term, in what the values differ from it.
+        """
+        sure = [not said and self.confirms(i) for i, said in enumerate(doubts)]
+        acting = {c for term in terms for c in term.channels}
+        pairs = zip(terms, sure, strict=True)
+        return acting - {c for term, is_sure in pairs if not is_sure for c in term.channels}
+
+    def where_found(
+        self, terms: Sequence[Term], channels: Collection[int], channel: IntArray
+    ) -> Validation:
+        """Leave out, in some channels, the folds that have missed a term that acts there.
+
+        The whole effect is left of what was held out then: that says how few visits teach it,
+        and nothing of what it does not explain.
+
+        Parameters
+        ----------
+        channels
+            These channels.
+        channel : ndarray of int, shape (n,)
+            Each row's channel.
+        """
+        after = self.after.copy()
+        for term, folds in zip(terms, self.found_in, strict=True):
+            own = list({*term.channels}.intersection(channels))
+            after[np.isin(channel, own) & ~np.isin(self.fold, list(folds))] = np.nan
+        return replace(self, after=after)
 
 
 def validate(
@@ -99,7 +149,10 @@ def validate(
         after=np.full(n, np.nan),
         adopted=np.full(n, np.nan),
         known=np.full(n, np.nan),
+        variance=np.full(n, np.nan),
+        fold=np.full(n, -1),
         slopes=[[] for _ in main.terms],
+        found_in=[set() for _ in main.terms],
         folds=splits.folds,
     )
     library = _near(library, main)
@@ -111,9 +164,13 @@ def validate(
             if match is not None:
                 slope = calibration_slope(library.problem, learned, match, held)
                 found.slopes[number].append(slope)
+                found.found_in[number].add(fold)
+        open_in = _open(learned)
         for c, state in learned.states.items():
             channel = state.fixed.channel
             mine = held[channel.cells][channel.block]
+            found.fold[channel.rows[mine]] = fold
+            found.variance[channel.rows[mine]] = open_in[c][mine]
             found.after[channel.rows[mine]] = learned.prediction(c)[mine]
             found.adopted[channel.rows[mine]] = learned.effect(c)[mine]
             found.known[channel.rows[mine]] = learned.effect(c, known_alone=True)[mine]
@@ -184,6 +241,22 @@ def _learned(library: Library, train: BoolArray, main: Selection, allowed: BoolA
     selector = Selector(library, train, allowed, 0.0, count, known)
     terms = selector.select(None, main.stages).terms
     return learn(selector.states, terms)
+
+
+def _open(learned: Learned) -> dict[int, FloatArray]:
+    """Give the variance that teaching leaves in every row of each channel, shape (n,) each.
+
+    In repeatabilities. Maps and terms of one channel are known as it knows them; amplitudes that
+    channels share, within their joint standard errors.
+    """
+    found = {}
+    for c, state in given_states(learned.states, learned.terms).items():
+        own, given = state.fixed.channel, state.given
+        columns = own.nuisance if given is None else np.hstack([own.nuisance, given.columns])
+        root = state.level(learned.fit.level[c]).root[0]
+        solved = solve_triangular(root, columns.T, lower=True) if len(root) else columns.T
+        found[c] = learned.fit.scatter[c] * np.sum(solved**2, axis=0)
+    return found
 
 
 def _matches(terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals) -> list[int | None]:

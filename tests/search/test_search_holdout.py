@@ -1,14 +1,18 @@
 """Held-out visits: every channel has some in every fold, and each term has its own evidence."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from app.search.findings import Status, Verdict
+from app.search.findings import Slope, Status, Verdict
+from app.search.foresight import learn
+from app.search.problem import make_problem
 from app.search.rows import DeclaredNoise, Rows
 from app.search.search import search
 from app.search.splits import PARTS, split
+from app.search.validation import Validation, _open
 from tests.search.search_campaigns import make_campaign, make_library, single, smooth
 
 
@@ -117,3 +121,69 @@ def test_an_effect_hides_no_outliers():
     assert [term.key for term in found.terms] == ["reversal-0"]
     assert found.terms[0].amplitudes == pytest.approx([6.0], abs=0.4)
     assert found.verdict is Verdict.FOUND
+
+
+def validation(slopes, found_in):
+    """Six rows of two channels in three folds."""
+    return Validation(
+        after=np.arange(6.0),
+        adopted=np.zeros(6),
+        known=np.zeros(6),
+        variance=np.zeros(6),
+        fold=np.array([0, 1, 2, 0, 1, 2]),
+        slopes=slopes,
+        found_in=found_in,
+        folds=3,
+    )
+
+
+def test_a_fold_that_missed_a_sure_effect_says_nothing_of_what_it_leaves():
+    """The whole effect is left there: too few visits taught it."""
+    channel = np.array([0, 0, 0, 1, 1, 1])
+    sure, acting = [Slope(1.0, 0.2, 25.0)] * 2, SimpleNamespace(channels=(0,))
+    checked = validation([sure], [{0, 2}])
+    assert checked.settled([acting], [()]) == {0}
+    left = checked.where_found([acting], {0}, channel).after
+    assert np.isnan(left).tolist() == [False, True, False, False, False, False]
+    # What is not sure may stand for another: what it leaves counts everywhere it acts.
+    assert checked.settled([acting], [("it depends otherwise on what drives it",)]) == set()
+    assert np.isfinite(checked.where_found([acting], (), channel).after).all()
+    both = validation([sure, [Slope(0.1, 0.2, 25.0)]], [{0, 2}, {0}])
+    others = SimpleNamespace(channels=(0, 1))
+    assert both.settled([acting, others], [(), ()]) == set()
+    assert both.settled([SimpleNamespace(channels=(0, 2)), others], [(), ()]) == {2}
+
+
+@pytest.mark.parametrize(
+    ("slopes", "sure"),
+    [
+        ([Slope(1.0, 0.2, 25.0)] * 2, True),
+        ([Slope(1.0, 0.2, 25.0)], False),  # in one fold of three
+        ([Slope(0.1, 0.2, 25.0)] * 3, False),
+        ([Slope(3.0, 0.2, 25.0)] * 3, False),
+        ([], False),
+    ],
+)
+def test_what_held_out_visits_confirm(slopes, sure):
+    assert validation([slopes], [set(range(len(slopes)))]).confirms(0) is sure
+
+
+def test_what_teaching_leaves_open_is_that_of_the_amplitude_and_of_the_maps():
+    campaign = make_campaign(7, visits=12)
+    cells, everything = {v: v for v in range(12)}, np.ones(len(campaign.rows.values), dtype=bool)
+    candidate = single(campaign, "speed", "speed", 0, lambda _: campaign.speed)
+
+    def left_open(nuisance, visits):
+        problem = make_problem(campaign.rows, nuisance, everything, cells, 12)
+        term = problem.term(candidate, None)
+        learned = learn(problem.states(np.arange(12) < visits), [term])
+        by_amplitude = term.columns[0][:, 0] ** 2 * learned.fit.covariance[0, 0]
+        return _open(learned), by_amplitude
+
+    found, by_amplitude = left_open([], 6)
+    assert found[0] == pytest.approx(by_amplitude, rel=1e-6)
+    assert not found[1].any()  # no term acts there, and no map may be wrong
+    assert left_open([], 12)[0][0].mean() < found[0].mean()
+    with_maps, _ = left_open(campaign.nuisance, 6)
+    assert with_maps[0].mean() > found[0].mean()
+    assert 0.0 < with_maps[1].mean() < 2 * 0.4**2  # never more than the maps' own prior

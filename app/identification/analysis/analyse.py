@@ -50,7 +50,12 @@ from app.identification.analysis.found_effects import (
 )
 from app.identification.analysis.generic_candidates import generic_candidates, words_of
 from app.identification.analysis.next_visit import propose_visit
-from app.identification.analysis.not_judged import too_large, with_what_stays_large, withhold
+from app.identification.analysis.not_judged import (
+    stays_large,
+    too_large,
+    with_what_stays_large,
+    withhold,
+)
 from app.identification.analysis.reading_faults import ReadingFaults, reading_faults
 from app.identification.analysis.refits import (
     AdoptedBefore,
@@ -151,7 +156,7 @@ def analyse(
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
     found, responses = beside_search(found, responses, campaign.effects)
     answer = _answer(found, library, faulty, responses, campaign.effects, before, seed, known)
-    answer = withhold(answer, too_large(found, of_maps))
+    answer = withhold(answer, too_large(found, of_maps), stays_large(found, of_maps))
     doubted = doubts(campaign.model, campaign.readings)
     misstated = zeroed(campaign.verifications, residuals.rows.verifications)
     upcoming = propose_visit(campaign, answer.effects, answer.unexplained)

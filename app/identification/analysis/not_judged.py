@@ -12,19 +12,26 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
+from app.effects.effect import Effect
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
-from app.search.findings import FAR_OFF, Unexplained, Verdict
+from app.search.channel import DECLARED_WEIGHT
+from app.search.findings import FAR_OFF, Status, Unexplained, Verdict
 from app.search.rows import Datum, Nuisance
 from app.search.scatter import FEWEST_BLOCKS
+from app.search.sum_of_squares import surprise_of_squares
 
 LARGER: Final = 2.0
 """Root mean squares so many times what repeatability and maps explain are no chance: the maps'
 errors are a few numbers, of which one may well be half as large again as usual."""
+
+
+BY_CHANCE: Final = 0.01
+"""Probability with which any channel is called larger than set-ups scatter although it is not."""
 
 
 class TooLarge(NamedTuple):
@@ -51,12 +58,16 @@ def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> Fi
 
     A set-up of which nobody knows how it scatters, and maps that may be wrong, take up whatever
     is constant in it. Beside an effect that passes for an answer of which nothing is left.
+
+    Beside one that visits that were held out confirm, set-ups may scatter here as they do in the
+    other channels: of twenty channels of two set-ups each, some are always large.
     """
     effects = found.effects()
     if not effects:
         return found
-    explained = sum((found.explained(e) for e in effects), np.zeros(len(found.use)))
-    names = {one.name for one in too_large(found, maps, explained)}
+    names = {one.name for one in too_large(found, maps, _explained(found, effects))}
+    if any(term.status is Status.CONFIRMED for term in found.findings.terms):
+        names &= _beyond_setups(found, maps, _explained(found, effects))
     channels = [c for c, name in enumerate(found.residuals.rows.channels) if name in names]
     if not channels:
         return found
@@ -67,6 +78,78 @@ def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> Fi
         unexplained=tuple(dict.fromkeys((*found.findings.unexplained, *left))),
     )
     return replace(found, findings=findings)
+
+
+def stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+    """List the channels of few set-ups that effects leave larger than the noise."""
+    return too_large(found, maps, _explained(found, found.effects()))
+
+
+def _explained(found: FinishedSearch, effects: Sequence[Effect]) -> FloatArray:
+    zero: FloatArray = np.zeros(len(found.use))
+    return sum((found.explained(e) for e in effects), zero)
+
+
+def _beyond_setups(
+    found: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray
+) -> set[str]:
+    """Name the channels of few set-ups that are larger than set-ups scatter in the others.
+
+    By chance any is named in one campaign of a hundred: how well a channel's own repeatability
+    is known counts, as two values of one set-up say little of it.
+    """
+    rows, channels = found.rows, found.residuals.rows.channels
+    values = without_zeros(found.zeros, np.where(found.use, rows.values - explained, np.nan))
+    setup = _variance_of_setups(found)
+    few = {
+        c: own
+        for c in found.findings.noise
+        if (own := np.flatnonzero(found.use & (rows.channel == c))).size
+        and np.unique(rows.visit[own]).size < FEWEST_BLOCKS
+    }
+    named = set()
+    for c, own in few.items():
+        noise, visit = found.findings.noise[c], rows.visit[own]
+        setups = np.unique(visit)
+        known = DECLARED_WEIGHT if noise.origin == "declared" else 0.0
+        zeroed = np.mean([rows.datum.get((int(v), c)) is Datum.FIRST for v in visit])
+        p = surprise_of_squares(
+            float(np.sum(values[own] ** 2)),
+            float(noise.fitted**2 * (1.0 + zeroed)),
+            max(known + len(own) - len(setups), 1.0),
+            (visit[:, None] == setups) * float(np.sqrt(setup / (1.0 + zeroed))),
+            _columns(maps, c, own, len(values)),
+            len(own),
+        )
+        if p * len(few) < BY_CHANCE:
+            named.add(channels[c])
+    return named
+
+
+def _variance_of_setups(found: FinishedSearch) -> float:
+    """Give how set-ups scatter in the middle one of the channels, over the observations' variance.
+
+    0 where fewer set-ups than tell that were made in all.
+    """
+    if np.unique(found.rows.visit[found.use]).size < FEWEST_BLOCKS:
+        return 0.0
+    shares = []
+    for c, held in found.findings.held_out.items():
+        noise = found.findings.noise[c]
+        one = noise.repeatability if noise.origin == "declared" else noise.fitted
+        shares.append((held.floor / one) ** 2 - 1.0 if one > 0.0 else 0.0)
+    return max(float(np.median(shares)), 0.0) if shares else 0.0
+
+
+def _columns(maps: Sequence[Nuisance], channel: int, own: IntArray, count: int) -> FloatArray:
+    """Lay out what one standard error of each way in which the maps may be wrong does, (m, p)."""
+    parts = [np.zeros((len(own), 0))]
+    for one in maps:
+        if one.channel == channel:
+            full = np.zeros((count, len(one.prior)))
+            full[one.rows] = one.columns * one.prior
+            parts.append(full[own])
+    return np.hstack(parts)
 
 
 def too_large(
@@ -110,24 +193,45 @@ def too_large(
     return sorted(large, key=lambda one: -one.rms / one.expected)
 
 
-def withhold(answer: Analysis, large: Sequence[TooLarge]) -> Analysis:
-    """Answer `not-judged` where nothing was found, or only that few set-ups lie far off."""
+def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarge]) -> Analysis:
+    """Say of what few set-ups do not tell, and `not-judged` where nothing else was found.
+
+    Parameters
+    ----------
+    large, left
+        Channels of few set-ups that are larger than the noise, and those that are so beside
+        what was found.
+    """
     parts = [test for part in answer.unexplained for test in part.tests]
     is_open = answer.verdict == "unexplained" and set(parts) <= {FAR_OFF}
+    if answer.effects and answer.verdict == "effects-found" and left:
+        return replace(
+            answer,
+            summary=f"{answer.summary} Of {list_names([one.name for one in left], 4)} nothing more "
+            f"can be said: {_told(left)}. So few set-ups do not tell what is the machine's and "
+            "what is the set-up's, and elsewhere set-ups scatter as much.",
+            what_next=(*answer.what_next, _again(left)),
+        )
     if not large or answer.effects or not (answer.verdict == "nothing-found" or is_open):
         return answer
-    most = large[0]
-    others = "" if len(large) == 1 else f", and {counted(len(large) - 1, 'other')} as well"
     return replace(
         answer,
         verdict="not-judged",
-        summary=f"Nothing can be said of the machine: {most.sentence}{others}. So few set-ups do "
+        summary=f"Nothing can be said of the machine: {_told(large)}. So few set-ups do "
         "not tell what is the machine's and what is the set-up's.",
-        what_next=(
-            f"Measure {list_names([one.name for one in large], 4)} again in {FEWEST_BLOCKS} "
-            "set-ups or more, the instrument mounted anew each time, at different temperatures.",
-            *answer.what_next,
-        ),
+        what_next=(_again(large), *answer.what_next),
+    )
+
+
+def _told(large: Sequence[TooLarge]) -> str:
+    others = "" if len(large) == 1 else f", and {counted(len(large) - 1, 'other')} as well"
+    return large[0].sentence + others
+
+
+def _again(large: Sequence[TooLarge]) -> str:
+    return (
+        f"Measure {list_names([one.name for one in large], 4)} again in {FEWEST_BLOCKS} "
+        "set-ups or more, the instrument mounted anew each time, at different temperatures."
     )
 
 

@@ -1,0 +1,104 @@
+"""How surprising the size of some values is, of which covariance is known but for a scale.
+
+D. Kuonen, Biometrika 86 (1999) 929: the tail of a quadratic form by a saddlepoint.
+R. Lugannani, S. Rice, Adv. Appl. Probab. 12 (1980) 475: its formula.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, norm
+
+from app.arrays import FloatArray
+
+NODES: Final = np.linspace(-5.0, 5.0, 41)
+"""Normal deviates at which the estimated scale's own distribution is evaluated."""
+
+CLOSE: Final = 1e-9
+"""Share of the way to where the cumulant function ends."""
+
+
+def surprise_of_squares(
+    total: float, noise: float, freedom: float, spread: FloatArray, others: FloatArray, count: int
+) -> float:
+    """Give the probability that n values are as large as they are, or larger.
+
+    They are x ~ N(0, σ² (z I + S S') + D D'), of which σ is known as an estimate alone: the
+    probability is averaged over what σ may be. Of D = S = 0 that is the F test.
+
+    Parameters
+    ----------
+    total
+        x'x.
+    noise, freedom
+        The estimate of z σ², and its degrees of freedom.
+    spread : ndarray, shape (n, a)
+        S, over the root of z.
+    others : ndarray, shape (n, b)
+        D.
+    count
+        n.
+
+    Examples
+    --------
+    >>> from scipy.stats import f
+    >>> none = np.zeros((4, 0))
+    >>> round(surprise_of_squares(40.0, 1.0, 10.0, none, none, 4), 4)
+    0.0017
+    >>> round(float(f.sf(10.0, 4, 10)), 4)
+    0.0016
+    """
+    weights = norm.pdf(NODES)
+    found = 0.0
+    for weight, scale in zip(weights / weights.sum(), _scales(freedom), strict=True):
+        level = noise * float(scale)
+        columns = np.hstack([np.sqrt(level) * spread, others])
+        shared = np.linalg.eigvalsh(columns.T @ columns)[::-1][:count].clip(min=0.0)
+        variances = np.append(level + shared, level)
+        counts = np.append(np.ones(len(shared)), max(count - len(shared), 0))
+        found += weight * tail_of_squares(total, variances, counts)
+    return float(found)
+
+
+def _scales(freedom: float) -> FloatArray:
+    """Give what σ² may be over its estimate, at each node."""
+    return np.asarray(freedom / chi2.ppf(norm.cdf(NODES), freedom))
+
+
+def tail_of_squares(total: float, variances: FloatArray, counts: FloatArray) -> float:
+    """Give the probability that Σ λ χ² exceeds a value, 1 below its mean.
+
+    Parameters
+    ----------
+    variances, counts : ndarray, shape (k,)
+        λ, above 0, and the degrees of freedom of each χ².
+
+    Examples
+    --------
+    >>> round(tail_of_squares(9.0, np.array([1.0]), np.array([1.0])), 4)    # of 0.0027
+    0.0026
+    >>> tail_of_squares(1.0, np.array([1.0]), np.array([2.0]))
+    1.0
+    """
+    mean = float(counts @ variances)
+    if total <= mean * (1.0 + 1e-6):
+        return 1.0
+
+    def slope(t: float) -> float:
+        return float(counts @ (variances / (1.0 - 2.0 * t * variances))) - total
+
+    end = 0.5 / float(variances[counts > 0].max()) * (1.0 - CLOSE)
+    if slope(end) <= 0.0:
+        return 0.0
+    at = float(brentq(slope, 0.0, end))
+    bent = 1.0 - 2.0 * at * variances
+    height = -0.5 * float(counts @ np.log(np.where(counts > 0, bent, 1.0)))
+    width = 2.0 * float(counts @ (variances / bent) ** 2)
+    w = float(np.sqrt(max(2.0 * (at * total - height), 0.0)))
+    v = at * float(np.sqrt(width))
+    if w < 1e-4 or v <= 0.0:
+        return 1.0
+    return float(np.clip(norm.sf(w + np.log(v / w) / w), 0.0, 1.0))

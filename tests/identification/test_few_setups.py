@@ -1,0 +1,85 @@
+"""Channels of few set-ups beside an effect: what is the set-ups' own is nothing unexplained."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.effects.effect import Effect
+from app.identification.analysis.not_judged import stays_large, with_what_stays_large
+from app.search.findings import FAR_OFF, ChannelNoise, Figure, HeldOut, Status, Verdict
+
+CHANNELS, SETUPS, EACH = 20, 8, 8
+CODES = tuple(f"E{a}{b}" for a in "XYZABC" for b in "XYZ")[:CHANNELS]
+
+
+def finished(shift, *, floor, off=0.0, status=Status.CONFIRMED, seed=0, origin="declared"):
+    """Each channel in two of eight set-ups, which scatter by `shift`; the first is off by more.
+
+    floor
+        What repeatability and the set-ups' scatter leave of what was held out.
+    """
+    random = np.random.default_rng(seed)
+    count = len(CODES)
+    channel = np.repeat(np.arange(count), 2 * EACH)
+    setup = np.repeat((np.arange(2 * count) * 3) % SETUPS, EACH)
+    values = random.normal(size=len(channel))
+    values += np.repeat(shift * random.normal(size=2 * count), EACH) + off * (channel == 0)
+    noise = {c: ChannelNoise(1.0, origin, 1.0, 2, 2 * EACH) for c in range(count)}
+    held = dict.fromkeys(range(count), HeldOut(EACH, 1, Figure(floor, floor, floor), floor))
+    findings = SimpleNamespace(
+        noise=noise,
+        held_out=held,
+        terms=(SimpleNamespace(status=status),),
+        verdict=Verdict.FOUND,
+        unexplained=(),
+    )
+    return SimpleNamespace(
+        rows=SimpleNamespace(values=values, channel=channel, visit=setup, datum={}),
+        residuals=SimpleNamespace(rows=SimpleNamespace(channels=CODES)),
+        use=np.ones(len(channel), dtype=bool),
+        zeros=[],
+        findings=findings,
+        effects=lambda: [Effect("backlash", ("EXX",))],
+        explained=lambda effect: np.zeros(len(channel)),
+    )
+
+
+def left(monkeypatch, found):
+    """Names of what is called unexplained."""
+    said = []
+
+    def replaced(one, **changes):
+        said.extend(changes.get("unexplained", ()))
+        return one
+
+    monkeypatch.setattr("app.identification.analysis.not_judged.replace", replaced)
+    with_what_stays_large(found, [])
+    assert all(one.test == FAR_OFF for one in said)
+    return {CODES[one.channel] for one in said}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_setups_do_in_all_channels_is_nothing_unexplained(monkeypatch, seed):
+    """It was said in 6 of 9 campaigns of 8 visits: of twenty channels some are always large."""
+    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2), seed=seed)
+    assert stays_large(found, [])  # and it is told of them that nothing more can be said
+    assert left(monkeypatch, found) == set()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_no_setup_elsewhere_does_stays_unexplained(monkeypatch, seed):
+    found = finished(0.3, floor=np.sqrt(1.0 + 0.3**2), off=4.0, seed=seed)
+    assert left(monkeypatch, found) == {"EXX"}
+
+
+def test_beside_an_effect_that_nothing_confirms_all_of_it_does(monkeypatch):
+    """It may be what the effect stands for."""
+    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2), status=Status.SUSPECTED)
+    assert left(monkeypatch, found) == {one.name for one in stays_large(found, [])}
+
+
+def test_fewer_setups_than_tell_how_they_scatter_are_judged_by_the_repeatability(monkeypatch):
+    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2))
+    found.rows.visit[:] = found.rows.visit % 4
+    assert left(monkeypatch, found)
