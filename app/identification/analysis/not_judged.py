@@ -209,7 +209,7 @@ def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarg
             answer,
             summary=f"{answer.summary} Of {list_names([one.name for one in left], 4)} nothing more "
             f"can be said: {_told(left)}. So few set-ups do not tell what is the machine's and "
-            "what is the set-up's, and elsewhere set-ups scatter as much.",
+            "what is the set-up's.",
             what_next=(*answer.what_next, _again(left)),
         )
     if not large or answer.effects or not (answer.verdict == "nothing-found" or is_open):
