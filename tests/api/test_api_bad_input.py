@@ -633,6 +633,7 @@ class Stated(list):
     [{"time": "soon"}, {"temperatures_c": {"bed": "warm"}}, {"more": 1}],
     ids=["time", "number", "unknown"],
 )
+@pytest.mark.slow
 def test_a_list_that_is_refused_is_not_held(wrong):
     reading = {"time": "2026-03-01T06:00:00Z", "temperatures_c": {"bed": 20.0}}
     stated = Stated([reading, reading | wrong])

@@ -85,6 +85,7 @@ async def test_what_is_remembered_does_not_outlive_the_model(both):
     assert after["components"] == before["components"]
 
 
+@pytest.mark.slow
 async def test_a_model_is_not_held_by_what_is_remembered_of_it(app, both):
     client = both[0]
     for _ in range(2):  # the first brings the machine into memory, the second is remembered

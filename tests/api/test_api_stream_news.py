@@ -134,6 +134,7 @@ def test_the_watch_is_told_when_it_says_something_else(shop, told_only):
     assert kinds == ["watch"] * 3
 
 
+@pytest.mark.slow
 def test_an_analysis_is_told_from_the_queue_to_its_end(shop, monkeypatch):
     monkeypatch.setattr(streamed_log, "ASK_EVERY_S", 0.01)
     monkeypatch.setattr(streamed_log, "ASK_FILE_EVERY_S", 0.01)
@@ -254,6 +255,7 @@ def test_who_breaks_off_before_anything_happened_has_the_news_all_the_same(shop)
         assert texts_until(again, "2") == ["2"]
 
 
+@pytest.mark.slow
 def test_another_service_goes_on_where_one_stopped(furnished_url, clock):
     with ExitStack() as running:
         one, other = (
@@ -276,6 +278,7 @@ def test_another_service_goes_on_where_one_stopped(furnished_url, clock):
             assert texts_until(stream, "4") == ["4"]
 
 
+@pytest.mark.slow
 def test_others_are_told_at_once_on_postgresql(databases, clock, told_only):
     """Nobody reads now and then: what PostgreSQL tells is enough."""
     url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
@@ -346,6 +349,7 @@ def test_too_much_that_was_missed_is_counted(shop, monkeypatch, kept):
         assert stream.next() is None
 
 
+@pytest.mark.slow
 def test_an_entry_that_is_not_known_is_said_to_be_none(shop):
     with shop.follow(last="1-999999999", **NEWS) as stream:
         missed = stream.next()
@@ -374,6 +378,7 @@ def test_a_flood_arrives_in_its_order_each_once(shop):
     assert "missed" not in names
 
 
+@pytest.mark.slow
 def test_the_log_is_read_once_for_all_who_follow(shop, told_only, monkeypatch):
     reads = []
     whole = log_tail.read_tail

@@ -125,6 +125,7 @@ def test_who_comes_back_has_the_table_again_only_if_it_has_changed(shop):
             assert exx_um(stream.until("table")) == 35.0
 
 
+@pytest.mark.slow
 def test_no_value_jumps_by_more_than_a_follower_takes(shop):
     shop.feed(25.0)
     with shop.follow(max_step_um=6.0) as stream:

@@ -135,6 +135,7 @@ async def test_a_machine_without_a_model_takes_verifications(client):
     assert judgement["status"] == "not-judged"
 
 
+@pytest.mark.slow
 async def test_many_at_once_on_two_services_are_judged_one_after_the_other(
     room, new_app, furnished_url
 ):

@@ -101,6 +101,7 @@ def test_a_repeated_name_is_named_wherever_it_stands(size):
         assert refused.value.name == "ab"
 
 
+@pytest.mark.slow
 def test_long_values_of_every_kind():
     values = [
         " " * 100_000,

@@ -112,6 +112,7 @@ def test_a_disk_that_is_nearly_full(run, sqlite_url, monkeypatch):
         assert examined(run, "--database-url", sqlite_url)[1]["disk"][0] == grade
 
 
+@pytest.mark.slow
 def test_an_analysis_that_nobody_works_on_and_one_that_waits_too_long(
     run, furnished_url, monkeypatch
 ):

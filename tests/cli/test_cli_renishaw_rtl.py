@@ -258,6 +258,7 @@ def test_whatever_is_changed_is_read_whole_or_refused(at, put, cut):
 
 @settings(max_examples=60, deadline=None)
 @given(st.text(alphabet="HEADR:: \n0123é"))
+@pytest.mark.slow
 def test_any_text_is_refused(text):
     refused(text)
 

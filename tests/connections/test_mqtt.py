@@ -253,6 +253,7 @@ async def test_what_was_retained_before_is_no_news(new_app, url, tmp_path, broke
             assert readings[0]["time"].startswith("2026-03-01T05:59:00")
 
 
+@pytest.mark.slow
 async def test_a_flood_is_bounded_and_all_of_it_stored(new_app, url, tmp_path, broker, monkeypatch):
     store, away = intake.store_readings, [True]
 

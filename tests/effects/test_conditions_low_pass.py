@@ -110,6 +110,7 @@ def test_a_reading_that_is_not_newer_changes_nothing():
     st.sampled_from(list(Hold)),
     st.sampled_from([600.0, 7200.0]),
 )
+@pytest.mark.slow
 def test_a_record_read_at_once_leaves_the_filter_that_followed_it(steps, hold, time_constant_s):
     """To the last bit: replicas that began at different times say the same."""
     times = 1.7e9 + np.cumsum([step for step, _ in steps])

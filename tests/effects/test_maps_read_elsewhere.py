@@ -422,6 +422,7 @@ def campaigns(draw):
     bias_k=st.sampled_from([0.0, 0.0, 3.0, -2.5]),
     beside=st.tuples(st.booleans(), st.booleans()),
 )
+@pytest.mark.slow
 def test_a_row_is_the_maps_read_plainly_and_complete_only_where_all_is_known(
     maps, policy, t_c, late_c, front_c, shares, bias_k, beside
 ):

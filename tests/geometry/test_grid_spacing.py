@@ -81,6 +81,7 @@ def test_the_tolerance_is_kept_and_no_axis_can_have_fewer(chain, tolerance):
             assert left_by(field, coarser).largest_um > tolerance
 
 
+@pytest.mark.slow
 def test_by_brute_force_on_small_numbers_it_is_among_the_best():
     """All grids of up to 5 intervals an axis: none that keeps it is coarser on every axis."""
     field = bent("XYFZ", seed=6)

@@ -57,6 +57,7 @@ def test_a_wrong_assignment_is_found_and_the_right_one_proposed(datum):
     assert [code for code, other in found.items() if other.proposed_sensor] == ["EXX"]
 
 
+@pytest.mark.slow
 def test_what_another_sensor_leaves_is_what_its_tables_would_leave():
     """Every set-up chooses x-middle: the figure is that of a model that is so assigned."""
     campaign = campaign_of()
@@ -67,6 +68,7 @@ def test_what_another_sensor_leaves_is_what_its_tables_would_leave():
         assert (own**2).mean() ** 0.5 == pytest.approx(figure, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_all_components_of_a_sensor_may_be_wrong():
     campaign = assigned(campaign_of(), EXX="bed", EYY="bed")
     assert proposals(campaign) == {"EXX": "x-middle", "EYY": "x-middle"}

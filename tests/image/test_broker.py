@@ -115,6 +115,7 @@ async def is_refused(broker, user, secret):
     return "not authorised" in asked.stderr.lower()
 
 
+@pytest.mark.slow
 async def test_the_broker_lets_in_whom_its_files_name_and_the_service_hears_the_sensors(
     broker, new_app, furnished_url, tmp_path, monkeypatch
 ):

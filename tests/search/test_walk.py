@@ -27,6 +27,7 @@ def share(count, **stated):
 
 
 @pytest.mark.parametrize("walk", [0.3, 1.0, 2.0])
+@pytest.mark.slow
 def test_a_walk_is_hardly_ever_taken_for_a_trend(walk):
     assert share(40, setups=24, walk=walk) >= 0.95
 
@@ -65,6 +66,7 @@ def test_very_many_set_ups_are_taken_together():
     assert may_be_walk(*levels(5, 5 * MOST_LEVELS, trend=8.0, each=2)) is False
 
 
+@pytest.mark.slow
 def test_what_other_channels_show_of_the_instrument_counts():
     def seen(walk):
         found = []

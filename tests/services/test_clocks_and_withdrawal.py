@@ -259,6 +259,7 @@ def backwards(found, now, at=""):
         yield f"{at} ends {found['until']}, before it began {found['time']}"
 
 
+@pytest.mark.slow
 async def test_nothing_is_older_than_now_or_ends_before_it_began_however_the_clock_jumps(
     client, app, clock
 ):

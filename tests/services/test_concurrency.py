@@ -142,6 +142,7 @@ async def test_readings_that_contradict_each_other_at_once_leave_one_whole_batch
     assert listed == batches[won][::-1]
 
 
+@pytest.mark.slow
 async def test_everything_at_once_leaves_one_consistent_machine(two, two_apps):
     """Maps, assignments, activations, patches and deletions, from two services."""
     await two[0].post(MAPS, json=error_map("First", 18.0))
@@ -275,6 +276,7 @@ async def test_a_deletion_among_writers_leaves_nothing_behind(two, two_apps):
         await furnish(two[0], maps={})
 
 
+@pytest.mark.slow
 async def test_the_live_table_is_always_of_one_version(two):
     """While maps are stored, every table is whole: its numbers are those of its version."""
     one, _ = two

@@ -259,6 +259,7 @@ async def test_nobody_is_told_of_what_it_stored_itself_nor_confused_by_others(
     assert read_payload("readings") is None
 
 
+@pytest.mark.slow
 async def test_streams_of_one_tell_what_another_stored(new_app, shared_url, one, told_only, clock):
     service = create_app(Settings(database_url=shared_url, refresh_s=3600.0, **UNHURRIED))
     service.state.context = replace(service.state.context, now=clock)

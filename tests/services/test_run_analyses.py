@@ -183,6 +183,7 @@ def read(database, number):
         return read_analysis(session, number)
 
 
+@pytest.mark.slow
 def test_what_no_longer_beats_is_tried_again_and_fails_the_third_time(database, two_machines):
     abandoned, alive = two_machines
     passed_s = [0.0]

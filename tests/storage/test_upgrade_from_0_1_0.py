@@ -94,6 +94,7 @@ async def expect_as_it_was(service, clock, said):
     assert found == []
 
 
+@pytest.mark.slow
 async def test_everything_is_as_it_was_and_the_live_table_is_the_same(url, name):
     clock = Clock()
     database = Database(url)
