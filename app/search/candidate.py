@@ -167,16 +167,23 @@ class Candidate:
         return int(bool(self.grid))
 
     def around(self, theta: float) -> tuple[float, float]:
-        """Give the stretch between the grid's neighbours of a value, within the bounds.
+        """Give the stretch between the neighbours of the grid's value nearest to one, in bounds.
+
+        Not between the value's own neighbours: one that was refined to just above a value of the
+        grid could never get below it again, whatever has been found beside it since.
 
         >>> Candidate("k", "f", lambda _: [], (1.0, 2.0, 4.0), (0.5, 8.0)).around(2.0)
+        (1.0, 4.0)
+        >>> Candidate("k", "f", lambda _: [], (1.0, 2.0, 4.0), (0.5, 8.0)).around(2.1)
         (1.0, 4.0)
         >>> Candidate("k", "f", lambda _: [], (1.0, 2.0, 4.0), (0.5, 8.0)).around(4.0)
         (2.0, 8.0)
         """
         low, high = self.bounds or (theta, theta)
-        below = [g for g in self.grid if g < theta and not np.isclose(g, theta)]
-        above = [g for g in self.grid if g > theta and not np.isclose(g, theta)]
+        grid = np.array(self.grid)
+        places = np.log(grid) if self.log_scale else grid
+        near = int(np.abs(places - (np.log(theta) if self.log_scale else theta)).argmin())
+        below, above = self.grid[:near], self.grid[near + 1 :]
         return max([low, *below[-1:]]), min([high, *above[:1]])
 
 

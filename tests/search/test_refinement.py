@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from app.search.candidate import Candidate
-from app.search.refinement import INTERVAL, INTERVAL_DROP, _Search
+from app.search.refinement import INTERVAL, INTERVAL_DROP, _Search, refine
+from tests.search.test_same_course import campaign_of, late, problem_of
 
 GRID = tuple(300.0 * 2.0**k for k in range(7))
 
@@ -59,3 +60,14 @@ def test_without_a_logarithm_it_is_the_same():
     grid = tuple(float(k) for k in range(11))
     found = Known(shape, grid, log_scale=False).error(8.0, 2.0)
     assert 8.0 - INTERVAL * found == pytest.approx(2.0 - 0.5 * np.sqrt(2.0 * 0.92), abs=0.3)
+
+
+@pytest.mark.parametrize("start", [3.9, 4.0, 4.1, 8.1])
+def test_a_value_of_the_grid_is_crossed_on_the_way_to_the_best(start):
+    """Refined beside one term, a lag stays where it came to be until another term moves it."""
+    campaign, candidates = campaign_of(lambda c: 20.0 * late(c, 2.5), visits=40)
+    problem = problem_of(campaign)
+    term = problem.term(candidates[1], start)
+    found = refine(problem, problem.states(np.ones(1, dtype=bool)), term)
+    # From 8.1 on, 16 is nearer than 4: its neighbour 4 is as far as one step goes.
+    assert found.theta == pytest.approx(2.5 if start < 8.0 else 4.0, rel=0.1)
