@@ -31,6 +31,11 @@ KNOWN_SHARE: Final = 0.95
 TIME_CONSTANTS_MIN: Final = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
 """Twice as long each time: half way between two of them 98 % of a lag are still seen."""
 
+SHORTEST_LAG_S: Final = 60.0
+"""What the shortest is refined to. Sensors are read about each minute: what is faster than that is
+hardly told from what comes at once, and what is not looked for would be called five minutes late,
+with an error that does not reach it."""
+
 OWN_ZEROS: Final = (
     "each visit has a zero of its own, which hides what is another from visit to visit: measure "
     "from one zero"

@@ -90,8 +90,8 @@ def test_a_second_sensor_and_a_difference_are_tried_late_in_their_neighbours_for
         at_once = {(h.variant, h.components, h.sensors) for h in found[kind] if not h.nonlinear}
         for one in late:
             assert (one.variant.removesuffix(", late"), one.components, one.sensors) in at_once
-            assert one.nonlinear.bounds == (300.0, 9600.0)
-            assert one.nonlinear.grid == (600.0, 2400.0, 9600.0)
+            assert one.nonlinear.bounds == (60.0, 9600.0)
+            assert one.nonlinear.grid == (300.0, 1200.0, 4800.0)
             assert one.follows == dict(zip(one.sensors, (1, -1), strict=False))
             (driver,) = {term.driver for terms in one.unit_terms(2400.0) for term in terms}
             assert driver.time_constant_s == 2400.0

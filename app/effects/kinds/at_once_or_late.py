@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Final, TypeAlias
 
-from app.effects.campaign_view import CampaignView
+from app.effects.campaign_view import SHORTEST_LAG_S, CampaignView
 from app.effects.driver import AboveReference, BeyondMaps, Difference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
@@ -26,8 +26,9 @@ LATE: Final = "late"
 maps from before the record count as measured when all had settled."""
 
 EACH: Final = 2
-"""Of the time constants that can be tested each second one is looked at first: four times as long
-each time. What follows late is more like its neighbours than what a lag leaves."""
+"""Of the time constants that can be tested each second one is looked at first, from the shortest
+on: four times as long each time. What follows late is more like its neighbours than what a lag
+leaves."""
 
 Course: TypeAlias = AboveReference | BeyondMaps | Difference
 """What it moves with [K]."""
@@ -56,7 +57,7 @@ def at_once_and_late(
         if driver is not None:
             yield _hypothesis(kind, view, code, driver, variant)
             if grid_s and variant in late:
-                some, ends = grid_s[1::EACH] or grid_s, (grid_s[0], grid_s[-1])
+                some, ends = grid_s[::EACH], (SHORTEST_LAG_S, grid_s[-1])
                 tau = Nonlinear("time_constant_min", SECONDS_PER_MIN, some, ends)
                 one = _hypothesis(kind, view, code, driver, f"{variant}, {LATE}")
                 yield replace(one, nonlinear=tau)

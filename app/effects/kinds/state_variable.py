@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from app.effects.campaign_view import CampaignView
+from app.effects.campaign_view import SHORTEST_LAG_S, CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import State
 from app.effects.effect import Effect
@@ -97,7 +97,7 @@ def _hypothesis(
         states=(state,),
         unit_terms=partial(_terms, code, state, POWERS[variant], shapes),
         amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_{per}"),
-        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1]))
+        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (SHORTEST_LAG_S, grid[-1]))
         if grid
         else None,
         is_within_visit=not grid,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, Final
 
-from app.effects.campaign_view import CampaignView
+from app.effects.campaign_view import SHORTEST_LAG_S, CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import Behind
 from app.effects.effect import Effect
@@ -93,7 +93,7 @@ def _hypothesis(sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]) ->
         sensors=(sensor,),
         unit_terms=partial(_terms, sensor, codes),
         amplitudes=(Amplitude("share"),),
-        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1])),
+        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (SHORTEST_LAG_S, grid[-1])),
     )
 
 
