@@ -144,7 +144,7 @@ async def test_a_tie_is_a_second_black_bar_with_what_separates_the_two(client, a
     done(app, ALL["found"] | {"effects": [SHIFT | {"alternatives": [tie]}, BACKLASH]})
     answer = await client.get(PAGE)
     assert answer.text.count('<tr class="black">') >= 2
-    assert "cannot tell black bars apart" in answer.text
+    assert "cannot tell the bars in bold apart" in answer.text
     assert "measure both ways" in answer.text
 
 

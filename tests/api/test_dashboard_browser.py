@@ -29,6 +29,18 @@ pytestmark = [
 PAGES = ("loop", "maps", "volume", "events")
 SHOWN = ("mcfv5050", "second", *(f"mcfv5050/{page}" for page in PAGES))
 
+CHECK = {
+    "label": "Morning",
+    "observations": [
+        {
+            "time": "2026-03-01T06:00:00Z",
+            "component": "EXX",
+            "position_mm": 250.0,
+            "measured_um": 4.0,
+        }
+    ],
+}
+
 SIZES = {"panel": (1366, 768), "phone": (390, 844), "wide": (1920, 1080)}
 
 
@@ -171,6 +183,77 @@ def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
             assert root.evaluate("e => e.scrollWidth") <= SIZES[size][0]
             assert root.evaluate("e => getComputedStyle(e).colorScheme") == scheme
             assert barriers(page) == []
+        assert wrong == []
+
+
+def test_what_is_for_readers_alone_is_seen_on_no_screen(chromium, shop):
+    """Also within a head that sticks, on a screen wider than it was once moved aside."""
+    with shop.open(), opened(chromium, shop, "wide") as (page, wrong):
+        shop.feed(25.0)
+        shop.send("POST", f"{ROOM}/verifications", CHECK)
+        for shown in ("", *(f"/{page}" for page in PAGES)):
+            page.goto(f"{shop.url}/machines/mcfv5050{shown}")
+            seen = page.locator(".skip").evaluate_all(
+                "all => all.filter(one => one.getBoundingClientRect().width > 1).length"
+            )
+            assert seen == 0, shown
+        page.keyboard.press("Tab")
+        assert page.locator(".skip:focus").bounding_box()["width"] > 50
+        assert wrong == []
+
+
+def test_what_is_chosen_shows_in_colours_that_a_person_has_set(chromium, shop):
+    """There a page has no backgrounds and no shadows of its own."""
+
+    def look(page, place, of):
+        return page.locator(place).first.evaluate(f"one => getComputedStyle(one).{of}")
+
+    with shop.open(), opened(chromium, shop, forced_colors="active") as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050")
+        chosen = look(page, ".component[aria-current]", "borderLeftColor")
+        assert chosen != look(page, ".component:not([aria-current])", "borderLeftColor")
+        assert look(page, ".bar nav a[aria-current]", "textDecorationLine") == "underline"
+        page.goto(shop.url + "/machines/mcfv5050/maps")
+        active = look(page, ".timeline .active .knot", "backgroundColor")
+        assert active != look(page, ".timeline li:not(.active) .knot", "backgroundColor")
+        page.goto(shop.url)
+        shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "VMC-2"})
+        page.reload()
+        edges = (".not-trusted td:first-child", ".fresh td:first-child")
+        failed, fresh = (look(page, f".machines tr{edge}", "borderLeftColor") for edge in edges)
+        assert failed != fresh
+        assert wrong == []
+
+
+def test_escape_leaves_a_question_and_enter_twice_destroys_nothing(chromium, shop):
+    def focused(page):
+        return page.evaluate("document.activeElement.textContent")
+
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.feed(25.0)
+        shop.send("POST", f"{ROOM}/verifications", CHECK)
+        page.goto(shop.url + "/machines/mcfv5050/loop")
+        page.locator("[data-delete]").focus()
+        page.keyboard.press("Enter")
+        expect(page.locator(".asked")).to_contain_text("cannot be brought back")
+        page.keyboard.press("Enter")
+        expect(page.locator(".asked")).to_have_count(0)
+        assert focused(page) == "Delete"
+        page.keyboard.press("Enter")
+        page.keyboard.press("Escape")
+        expect(page.locator(".asked")).to_have_count(0)
+        assert focused(page) == "Delete"
+        assert page.url.endswith("/loop")
+        page.goto(shop.url + "/machines/mcfv5050/maps")
+        page.get_by_role("button", name="Withdraw").first.click()
+        expect(page.locator("#found")).to_contain_text("Keep the map")
+        page.keyboard.press("Escape")
+        expect(page.locator("#found")).to_have_count(0)
+        assert focused(page).startswith("Withdraw")
+        assert page.url.endswith("/maps")
+        page.keyboard.press("Escape")
+        page.wait_for_url("**/machines/mcfv5050")
         assert wrong == []
 
 

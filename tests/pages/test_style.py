@@ -87,3 +87,14 @@ def test_figures_name_colours_of_the_style_alone():
     figures = page.split('id="figures">')[1].split("</script>")[0]
     (drawn,) = json.loads(figures).values()
     assert not re.findall(r"#[0-9a-f]{6}", json.dumps(drawn))
+
+
+DASHBOARD = TEMPLATES / "dashboard"
+_NEITHER_DARK_NOR_LIGHT = re.compile(r"\b(black|white)\b(?!-space)", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("page", sorted(p.name for p in DASHBOARD.iterdir()))
+def test_no_page_names_a_colour_that_is_another_in_the_dark(page):
+    """What is black on paper is white in the dark, and in colours that a person has set."""
+    words = re.sub(r"{[%{].*?[%}]}|<[^>]*>", " ", (DASHBOARD / page).read_text("utf-8"))
+    assert not _NEITHER_DARK_NOR_LIGHT.findall(words)

@@ -66,14 +66,20 @@ export function told(place, words) {
   place.replaceChildren(element("p", words));
 }
 
-// One question with what it changes and the way back; its button repeats the verb.
-export function askOnce(place, words, lines, verb, act) {
+// One question with what it changes and the way back; its button repeats the verb. Where it
+// destroys, leaving things as they are comes first: Enter twice destroys nothing.
+export function askOnce(place, words, lines, verb, act, destroys = false) {
+  const opener = document.activeElement;
   const box = element("div", "", "asked");
   const buttons = element("div", "", "buttons");
-  const yes = element("button", verb, "first");
-  const no = element("button", "Leave it as it is");
+  const yes = element("button", verb, destroys ? "" : "first");
+  const no = element("button", "Leave it as it is", destroys ? "first" : "");
   yes.type = no.type = "button";
-  no.addEventListener("click", () => place.replaceChildren());
+  no.dataset.leave = "";
+  no.addEventListener("click", () => {
+    place.replaceChildren();
+    (opener.isConnected ? opener : document.getElementById(opener.id))?.focus();
+  });
   yes.addEventListener("click", async () => {
     yes.disabled = no.disabled = true;
     try {
@@ -82,12 +88,12 @@ export function askOnce(place, words, lines, verb, act) {
       refused(place, `Not done: ${verb}.`, error);
     }
   });
-  buttons.append(yes, no);
+  buttons.append(...(destroys ? [no, yes] : [yes, no]));
   box.append(element("p", words));
   if (lines.length) box.append(list(lines));
   box.append(buttons);
   place.replaceChildren(box);
-  yes.focus();
+  (destroys ? no : yes).focus();
 }
 
 export function signed(value) {

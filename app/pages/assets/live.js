@@ -169,6 +169,16 @@ document.getElementById("theme").addEventListener("click", () => {
   localStorage.setItem("thermap-theme", root.dataset.theme);
 });
 
+// Escape leaves an open question as it is; only where there is none it leaves the page.
+document.addEventListener("keydown", (event) => {
+  const leave = document.querySelector(".asked [data-leave], #preview [data-do=discard]");
+  if (event.key !== "Escape" || !leave || document.querySelector("dialog[open]")) return;
+  if (event.target.closest("input, textarea, select")) return;
+  event.preventDefault();
+  event.stopImmediatePropagation();
+  leave.click();
+});
+
 document.addEventListener("keydown", (event) => {
   if (areOff() || document.querySelector("dialog[open]")) return;
   if (event.target.closest("input, textarea, select") || event.ctrlKey || event.metaKey || event.altKey) return;

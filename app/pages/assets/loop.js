@@ -240,7 +240,7 @@ function deleting(attribute, what, path, place) {
       askOnce(by(place), `${what} ${name} cannot be brought back.`, [], `Delete ${what.toLowerCase()} ${name}`, async () => {
         await send("DELETE", `${api}/${path}/${id}`);
         shown(attribute === "drop" ? null : number);
-      });
+      }, true);
     });
   }
 }

@@ -332,7 +332,7 @@ def _rivals(one: FoundEffect) -> dict[str, Any] | None:
     lead = min((a.behind for a in one.alternatives), default=None)
     words = "Dashed: 10, very strong."
     if any(a.tied for a in one.alternatives):
-        words += " These observations cannot tell black bars apart."
+        words += " These observations cannot tell the bars in bold apart."
     elif lead is not None:
         words += f" The lead is {figure_text(lead, 0)}."
     further = len(one.alternatives) - len(shown)

@@ -82,7 +82,7 @@ def upload_preview(
         "upload",
         "Storing this map",
         about,
-        remarks=remarks,
+        remarks=[*remarks, *preview.remarks],
         figures=[
             {"name": figure, "value": number(value), "unit": unit_of_field(figure) or ""}
             for figure, value in figures.items()
@@ -251,7 +251,7 @@ def _picture(preview: Preview) -> dict[str, Any] | None:
         max(float(one.positions_mm[-1]) for one in shown),
     )
     is_both_ways = any(one.backward_errors is not None for one in shown)
-    name = f"{component.code} compensation in {component.unit.symbol}: grey now, black afterwards"
+    name = f"{component.code} compensation in {component.unit.symbol}: faint now, strong afterwards"
     lost_mm = _lost_mm(lost, ends)
     return {
         "title": f"{component.code} compensation at the temperatures of now, "
