@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import nullcontext
+from functools import cache
 from typing import Annotated, Any, Final, TypeVar, cast
 
 from anyio import CapacityLimiter, to_thread
@@ -25,6 +26,7 @@ from starlette.types import Message
 
 from app.api.collector import uncollected
 from app.api.dependencies import refuse_unknown_query
+from app.api.field_errors import with_known_fields
 from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 from app.api.media_types import JSON
 from app.api.schemas.base import Schema
@@ -218,6 +220,11 @@ async def in_a_thread(read: Callable[[], Read]) -> Read:
     return await to_thread.run_sync(read_uncollected, limiter=limiter)
 
 
+@cache
+def _schema_of(adapter: TypeAdapter[Any]) -> dict[str, Any]:
+    return adapter.json_schema()
+
+
 def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
     try:
         content = read_json(body)
@@ -232,5 +239,8 @@ def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
     try:
         return adapter.validate_python(content)
     except ValidationError as error:
-        found = [{**e, "loc": ("body", *e["loc"])} for e in shown_errors(error)]
+        wrong = shown_errors(error)
+        if any(e["type"] == "extra_forbidden" for e in wrong):
+            wrong = with_known_fields(wrong, _schema_of(adapter))
+        found = [{**e, "loc": ("body", *e["loc"])} for e in wrong]
         raise RequestValidationError(found) from None

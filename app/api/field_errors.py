@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 from app.api.schemas.base import way_of
-from app.errors import FieldError, counted
+from app.errors import FieldError, counted, list_names
 from app.units import unit_of_field
 
 _WHERE = ("body", "query", "path", "header")
@@ -15,6 +16,9 @@ _WHERE = ("body", "query", "path", "header")
 
 _WAYS = ("[key]", *map(way_of, ("one", "more", "point", "line")))
 """Parts of pydantic's paths that are no fields."""
+
+_MOST_NAMES = 12
+"""Fields that are listed where an unknown one came."""
 
 _LONGEST_SHOWN = 80
 """Characters of one value, or of one part of a field's name, that are repeated."""
@@ -28,7 +32,7 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     if error["type"] == "json_invalid":
         return FieldError("body", f"expected JSON, got text that is none: {_reason(error)}")
     if error["type"] == "extra_forbidden":
-        return FieldError(".".join(path), "unknown field; expected only the documented ones")
+        return FieldError(".".join(path), f"unknown field; expected {_known(error)}")
     field = ".".join(path) or "body"
     if isinstance(error.get("input"), bytes):
         return FieldError(field, "expected JSON with the header Content-Type: application/json")
@@ -44,6 +48,69 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     return FieldError(field, f"expected {_expected(error, context)}{in_unit}, got {got}")
 
 
+def with_known_fields(
+    errors: Sequence[Mapping[str, Any]], schema: Mapping[str, Any]
+) -> list[Mapping[str, Any]]:
+    """Add to what is wrong which fields there are where an unknown one came.
+
+    Parameters
+    ----------
+    errors
+        Pydantic's errors, their places within what `schema` describes.
+    schema
+        The JSON schema of the whole, with its `$defs`.
+    """
+    return [
+        {**error, "ctx": {"known": _fields_at(schema, error["loc"][:-1])}}
+        if error["type"] == "extra_forbidden"
+        else error
+        for error in errors
+    ]
+
+
+def _fields_at(schema: Mapping[str, Any], way: Sequence[str | int]) -> list[str]:
+    """List the fields of the object at a place; those of each kind of object that may be there."""
+    nodes = list(_kinds(schema, schema))
+    for part in way:
+        inner = [one for node in nodes for one in _inside(schema, node, part)]
+        nodes = inner or nodes  # a kind's name is no step further in
+    return list(dict.fromkeys(name for node in nodes for name in node.get("properties", ())))
+
+
+def _inside(
+    schema: Mapping[str, Any], node: Mapping[str, Any], part: str | int
+) -> Iterator[Mapping[str, Any]]:
+    stated = (
+        node.get("items")
+        if isinstance(part, int)
+        else node.get("properties", {}).get(part, node.get("additionalProperties"))
+    )
+    if isinstance(stated, Mapping):
+        yield from _kinds(schema, stated)
+
+
+def _kinds(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """Follow references and alternatives to what describes something itself."""
+    if "$ref" in node:
+        name = str(node["$ref"]).rpartition("/")[2]
+        yield from _kinds(schema, schema["$defs"][name])
+        return
+    yield node
+    for other in (*node.get("anyOf", ()), *node.get("oneOf", ()), *node.get("allOf", ())):
+        yield from _kinds(schema, other)
+
+
+def _known(error: Mapping[str, Any]) -> str:
+    """Name the fields that an unknown one was not, those nearest to it where there are many."""
+    known: Sequence[str] = error.get("ctx", {}).get("known", ())
+    if not known:
+        return "only the documented ones"
+    if len(known) <= _MOST_NAMES:
+        return f"one of {list_names(known)}"
+    near = get_close_matches(str(error["loc"][-1])[:_LONGEST_SHOWN], known)
+    return f"only the documented ones; near it: {list_names(near or known, _MOST_NAMES)}"
+
+
 _LENGTHS = {
     "too_short": ("at least", "min_length", "entry", "entries"),
     "too_long": ("at most", "max_length", "entry", "entries"),
@@ -51,7 +118,13 @@ _LENGTHS = {
     "string_too_long": ("text of at most", "max_length", "character", "characters"),
 }
 
+_TIME = "a time that a calendar and a clock have, as ISO 8601 text such as 2026-03-01T06:00:00Z"
+
 _EXPECTED = {
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
     "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
     "list_type": "a list",
@@ -65,6 +138,8 @@ _EXPECTED = {
     "finite_number": "a finite number",
     "bool_type": "true or false",
     "bool_parsing": "true or false",
+    "datetime_parsing": _TIME,
+    "datetime_from_date_parsing": _TIME,
     "timezone_aware": "a time with its zone, such as 2026-03-01T06:00:00Z",
 }
 

@@ -165,7 +165,7 @@ async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
         ({"verifications": [1, 1]}, 422, "each once"),
         ({"verifications": ["1"]}, 422, "a whole number"),
         ({"verifications": [99]}, 404, "no verification 99"),
-        ({"verifications": [1], "holdout_fraction": 0.0}, 422, "greater than 0"),
+        ({"verifications": [1], "holdout_fraction": 0.0}, 422, "more than 0"),
         ({"verifications": [1], "holdout_fraction": 0.9}, 422, "less than 0.9"),
         ({"verifications": [1], "effects": ["gremlins"]}, 422, "thermal-lag"),
         ({"verifications": [1], "effects": []}, 422, "at least 1"),

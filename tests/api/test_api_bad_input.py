@@ -256,6 +256,16 @@ async def test_a_time_is_iso_8601_with_a_zone(app, client, place, field, time):
 
 
 @on_sqlite
+@pytest.mark.parametrize("time", ["2026-02-30T06:00:00Z", "2026-03-01T25:00:00Z"])
+async def test_a_time_that_there_never_is_is_told_how_times_are_written(app, client, time):
+    found = await refused(app, client, changed("reading", ("time",), time))
+    assert found["errors"][0]["message"] == (
+        "expected a time that a calendar and a clock have, as ISO 8601 text such as "
+        f"2026-03-01T06:00:00Z, got '{time}'"
+    )
+
+
+@on_sqlite
 @pytest.mark.parametrize("time", TIMES.values(), ids=TIMES)
 async def test_a_time_in_a_query_is_iso_8601_with_a_zone(client, time):
     for name in ("from", "to"):
@@ -345,6 +355,15 @@ async def test_a_machines_id_is_fit_for_a_url(app, client, machine_id):
     found = await refused(app, client, changed("machine", ("id",), machine_id))
     field = "body" if "\ud800" in str(machine_id) else "id"
     assert [e["field"] for e in found["errors"]] == [field]
+
+
+@on_sqlite
+async def test_what_an_id_may_be_is_said_in_words(app, client):
+    (error,) = (await refused(app, client, changed("machine", ("id",), "VMC 3")))["errors"]
+    assert error["message"] == (
+        "expected 1 to 64 letters from a to z or A to Z, digits, dots, hyphens or underscores, "
+        "the first of them a letter or digit, got 'VMC 3'"
+    )
 
 
 ODD_IDS = {
@@ -619,6 +638,37 @@ async def test_huge_values_are_not_repeated_in_the_answer(app, client):
     body = changed("map", ("label",), ["x" * 1_000_000])
     found = await refused(app, client, body)
     assert len(json.dumps(found)) < 2000
+
+
+@on_sqlite
+@pytest.mark.parametrize("name", ["readings", "data"])
+async def test_a_list_of_readings_with_a_name_around_it_is_told_of_the_list(app, client, name):
+    body = written({name: [READING]})
+    found = await refused(app, client, ("POST", f"{ROOM}/readings", body))
+    (error,) = found["errors"]
+    assert error["field"] == "body"
+    assert f'a list of them without the name "{name}" around it' in error["message"]
+
+
+UNKNOWN_FIELDS = {
+    "reading": ({**READING, "temperatures_f": {}}, "time, temperatures_c, state"),
+    "readings": ([{**READING, "temperatures": {}}], "time, temperatures_c, state"),
+    "machine": (NEW_MACHINE | {"axes": {"x": {"min_mm": 0, "max": 500}}}, "min_mm, max_mm"),
+    "map": (
+        error_map("Run #9", 40.0, components=[{"component": "EXX", "error_um": [1.0]}]),
+        "only the documented ones; near it: errors_um",
+    ),
+}
+
+
+@on_sqlite
+@pytest.mark.parametrize("name", UNKNOWN_FIELDS)
+async def test_where_a_field_is_unknown_those_that_there_are_are_named(app, client, name):
+    method, url, _ = BODIES[name]
+    body, expected = UNKNOWN_FIELDS[name]
+    found = await refused(app, client, (method, url, written(body)))
+    (said,) = [e["message"] for e in found["errors"] if "unknown" in e["message"]]
+    assert expected in said
 
 
 READINGS = TypeAdapter(OneOrMoreReadings)

@@ -181,7 +181,7 @@ async def test_another_uncertainty_under_a_label_is_a_conflict(client, app, chan
         (
             exx(standard_errors_um=[0.1, -0.2, 0.3]),
             "standard_errors_um.1",
-            "expected greater than or equal to 0 in µm, got -0.2",
+            "expected at least 0 in µm, got -0.2",
         ),
         (
             exx(standard_errors_um=[0.1, "0.2", 0.3]),
@@ -221,7 +221,7 @@ async def test_another_uncertainty_under_a_label_is_a_conflict(client, app, chan
         (
             {"component": "SXY", "value_um_per_m": 1.0, "standard_error_um_per_m": -1},
             "standard_error_um_per_m",
-            "expected greater than or equal to 0 in µm/m, got -1",
+            "expected at least 0 in µm/m, got -1",
         ),
         (
             exx(backward_standard_errors_um=[0.1, 0.2, 0.3]),

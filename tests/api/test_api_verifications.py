@@ -205,7 +205,7 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         (verification(observation(direction="up")), "observations.0.direction", "`+`"),
         (verification(observation(colour=1)), "observations.0.colour", "unknown field"),
         (verification(datum="second"), "datum", "'absolute'"),
-        (verification(repeatability_um=0), "repeatability_um", "greater than 0"),
+        (verification(repeatability_um=0), "repeatability_um", "more than 0"),
         ({"label": "none", "observations": []}, "observations", "at least 1"),
         ({"observations": [observation()]}, "label", "got nothing"),
     ],

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import ConfigDict, Field, StringConstraints
+from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints
 
 from app.api.schemas.base import Millimetres, Name, Number, Schema, UtcTime
 from app.errors import InvalidContent
@@ -23,9 +24,23 @@ from app.thermal.machine import (
 if TYPE_CHECKING:
     from app.storage.records import StoredMachine
 
+_MACHINE_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
+
+
+def _fit_for_a_url(text: Any) -> Any:
+    """Say in words what the pattern says; what is no text is refused for that."""
+    if isinstance(text, str) and not re.fullmatch(_MACHINE_ID, text):
+        raise ValueError(
+            "1 to 64 letters from a to z or A to Z, digits, dots, hyphens or underscores, the "
+            "first of them a letter or digit"
+        )
+    return text
+
+
 MachineId = Annotated[
     str,
-    StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"),
+    BeforeValidator(_fit_for_a_url),
+    StringConstraints(pattern=_MACHINE_ID),
     Field(description="Short name used in URLs", examples=["mcfv5050"]),
 ]
 

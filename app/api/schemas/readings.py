@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+import json
+from typing import Annotated, Any, Self
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime, way_of
 from app.api.schemas.in_pieces import InPieces
@@ -43,12 +44,25 @@ def _one_or_more(body: object) -> str:
     return way_of("more") if isinstance(body, list) else way_of("one")
 
 
+def _no_wrapped_list(body: Any) -> Any:
+    """Tell who sends `{"readings": [...]}` of the list; else each field would be complained of."""
+    if isinstance(body, dict) and len(body) == 1:
+        ((name, entries),) = body.items()
+        if isinstance(entries, list):
+            raise ValueError(
+                "one reading, an object with time and temperatures_c, or a list of them without "
+                f"the name {json.dumps(name[:80])} around it, such as [{{…}}, {{…}}]"
+            )
+    return body
+
+
 Readings = Annotated[list[ReadingSchema], InPieces(10_000)]
 """One to 10,000 readings."""
 
 OneOrMoreReadings = Annotated[
     Annotated[ReadingSchema, Tag(way_of("one"))] | Annotated[Readings, Tag(way_of("more"))],
     Discriminator(_one_or_more),
+    BeforeValidator(_no_wrapped_list),
 ]
 """A reading, or a list of them."""
 
