@@ -3634,6 +3634,9 @@ class PreviewAnswer(Shape):
     not_compared: str
     """Why nothing is known of changes, such as that there is no reading; else empty"""
 
+    warnings: list[str] = []
+    """What is unusual about what would be stored, such as numbers that may be in another unit"""
+
 
 class AnalysisAnswer(AnalysisHead):
     """An analysis with its result, once it is done."""

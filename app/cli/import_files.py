@@ -285,7 +285,10 @@ def _send(thermap: ThermapClient, one: ImportedFile, mode: ImportMode) -> None:
         typer.echo(f"{one.file}: note: {remark}", err=True)
     if mode.preview:
         for error_map in one.error_maps:
-            show_preview(one.file, thermap.preview_error_map(one.machine, error_map), alone=True)
+            preview = thermap.preview_error_map(one.machine, error_map)
+            show_preview(one.file, preview, alone=True)
+            for warning in preview.warnings:
+                typer.echo(f"note: {warning}", err=True)
         return
     for settings in one.machines:
         typer.echo(f"{one.file}: {_send_machine(thermap, settings)}")

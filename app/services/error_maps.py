@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from app.errors import Conflict, FieldError, InvalidContent
 from app.geometry.components import COMPONENTS
+from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
 from app.services.change_model import (
     Draft,
     MachineChange,
@@ -32,9 +35,13 @@ from app.storage.tables import ErrorMapRow
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.sensor_health import Health, check_temperatures
+from app.units import TemperatureUnit, Unit
 
 SHORT_SHARE_OF_TRAVEL = 0.1
 """A table that covers less than this share of its axis' travel is remarkable."""
+
+WORKSHOP_F = (50.0, 122.0)
+"""Between these a machine's temperatures lie in °F [10 to 50 °C]; in °C all of them never do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +124,13 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
     """
     with reading_machine(context, machine_id) as change:
         if _known(change, error_map) is not None:
-            return preview_latest(context, change, f"map {error_map.label!r} is there already")
+            known = preview_latest(context, change, f"map {error_map.label!r} is there already")
+            return replace(known, remarks=remarks(change.machine, error_map))
         _check(context, change, error_map)
         # No stored map has the number nought.
         draft = _draft(change, StoredMap(0, error_map, context.now()))
-        return preview_draft(context, change, draft)
+        preview = preview_draft(context, change, draft)
+        return replace(preview, remarks=remarks(change.machine, error_map))
 
 
 def _known(change: MachineChange, error_map: ErrorMap) -> StoredMap | None:
@@ -152,12 +161,50 @@ def _draft(change: MachineChange, stored: StoredMap) -> Draft:
 
 def remarks(machine: Machine, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
-    found = table_remarks(machine, error_map.tables.values())
+    found = [
+        *_doubted_units(error_map),
+        *table_remarks(machine, error_map.tables.values()),
+    ]
     for sensor in machine.sensors.values():
         stand_in = sensor.stand_in
         known = error_map.temperatures_c
         if stand_in and sensor.name in known and stand_in not in known:
             found.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
+    return found
+
+
+def _doubted_units(error_map: ErrorMap) -> list[str]:
+    """Ask whether numbers are in another unit: they would be wrong, and nothing else would say so.
+
+    A map is not refused for it: a machine may be better, worse or hotter than any that we know.
+    """
+    found = []
+    t_c = list(error_map.temperatures_c.values())
+    low, high = WORKSHOP_F
+    if t_c and all(low <= t <= high for t in t_c):
+        to_c = TemperatureUnit.FAHRENHEIT.to_c
+        stated, meant = f"{min(t_c):g}", f"{to_c(min(t_c)):.1f}"
+        if max(t_c) > min(t_c):
+            stated, meant = f"{stated} to {max(t_c):g}", f"{meant} to {to_c(max(t_c)):.1f}"
+        found.append(
+            f"its temperatures are {stated} °C: are they in °F? Then they are {meant} °C, and are "
+            "to be stated so"
+        )
+    values = {
+        code: np.concatenate([t.errors, *([] if (b := t.backward_errors) is None else [b])])
+        for code, t in error_map.tables.items()
+        if t.component.is_table and t.component.unit in (Unit.UM, Unit.URAD)
+    }
+    lengths = [v for code, v in values.items() if COMPONENTS[code].unit is Unit.UM]
+    if lengths:
+        found += suspiciously_small("errors_um", np.concatenate(lengths))
+    for code, of_one in values.items():
+        unit, largest = COMPONENTS[code].unit, float(np.abs(of_one).max())
+        if largest > LARGEST_UM:
+            smaller = "nm" if unit is Unit.UM else "nrad"
+            found.append(
+                f"{code} has an error of {largest:g} {unit.symbol}: are its errors in {smaller}?"
+            )
     return found
 
 

@@ -59,7 +59,8 @@ class Preview:
 
     `activates` says whether it would be activated without more ado, and `reason` what would
     make it; `active_version` is the one that it is held against, None before the first, and
-    `waited_before` what waits already, which may be why something is lost.
+    `waited_before` what waits already, which may be why something is lost. `remarks` say what is
+    unusual about what would be stored.
     """
 
     reason: str
@@ -68,6 +69,7 @@ class Preview:
     difference: ModelDifference
     present: PresentChange
     waited_before: WaitedBefore | None
+    remarks: Sequence[str] = ()
 
 
 def preview_draft(

@@ -254,6 +254,34 @@ async def test_what_is_unusual_about_a_table_is_said(client, positions_mm, said)
     assert [said in w for w in warnings] == [True] if said else warnings == []
 
 
+HOT = {"x-middle": 77.0, "y-front": 77.0, "z-column": 78.8}
+
+
+@pytest.mark.parametrize(
+    ("temperatures_c", "errors", "said"),
+    [
+        (HOT, [0.0, 12.0], "are they in °F? Then they are 25.0 to 26.0 °C"),
+        (HOT | {"z-column": 40.0}, [0.0, 12.0], None),
+        (WARM, [0.0, 0.012], "they may be in mm instead of µm"),
+        (WARM, [0.0, 12_000.0], "EXX has an error of 12000 µm: are its errors in nm?"),
+        (WARM, [0.0, 0.0], None),
+    ],
+    ids=["fahrenheit", "one is hot", "millimetres", "nanometres", "zeros"],
+)
+async def test_numbers_that_may_be_in_another_unit_are_asked_about(
+    client, temperatures_c, errors, said
+):
+    """Before the map is stored as after: a table that is wrong by it says nothing more."""
+    asked = error_map("Run #9", 40.0, temperatures_c=temperatures_c)
+    asked["components"] = [table("EXX", [0, 500], [0, 0], backward_errors_um=errors)]
+    before = await client.post(PATH, params={"preview": "true"}, json=asked)
+    after = await client.post(PATH, json=asked)
+    assert (before.status_code, after.status_code) == (200, 201)
+    for answer in (before, after):
+        warnings = answer.json()["warnings"]
+        assert [said in w for w in warnings] == [True] if said else warnings == []
+
+
 async def test_positions_beyond_the_travel_are_stored_with_a_warning(client):
     answer = await stored(client, table("EXX", [-10, 600], [0, 1]))
     assert answer.status_code == 201

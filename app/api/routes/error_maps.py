@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from fastapi import Response
@@ -120,7 +121,8 @@ def answer_to_map(
     """Store a map or preview it, whichever way it came; `notes` are of its file."""
     if preview:
         response.status_code = 200
-        return PreviewAnswer.of(preview_error_map(context, machine, error_map))
+        previewed = preview_error_map(context, machine, error_map)
+        return PreviewAnswer.of(replace(previewed, remarks=[*notes, *previewed.remarks]))
     found = store_error_map(context, machine, error_map, accept_losses=accept_losses)
     response.status_code = 201 if found.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{found.stored.id}"

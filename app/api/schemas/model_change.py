@@ -206,6 +206,11 @@ class PreviewAnswer(Schema):
     not_compared: str = Field(
         description="Why nothing is known of changes, such as that there is no reading; else empty"
     )
+    warnings: list[str] = Field(
+        default_factory=list,
+        description="What is unusual about what would be stored, such as numbers that may be in "
+        "another unit",
+    )
 
     @classmethod
     def of(cls, preview: Preview) -> Self:
@@ -227,4 +232,5 @@ def preview_fields(preview: Preview) -> dict[str, Any]:
         "temperatures_c": dict(present.temperatures_c),
         "changes": [ComponentChangeAnswer.of(change) for change in present.changes],
         "not_compared": present.why_not,
+        "warnings": list(preview.remarks),
     }
