@@ -47,6 +47,19 @@ class Named(Protocol):
         """Which states drive it."""
 
 
+def do_the_same(one: Named, other: Named) -> bool:
+    """Whether two are the same kind with the same drivers: forms of one thing, as late and at once.
+
+    What they do here is then the same.
+    """
+    return (one.kind, one.components, one.sensors, one.states) == (
+        other.kind,
+        other.components,
+        other.sensors,
+        other.states,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class NotTested(Answer, published_as="NotTestedAnswer"):
     """What these observations cannot show."""

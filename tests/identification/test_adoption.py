@@ -15,6 +15,7 @@ from app.identification.analysis.adoption import (
     OF_EITHER,
     judge_help,
 )
+from app.identification.analysis.finished_search import FinishedSearch
 from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
 from app.search.names import WALKS
 from app.search.rows import Datum
@@ -79,8 +80,23 @@ def judgement(
         # Another one: as it would be had it always been the same.
         return claimed[own[0]] if own else always if always is not None else claimed[0]
 
-    found = SimpleNamespace(
-        effects=lambda: effects,
+    class Stated(FinishedSearch):
+        """A search that found what the test says."""
+
+        def effects(self):
+            return effects
+
+        def explained(self, effect):
+            return explained(effect)
+
+        def is_slowest(self, term):
+            return is_slowest
+
+        def is_unexplained_at(self, channels, *, besides=""):
+            return bool(set(channels) & set(left))
+
+    rivals = (rival for term in terms for rival in term.rivals)
+    found = Stated(
         residuals=SimpleNamespace(rows=rows),
         rows=SimpleNamespace(
             values=values,
@@ -90,12 +106,11 @@ def judgement(
             tilt=rows.points_mm[:, :1],
         ),
         use=np.ones(len(rows), dtype=bool),
-        explained=explained,
-        is_slowest=lambda _term: is_slowest,
-        is_unexplained_at=lambda channels, besides: bool(set(channels) & set(left)),
+        hypotheses={rival.key: Effect(rival.family, ("EXX",)) for rival in rivals},
         findings=SimpleNamespace(
             known=None,
             refitted=(),
+            unexplained=tuple(left),
             terms=tuple(terms),
             adopted=np.sum(claimed, axis=0) if predicted is None else predicted,
             noise=dict.fromkeys((0, 1), ChannelNoise(1.0, "declared", 1.0, rows.visits, len(rows))),
@@ -127,6 +142,36 @@ def test_what_an_instrument_may_have_done_as_well_is_not_adopted_unasked(tied, h
     (one,) = judged(right, right, terms=(term(rivals=(rival,)),))
     assert one.helps is helps
     assert helps or "of the instrument, or of the machine" in one.why_not
+
+
+TIED = Rival("periodic EXX", "periodic", None, 1.0, 0.9, tied=True)
+
+
+@pytest.mark.parametrize(
+    ("slope", "rivals", "left", "helps"),
+    [
+        (Slope(0.9, 0.2, 25.0), (TIED,), (), True),
+        (Slope(0.9, 0.2, 25.0), (), (1,), True),
+        (Slope(0.9, 0.2, 25.0), (TIED,), (1,), False),
+        (Slope(0.9, 0.15, 44.0), (TIED,), (1,), True),
+        (Slope(1.5, 0.05, 400.0), (TIED,), (1,), True),
+        (Slope(1.5, 0.05, 400.0), (), (), True),
+        (Slope(0.4, 0.05, 400.0), (), (), False),
+    ],
+    ids=["a tie", "something left", "both", "surely half", "more", "more and sure", "less"],
+)
+def test_what_may_stand_for_what_nobody_knows_has_to_show_surely_half(slope, rivals, left, helps):
+    """Of what is left in another channel; beside another effect, so that gains tell nothing."""
+    rows = campaign()
+    right, other = swinging(rows), 0.5 * np.cos(rows.visit * 2.1)
+    first, _ = judged(
+        slope.value * right + other,
+        *(right, other),
+        kinds=("backlash", "periodic"),
+        terms=(term(slope, rivals=rivals), term()),
+        left=left,
+    )
+    assert first.helps is helps
 
 
 def test_a_slope_that_is_known_badly_is_no_reason_where_visits_get_smaller():

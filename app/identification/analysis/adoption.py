@@ -221,16 +221,14 @@ def _why_not_itself(
     is looked at alone. Held-out visits say nothing of it where their fold has not found it.
     """
     names = found.residuals.rows.channels
-    zero = np.zeros(len(own))
     size = product = variance = 0.0
     for c in (c for c, name in enumerate(names) if name in effect.components):
-        noise, shift = _scatter(found, c)
+        noise, shift = found.scatter(c)
         here = found.use & (found.rows.channel == c)
         for visit in np.unique(found.rows.visit[here]):
             rows = here & (found.rows.visit == visit)
-            # Of nothing predicted, what is left is minus what the rows hold.
-            claimed = _from_zero(found, zero, rows) - _from_zero(found, own, rows)
-            left = _from_zero(found, together - own, rows)
+            claimed = found.from_zero(own, rows)
+            left = found.from_zero(found.rows.values - together + own, rows)
             weight = 1.0 / (noise**2 + shift**2)
             size += weight * float(claimed @ claimed)
             product += weight * float(claimed @ left)
@@ -281,11 +279,7 @@ def _why_not(
         and forward.information >= ABOVE_ZERO**2
         and not holds(forward, term.likelihood_ratio)
     )
-    is_seen = (
-        term.slope is not None
-        and (term.inclusion or 0.0) >= OFTEN_FOUND
-        and holds(term.slope, term.likelihood_ratio)
-    )
+    is_seen = (term.inclusion or 0.0) >= OFTEN_FOUND and _is_seen(found, effect, term)
     is_alone = not any(set(term.channels) & set(other.channels) for other in others)
     if not fails_forward and (is_seen or (is_alone and _gains(found, term.channels))):
         return None
@@ -297,6 +291,21 @@ def _why_not(
         f"{when} show {slope.value:.2f} ± {slope.error:.2f} of what it predicts, which does not "
         "prove that it helps"
     )
+
+
+def _is_seen(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether held-out visits show what is predicted, or at least what makes their squares smaller.
+
+    These fall where surely more than half of it is there, also where there is more than all of it.
+    Compatible with all of it is enough where the name is sure, or nothing remains unexplained
+    anywhere. Else it may stand for what nobody knows, and need not last as it is.
+    """
+    slope = term.slope
+    if slope is None:
+        return False
+    is_known = found.is_name_sure(effect, term) or not found.findings.unexplained
+    is_all = is_known and bool(holds(slope, term.likelihood_ratio))
+    return is_all or slope.value - HALF > ABOVE_ZERO * slope.error
 
 
 def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
@@ -401,23 +410,18 @@ def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: B
     """
     own = found.explained(effect)
     others = sum((found.explained(e) for e in found.effects()), -own)
-    zero = np.zeros(len(own))
     information, product = np.zeros((2, 2)), np.zeros(2)
     for c, visit in np.unique(
         np.column_stack([found.rows.channel, found.rows.visit])[acts], axis=0
     ).tolist():
         rows = acts & (found.rows.channel == c) & (found.rows.visit == visit)
-        noise, shift = _scatter(found, c)
-        # Of nothing predicted, what is left is minus what the rows hold.
-        at_zero = _from_zero(found, zero, rows)
-        columns = np.column_stack(
-            [at_zero - _from_zero(found, part, rows) for part in (own, always)]
-        )
+        noise, shift = found.scatter(c)
+        columns = np.column_stack([found.from_zero(part, rows) for part in (own, always)])
         # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
         shared = shift**2 / (noise**2 + len(columns) * shift**2)
         weighted = (columns - shared * columns.sum(axis=0)) / noise**2
         information += weighted.T @ columns
-        product += weighted.T @ _from_zero(found, others, rows)
+        product += weighted.T @ found.from_zero(found.rows.values - others, rows)
     covariance = np.linalg.pinv(information, hermitian=True)
     # Where nothing tells the two apart, neither is known.
     if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:
@@ -441,15 +445,15 @@ def _gains_of_visits(
 ) -> list[float]:
     """Sum up by how much the squares of each visit fall, each channel in its floor's."""
     gains: list[float] = []
-    nothing = np.zeros(len(found.use))
     visit = found.rows.visit
     chosen = chosen & np.isin(found.rows.channel, list(channels))
     for number in np.unique(visit[chosen]):
         gain = 0.0
         for c in channels:
             own = chosen & (visit == number) & (found.rows.channel == c)
-            before, after = (_from_zero(found, part, own) for part in (nothing, predicted))
-            gain += float(np.sum(before**2 - after**2)) / _floor(found, c) ** 2
+            before = found.from_zero(found.rows.values, own)
+            after = found.from_zero(found.rows.values - predicted, own)
+            gain += float(np.sum(before**2 - after**2)) / found.floor(c) ** 2
         gains.append(gain)
     return gains
 
@@ -470,46 +474,15 @@ def _markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[_W
             yield _Worse(own, c, before, after)
 
 
-def _scatter(found: FinishedSearch, channel: int) -> tuple[float, float]:
-    """Give the standard deviations of an observation and of a set-up as a whole."""
-    noise = max(found.findings.noise[channel].fitted, float(np.finfo(float).tiny))
-    return noise, float(np.sqrt(max(_floor(found, channel) ** 2 - noise**2, 0.0)))
-
-
 def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
     """Say how far a visit lies off as a whole by its set-up and its repeatability."""
-    noise, setup = _scatter(found, channel)
+    noise, setup = found.scatter(channel)
     is_zeroed = found.rows.datum.get((visit, channel)) is Datum.FIRST
     return float(np.sqrt(setup**2 + noise**2 * (1.0 / count + is_zeroed)))
 
 
-def _floor(found: FinishedSearch, channel: int) -> float:
-    noise, held = found.findings.noise[channel].fitted, found.findings.held_out.get(channel)
-    return max(noise, 0.0 if held is None else held.floor, np.finfo(float).tiny)
-
-
 def _size(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> float:
-    return rms(_from_zero(found, predicted, own))
-
-
-def _from_zero(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> FloatArray:
-    """Give what is left of one visit in one channel from the zero that the machine has there.
-
-    From its first observation where the instrument read zero there, from the mean where its zero
-    is not known.
-    """
-    rows = np.flatnonzero(own)
-    left: FloatArray = found.rows.values[rows] - predicted[rows]
-    if not rows.size:
-        return left
-    datum = found.rows.datum.get(
-        (int(found.rows.visit[rows[0]]), int(found.rows.channel[rows[0]])), Datum.ABSOLUTE
-    )
-    if datum is Datum.FIRST:
-        left = left - left[np.argmin(found.residuals.rows.times_s[rows])]
-    if datum is Datum.FREE:
-        left = left - left.mean()
-    return left
+    return rms(found.from_zero(found.rows.values - predicted, own))
 
 
 def _gets_worse(found: FinishedSearch, worse: _Worse) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Final
 
-from app.effects.kind import NotTested
+from app.effects.kind import NotTested, do_the_same
 from app.effects.registry import kind_of
 from app.errors import list_names
 from app.identification.analysis.analysis import (
@@ -200,7 +200,7 @@ def _of_effect(effect: FoundEffect) -> list[str]:
         f"{a.separating_measurement[:1].upper()}{a.separating_measurement[1:]} (separates "
         f"{_from_rival(effect, a)})."
         for a in effect.ties[:2]
-        if a.separating_measurement and not a.is_other_form_of(effect.effect)
+        if a.separating_measurement and not do_the_same(a, effect.effect)
     ]
     kind = kind_of(effect.effect.kind)
     if effect.status != "confirmed":

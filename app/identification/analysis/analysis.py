@@ -15,7 +15,7 @@ from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, Codes, Range, Sensors, UnitSymbol, shown
 from app.effects.effect import StoredEffect
-from app.effects.kind import Named, NotTested
+from app.effects.kind import NotTested
 from app.effects.valid import LearntIn
 from app.errors import list_names
 from app.identification.residuals.residuals import LeftOut
@@ -208,15 +208,6 @@ class Alternative(Answer, published_as="AlternativeAnswer"):
 
     separating_measurement: str | None = None
     """What would tell them apart"""
-
-    def is_other_form_of(self, effect: Named) -> bool:
-        """Whether it is the same kind with the same drivers: both then do the same here."""
-        return (self.kind, self.components, self.sensors, self.states) == (
-            effect.kind,
-            effect.components,
-            effect.sensors,
-            effect.states,
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,14 +13,16 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis, key_of
+from app.effects.kind import do_the_same
 from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.step import Step
 from app.effects.projection import sum_of_terms
+from app.effects.registry import kind_of
 from app.identification.analysis.before_after import UnknownZero, unknown_zeros
 from app.identification.residuals.residuals import Residuals
 from app.search.findings import Findings, FoundTerm, Status
-from app.search.rows import Nuisance, Rows
+from app.search.rows import Datum, Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.validation import holds
 
@@ -63,6 +65,66 @@ class FinishedSearch:
         """Say whether structure remains in any of some channels, whatever one test says."""
         left = {one.channel for one in self.findings.unexplained if one.test != besides}
         return None in left or bool(left.intersection(channels))
+
+    def floor(self, channel: int) -> float:
+        """Say what repeatability and set-up scatter alone leave in a channel [its unit]."""
+        noise, held = self.findings.noise[channel].fitted, self.findings.held_out.get(channel)
+        return float(max(noise, 0.0 if held is None else held.floor, np.finfo(float).tiny))
+
+    def scatter(self, channel: int) -> tuple[float, float]:
+        """Give the standard deviations of an observation and of a set-up as a whole."""
+        noise = float(max(self.findings.noise[channel].fitted, np.finfo(float).tiny))
+        return noise, float(np.sqrt(max(self.floor(channel) ** 2 - noise**2, 0.0)))
+
+    def from_zero(self, values: FloatArray, own: BoolArray) -> FloatArray:
+        """Give values of one visit in one channel from the zero that the machine has there.
+
+        From its first observation where the instrument read zero there, from the mean where its
+        zero is not known.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            Of all rows.
+        own : ndarray, shape (n,)
+            Which rows are that visit's in that channel.
+        """
+        rows = np.flatnonzero(own)
+        found: FloatArray = values[rows]
+        if not rows.size:
+            return found
+        datum = self.rows.datum.get(
+            (int(self.rows.visit[rows[0]]), int(self.rows.channel[rows[0]])), Datum.ABSOLUTE
+        )
+        if datum is Datum.FIRST:
+            found = found - found[np.argmin(self.residuals.rows.times_s[rows])]
+        if datum is Datum.FREE:
+            found = found - found.mean()
+        return found
+
+    def own_channels(self, effect: Effect, term: FoundTerm) -> list[int]:
+        """The effect's own components where they were observed by themselves, else all channels."""
+        names = self.residuals.rows.channels
+        return [c for c in term.channels if names[c] in effect.components] or list(term.channels)
+
+    def is_proxy(self, effect: Effect, term: FoundTerm) -> bool:
+        """Whether something unexplained remains where it acts, for which it may stand."""
+        return self.is_unexplained_at(self.own_channels(effect, term))
+
+    def is_name_sure(self, effect: Effect, term: FoundTerm) -> bool:
+        """Whether held-out visits show the effect, and nothing else that would do the same.
+
+        Of a tied one held-out visits show what it does as well: they say nothing of which it is.
+        """
+        kind = kind_of(effect.kind)
+        is_tied = any(
+            rival.tied and not do_the_same(self.hypotheses[rival.key], effect)
+            for rival in term.rivals
+        )
+        is_doubted = bool(is_tied or kind.never_sure or kind.doubt(effect))
+        return (
+            term.status is Status.CONFIRMED and not is_doubted and not self.is_proxy(effect, term)
+        )
 
     def is_slowest(self, term: FoundTerm) -> bool:
         """Say whether a term has the longest time constant that was tried for it."""

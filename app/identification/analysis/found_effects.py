@@ -95,14 +95,10 @@ def _found_effect(
     found: FinishedSearch, effect: Effect, term: FoundTerm, helps: Help, *, is_unsure: bool
 ) -> FoundEffect:
     before, after, unit = _sizes(found, effect, term)
-    is_proxy = found.is_unexplained_at(_own_channels(found, effect, term))
+    is_proxy = found.is_proxy(effect, term)
     confirmed = term.status is Status.CONFIRMED
-    alternatives = _alternatives(found, term)
-    # Held-out visits show what a tied one would do as well: they say nothing of which it is.
-    is_tied = any(a.tied and not a.is_other_form_of(effect) for a in alternatives)
     own_doubt = kind_of(effect.kind).doubt(effect)
-    never_sure = bool(kind_of(effect.kind).never_sure or own_doubt)
-    is_open = is_proxy or is_unsure or is_tied or never_sure
+    is_open = is_unsure or not found.is_name_sure(effect, term)
     return FoundEffect(
         effect=effect,
         before_rms=before,
@@ -114,7 +110,7 @@ def _found_effect(
         is_proxy=is_proxy,
         doubts=(*term.doubts, *filter(None, [own_doubt])),
         evidence=_evidence(term),
-        alternatives=alternatives,
+        alternatives=_alternatives(found, term),
         explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}",
         strongest_visits=tuple(_visit(found, v) for v in term.strongest_visits),
         leverage=term.leverage,
@@ -174,7 +170,7 @@ def _alternative(own: Hypothesis, other: Hypothesis, term: FoundTerm, rival: Riv
 def _sizes(found: FinishedSearch, effect: Effect, term: FoundTerm) -> tuple[float, float, str]:
     """Residuals where the effect acts, before and after all effects, and their unit."""
     names = found.residuals.rows.channels
-    own = _own_channels(found, effect, term)
+    own = found.own_channels(effect, term)
     in_um = [c for c in own if channel_unit(names[c]) is Unit.UM]
     chosen = found.use & np.isin(found.rows.channel, in_um or own)
     predicted = found.findings.adopted
@@ -188,12 +184,6 @@ def _sizes(found: FinishedSearch, effect: Effect, term: FoundTerm) -> tuple[floa
         for part in (0.0, explained)
     ]
     return sizes[0], sizes[1], channel_unit(names[(in_um or own)[0]]).symbol
-
-
-def _own_channels(found: FinishedSearch, effect: Effect, term: FoundTerm) -> list[int]:
-    """The effect's own components where they were observed by themselves, else all channels."""
-    names = found.residuals.rows.channels
-    return [c for c in term.channels if names[c] in effect.components] or list(term.channels)
 
 
 def _visit(found: FinishedSearch, number: int) -> StrongVisit:
