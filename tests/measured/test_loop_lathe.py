@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.effects.registry import KINDS
 from app.identification.campaign import residuals_of
 from app.identification.residuals.frozen_observations import FROZEN
 from app.thermal.doubtful_sensors import doubtful_sensors
@@ -16,6 +15,7 @@ from examples.measured.data_folder import data_folder
 from examples.measured.lathe import make_lathe
 from examples.measured.lathe_runs import FAILED, FOLDER, read_runs
 from examples.measured.loop import (
+    MAY_BE_ADOPTED,
     Figures,
     close_the_loop,
     effects_of,
@@ -64,7 +64,7 @@ def test_runs_that_took_no_part_are_predicted_better(lathe, part):
     left_out = lathe.dates[part::PARTS]
     learn = lathe.campaign([d for d in lathe.dates if d not in left_out])
     # A response, which learns everything again without each run, has a benchmark of its own.
-    kinds = [name for name in KINDS if name != "response"]
+    kinds = [name for name in MAY_BE_ADOPTED if name != "response"]
     rounds = close_the_loop(learn, kinds, most_rounds=2)
     named = [one for one in rounds[0].analysis.not_testable if one.on == FAILED]
     assert "left its neighbours by +31.0 K on 2020-08-21" in named[0].reason
