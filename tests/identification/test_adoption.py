@@ -144,6 +144,16 @@ def test_what_an_instrument_may_have_done_as_well_is_not_adopted_unasked(tied, h
     assert helps or "of the instrument, or of the machine" in one.why_not
 
 
+def test_nobody_is_sure_of_a_shift_beside_an_instrument_that_warms_up():
+    """Whichever component shows that it does: the instrument is the same."""
+    rows = campaign()
+    shift, settling = np.full(len(rows), 3.0), swinging(rows)
+    kinds, terms = ("outdated-map", "instrument-warm-up"), (term(), term())
+    said = judgement(shift + settling, shift, settling, kinds=kinds, terms=terms)
+    assert said.unsure == {0}
+    assert "may be its own" in said.helps[0].why_not
+
+
 TIED = Rival("periodic EXX", "periodic", None, 1.0, 0.9, tied=True)
 
 

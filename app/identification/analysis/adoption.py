@@ -95,9 +95,9 @@ class Help(NamedTuple):
 class Judged(NamedTuple):
     """Which of the found effects help, and whether what is refitted beside them holds.
 
-    Nobody is sure of the names of those that are `unsure`: with them a visit that was held out
-    gets markedly worse, one set-up alone shows what an instrument does as well as a machine, or
-    they never change at any of a few places.
+    Nobody is sure of the names of those that are `unsure`: a mistake that was found beside them may
+    have made them, with them a visit that was held out gets markedly worse, one set-up alone shows
+    what an instrument does as well as a machine, or they never change at any of a few places.
     """
 
     helps: list[Help]
@@ -138,7 +138,8 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
     unsure = {
         i
         for i, (effect, term) in enumerate(zip(effects, terms, strict=True))
-        if _why_not_lasting(found, effect, term) is not None
+        if _spoilt(effect, effects) is not None
+        or _why_not_lasting(found, effect, term) is not None
         or _is_of_few_places(found, effect, term)
     }
     while chosen := [i for i, words in enumerate(said) if words is None]:
