@@ -13,6 +13,7 @@ from app.identification.analysis.adoption import (
     BESIDE_A_WALK,
     OF_A_WALK,
     OF_EITHER,
+    ONCE_AS_WELL,
     judge_help,
 )
 from app.identification.analysis.finished_search import FinishedSearch
@@ -69,11 +70,12 @@ def judgement(
     predicted=None,
     is_slowest=False,
     always=None,
+    sensors=(),
 ):
     """Judge effects that claim what they say of rows where something is true."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
-    effects = [Effect(kind, ("EXX",)) for kind in kinds]
+    effects = [Effect(kind, ("EXX",), sensors=sensors) for kind in kinds]
 
     def explained(effect):
         own = [number for number, one in enumerate(effects) if one is effect]
@@ -152,6 +154,27 @@ def test_nobody_is_sure_of_a_shift_beside_an_instrument_that_warms_up():
     said = judgement(shift + settling, shift, settling, kinds=kinds, terms=terms)
     assert said.unsure == {0}
     assert "may be its own" in said.helps[0].why_not
+
+
+@pytest.mark.parametrize(
+    ("family", "tied", "sensors", "helps"),
+    [
+        ("drift", True, ("x-middle",), False),
+        ("step", True, ("x-middle",), False),
+        ("periodic", True, ("x-middle",), True),
+        ("drift", False, ("x-middle",), True),
+        ("drift", True, (), True),
+    ],
+)
+def test_what_may_have_come_with_time_need_not_come_again_with_a_temperature(
+    family, tied, sensors, helps
+):
+    """What follows nothing, as a shift does, stays as it is."""
+    right = swinging(campaign())
+    rival = Rival(f"{family} EXX", family, None, 1.0, 0.9, tied)
+    (one,) = judged(right, right, terms=(term(rivals=(rival,)),), sensors=sensors)
+    assert one.helps is helps
+    assert helps or one.why_not == ONCE_AS_WELL
 
 
 TIED = Rival("periodic EXX", "periodic", None, 1.0, 0.9, tied=True)

@@ -15,6 +15,7 @@ from scipy.stats import norm, t
 from app.arrays import BoolArray, FloatArray
 from app.effects.driver import Always, SinceReference, StepAfter
 from app.effects.effect import Effect
+from app.effects.kinds.drift import Drift
 from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.step import Step
 from app.effects.observations import POINT_CHANNELS
@@ -63,6 +64,13 @@ SPARE_PLACES: Final = 2
 EITHER: Final = frozenset({*GROWING, Step.kind})
 """What a machine and an instrument can do alike."""
 
+ONCE: Final = frozenset({Drift.kind, Step.kind})
+"""What comes with time, and not again with temperatures or states."""
+
+ONCE_AS_WELL: Final = (
+    "these observations show as well that it came with time: whether it comes again with what it "
+    "seems to follow, nobody knows"
+)
 BESIDE_WHAT_NOBODY_KNOWS: Final = (
     "something unexplained remains where it acts, which may take back later what it began: nobody "
     "knows that it lasts"
@@ -269,9 +277,12 @@ def _why_not(
         return not_lasting
     if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
-    either = (kind_of(rival.family).never_sure for rival in term.rivals if rival.tied)
+    tied = {rival.family for rival in term.rivals if rival.tied}
+    either = (kind_of(family).never_sure for family in sorted(tied))
     if of_either := next(filter(None, either), None):
         return of_either
+    if (effect.sensors or effect.states) and tied & ONCE:
+        return ONCE_AS_WELL
     if not np.isfinite(found.findings.adopted[found.use]).any():
         return NOT_HELD_OUT
     forward = term.forward_slope
