@@ -16,7 +16,7 @@ from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import MACHINE, ROOM, UNHURRIED, furnish_database, reading
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-PATIENCE_MS = 60_000
+PATIENCE_MS = 300_000
 
 pytestmark = [
     pytest.mark.slow,
