@@ -296,6 +296,9 @@ class Responding(Driver):
         The sensor that the component's maps follow, and what they say where it was learnt:
         temperatures [°C], rising, and errors. What is not sure then goes half back to these
         maps, half to what held when the record began (`cautious`). None: back to the maps.
+    counted
+        How often caution counts the variances. These are of all set-ups, odd
+        ones among them, and what to correct is decided for the usual one.
     """
 
     name: ClassVar[str] = "response"
@@ -312,6 +315,7 @@ class Responding(Driver):
     longest_min: float
     maps_sensor: str = ""
     maps: tuple[Range, ...] = ()
+    counted: float = 1.0
 
     def __post_init__(self) -> None:
         """Read columns as they are stored."""
@@ -355,7 +359,8 @@ class Responding(Driver):
         )
         learnt, wander = np.sqrt(variance), np.sqrt(np.maximum(wander, 0.0))
         maps = np.zeros(mean.shape) if maps is None else maps
-        return Told(mean, learnt, wander, cautious(mean, maps, learnt, wander), is_held)
+        by = np.sqrt(self.counted)
+        return Told(mean, learnt, wander, cautious(mean, maps, by * learnt, by * wander), is_held)
 
     def farthest(self, conditions: Conditions) -> Outside | None:
         """Find the column that lies farthest beyond where it is held; None where none does."""

@@ -14,17 +14,23 @@ from scipy.stats import wilcoxon
 from app.arrays import BoolArray, FloatArray
 from app.identification.analysis.response_rows import ResponseRows, SetUp
 from app.search.figures import rms
+from app.search.response import FREEDOM
 from app.search.response_average import Average, learn_average
 
 AGAIN: Final = 5
 """Steps of learning again, from what all set-ups gave, with one of them left out."""
 
+LEAST_SCALE: Final = 1e-9
+
 SURE: Final = 0.01
 """Probability that as many set-ups get better by chance."""
 
 CARES: Final = (1.0, 2.0, 4.0, 8.0)
-"""Factors of all variances that are tried in turn, until no set-up held out gets markedly worse,
-what is not sure going half back to the maps; then the same, going back to the maps alone."""
+"""Factors by which caution counts variances, tried in turn until no set-up held out gets markedly
+worse, what is not sure going half back to the maps; then the same, going back to the maps alone."""
+
+SETTLED: Final = 50
+"""Steps in which the usual surprise settles."""
 
 LEAST_GAIN: Final = 0.1
 """Share of the root mean square that a response must take away on set-ups held out."""
@@ -49,10 +55,13 @@ class Judged:
         What all of them together gave.
     doubt
         By how much variances are larger than what all of them together say, as set-ups held out
-        show, `care` included.
+        show.
+    usual
+        The same of the usual set-up, without the weight that odd ones have in a mean: from it
+        caution begins.
     care
-        By how much they were made larger still, so that no set-up gets markedly worse: 1 where that
-        was not needed.
+        By how much caution counts variances more than that, so that no set-up gets markedly
+        worse: 1 where that was not needed.
     spares_maps
         Whether what is not sure goes back to the maps alone: half of it back to no correction
         would make a set-up markedly worse than the maps leave it.
@@ -63,11 +72,17 @@ class Judged:
     rows: ResponseRows
     average: Average
     doubt: float
+    usual: float
     care: float
     spares_maps: bool
     uncompensated: list[FloatArray]
     before: list[FloatArray]
     after: list[FloatArray]
+
+    @property
+    def counted(self) -> float:
+        """How often caution counts the variances."""
+        return self.care * self.usual / self.doubt
 
     @property
     def before_rms(self) -> float:
@@ -178,8 +193,10 @@ def _judged(
     uncompensated, before, after = [], [], []
     for i, held_out in enumerate(rows.set_ups):
         others = [one for j, one in enumerate(rows.set_ups) if j != i]
-        doubt = care * _doubt(np.delete(surprises, i))
-        driver = replace(rows, set_ups=others).driver(learnt[i], others, doubt)
+        without = np.delete(surprises, i)
+        doubt = _doubt(without)
+        counted = care * _usual(without) / doubt
+        driver = replace(rows, set_ups=others).driver(learnt[i], others, doubt, counted)
         maps = None if spares_maps else held_out.maps
         told = driver.told_of(held_out.found, held_out.times_s, maps)
         values = held_out.from_zero(held_out.values)
@@ -187,8 +204,8 @@ def _judged(
         uncompensated.append(held_out.from_zero(held_out.measured)[own])
         before.append(values[own])
         after.append((values - held_out.from_zero(told.corrected))[own])
-    doubt = care * _doubt(surprises)
-    return Judged(rows, average, doubt, care, spares_maps, uncompensated, before, after)
+    doubt, usual = _doubt(surprises), _usual(surprises)
+    return Judged(rows, average, doubt, usual, care, spares_maps, uncompensated, before, after)
 
 
 def _surprise(learnt: Average, held_out: SetUp) -> float:
@@ -202,3 +219,12 @@ def _surprise(learnt: Average, held_out: SetUp) -> float:
 def _doubt(surprises: FloatArray) -> float:
     """Say by how much variances are too small: never that they are too large."""
     return max(1.0, float(surprises.mean()))
+
+
+def _usual(surprises: FloatArray) -> float:
+    """Say the same of the usual set-up: the scale of Student's t, as odd ones weigh in learning."""
+    scale = 1.0
+    for _ in range(SETTLED):
+        weights = (FREEDOM + 1.0) / (FREEDOM + surprises / scale)
+        scale = max(float(np.mean(weights * surprises)), LEAST_SCALE)
+    return max(1.0, scale)

@@ -158,6 +158,7 @@ class ResponseRows:
         average: Average,
         learnt_from: Sequence[SetUp],
         doubt: float = 1.0,
+        counted: float = 1.0,
         *,
         spares_maps: bool = False,
     ) -> Responding:
@@ -171,6 +172,8 @@ class ResponseRows:
             The set-ups that it was learnt from.
         doubt
             By how much variances are larger than what was learnt says: what set-ups held out show.
+        counted
+            How often caution counts them.
         spares_maps
             Whether what is not sure goes back to the maps alone.
         """
@@ -192,6 +195,7 @@ class ResponseRows:
             longest_min=float(ages_s.max()) / SECONDS_PER_MIN,
             maps_sensor="" if spares_maps else self.own_sensor,
             maps=() if spares_maps else self.maps,
+            counted=counted,
         )
 
 

@@ -208,7 +208,13 @@ def _has_learnt_from(effect: Effect, times_s: FloatArray) -> bool:
 
 
 def _effect(rows: ResponseRows, judged: Judged, residuals: Residuals) -> Effect:
-    driver = rows.driver(judged.average, rows.set_ups, judged.doubt, spares_maps=judged.spares_maps)
+    driver = rows.driver(
+        judged.average,
+        rows.set_ups,
+        judged.doubt,
+        judged.counted,
+        spares_maps=judged.spares_maps,
+    )
     unit = COMPONENTS[rows.code].unit
     before, after = judged.each
     worst = int(np.argmax(after - before))
