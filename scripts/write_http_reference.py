@@ -33,19 +33,19 @@ HEAD = f"""# HTTP reference
 Written by `scripts/write_http_reference.py` from the service's OpenAPI document, which
 the service serves at `/openapi.json` and shows at `/docs`.
 
-Base path `/v1`, JSON throughout, times UTC ISO 8601. Units are in the fields' names.
+The base path is `/v1`. Bodies are JSON, times UTC in ISO 8601, and units are in the fields' names.
 Refusals are `application/problem+json` (`Problem`). Fields marked * are required.
-Where the service asks for keys (docs/keys.md) a request states one: `Authorization: Bearer KEY`.
+If the service asks for [keys](keys.md), send one with each request: `Authorization: Bearer KEY`.
 
-A body may have {_USUAL} MiB, or what its route states below; no route takes more than
-THERMAP_MAX_BODY_BYTES, which is {_LARGEST} MiB unless the operator sets it. A longer one is refused
-with 413: send it in parts.
+A body may have {_USUAL} MiB, or what its route states below. No route takes more than
+THERMAP_MAX_BODY_BYTES, which is {_LARGEST} MiB unless the operator sets it. A larger body is
+refused with 413: send it in parts.
 
-Every route has a request to copy. They work in the order in which they stand here, against
-`thermap demo` on a new database; the number above each is its answer's status. What is looked
-at is the demo's machine, `mcfv5050`. What is changed is a machine `practice` that they make, and
-delete at the end; elsewhere maps, verifications and analyses have other numbers, which the
-listings show.
+Every route has a request to copy. The number above each request is the status of its answer.
+In the order of this page the requests work against `thermap demo` on a new database. Those that
+only read use the demo's machine, `mcfv5050`. Those that change something use a machine `practice`,
+which they make and at the end delete. On another database maps, verifications and analyses have
+other numbers, which the listings show.
 """
 
 
