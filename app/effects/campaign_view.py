@@ -37,8 +37,8 @@ hardly told from what comes at once, and what is not looked for would be called 
 with an error that does not reach it."""
 
 OWN_ZEROS: Final = (
-    "each visit has a zero of its own, which hides what is another from visit to visit: measure "
-    "from one zero"
+    "each visit has its own zero, which hides any change from one visit to the next: measure "
+    "from one common zero"
 )
 """Why something that lasts cannot be tested."""
 

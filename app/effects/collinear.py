@@ -69,13 +69,13 @@ class Column(NamedTuple):
     @property
     def words(self) -> str:
         """What it is, in words."""
-        late = f" {self.minutes:g} min late" if self.minutes else ""
+        late = f", {self.minutes:g} min late" if self.minutes else ""
         return {
             LATE: f"the rise of {self.name}{late}",
             STATE: f"{self.name}{late}",
-            ON: f"how long {self.name} was on{late}",
-            START: f"what {self.name} differed by at the start, over {self.minutes:g} min",
-            LEVEL: f"the rise of {self.name}{late} times the level",
+            ON: f"how long {self.name} has been on{late}",
+            START: f"the initial offset of {self.name}, dying out over {self.minutes:g} min",
+            LEVEL: f"the rise of {self.name}{late}, times the machine's temperature level",
         }[self.form]
 
     @property
@@ -408,10 +408,10 @@ class Responding(Driver):
         age_min = columns_at(self.columns, self.zero, conditions).age_s / SECONDS_PER_MIN
         if not self.references_c and (age_min > LONGER * self.longest_min).any():
             return (
-                f"it was learnt within {self.longest_min:.0f} min of the beginning of a record, "
-                f"and this one began {np.nanmax(age_min):.0f} min before"
+                f"it was learnt within the first {self.longest_min:.0f} min of a record, and this "
+                f"record began {np.nanmax(age_min):.0f} min ago"
             )
-        return "the records of its sensors did not begin together"
+        return "the records of its sensors did not start together"
 
     def _maps_since_start(self, conditions: Conditions) -> FloatArray | None:
         """Say what the maps have changed by since the record began, shape (n,)."""

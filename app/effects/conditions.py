@@ -181,10 +181,10 @@ class RecordedLags:
         need_min = SETTLED * time_constant_s / SECONDS_PER_MIN
         if have < SETTLED * time_constant_s:
             return (
-                f"expected {need_min:.0f} min of readings of {signal.name} before, five time "
-                f"constants, got {have / SECONDS_PER_MIN:.0f} min"
+                f"expected {need_min:.0f} min of readings of {signal.name} beforehand (five time "
+                f"constants), got {have / SECONDS_PER_MIN:.0f} min"
             )
-        return f"the readings of {signal.name} have gaps in the {need_min:.0f} min before"
+        return f"the readings of {signal.name} have gaps in the preceding {need_min:.0f} min"
 
     def record_before_s(self, signal: Signal, time_s: float) -> float:
         """Say for how long before a time a signal was recorded [s]."""

@@ -59,21 +59,21 @@ def flexible_versions(
     every = [term for terms in amplitudes for term in terms]
     first = amplitudes[:1]
     made = {
-        "along the axis it goes otherwise": _columns(projection, first, _powers()),
-        "it depends otherwise on what drives it": _columns(
+        "it varies differently along the axis": _columns(projection, first, _powers()),
+        "it depends differently on its driver": _columns(
             projection, amplitudes, _of_driver(projection, every)
         ),
-        "its size changes in the course of time": _columns(
-            projection, amplitudes, _waves(projection)
-        ),
+        "its size changes over time": _columns(projection, amplitudes, _waves(projection)),
         "its size changes from visit to visit": _columns(projection, first, _stretches(projection)),
-        "its components do not share it": _columns(projection, amplitudes, _by_component(every)),
+        "its components do not all show it alike": _columns(
+            projection, amplitudes, _by_component(every)
+        ),
         OFFSET: _offset(projection, every),
     }
     if time_constants is not None and theta is not None:
         low, high = time_constants
         beside = [t for m in OTHER_TIMES if low <= (t := m * theta) <= high]
-        made["it also answers faster or slower"] = np.hstack(
+        made["part of it responds faster or slower"] = np.hstack(
             [
                 np.zeros((len(projection.rows), 0)),
                 *(projection.columns(unit_terms(t)) for t in beside),

@@ -238,7 +238,7 @@ def in_turn(nonlinear: Nonlinear, theta: float) -> str:
     'through two bodies in turn, 57 and 28 min'
     """
     first, second = (share * theta / nonlinear.per_unit for share in (1.0, SECOND_BODY))
-    return f"{IN_TURN}, {first:.0f} and {second:.0f} min"
+    return f"{IN_TURN} ({first:.0f} and {second:.0f} min)"
 
 
 def _in_turn(unit_terms: Callable[[float | None], Amplitudes], theta: float | None) -> Amplitudes:

@@ -160,7 +160,8 @@ class EffectKind(ABC):
             if differing:
                 text = (
                     f"measure {list_names(differing, 3)} in each visit, at temperatures of "
-                    "{sensor} that differ as much as they can: only one of the two moves it"
+                    f"{{sensor}} as different as possible: only one of the two explanations moves "
+                    "it"
                 )
         return text.format(
             component=effect.components[0] if effect.components else "the component",
@@ -221,18 +222,18 @@ def constant_sensors(kind: EffectKind, view: CampaignView) -> list[NotTested]:
 
 def constant_sensor_reason(sensor: str) -> str:
     """Say why a sensor cannot drive anything."""
-    return f"{sensor} did not change, or was not known, in this campaign"
+    return f"{sensor} did not change during this campaign, or its readings are missing"
 
 
 def _lacks(view: CampaignView, need: Need) -> str:
     if need is Need.POINTS and not view.rows.has_points:
-        return "needs observations at points of the work volume, best with tools of two lengths"
+        return "needs observations at points of the work volume, ideally with tools of two lengths"
     if need is Need.DIRECTION and not _both_directions(view):
         return "needs observations approached from both directions"
     if need is Need.MOMENTS and len(view.moments_s) < 2:
-        return "needs several visits, or one over hours, got a short one"
+        return "needs several visits, or one that lasts hours, got one short visit"
     if need is Need.STATE and not view.conditions.states:
-        return "needs the machine's state beside readings or observations, got none"
+        return "needs the machine's state with the readings or the observations, got none"
     return ""
 
 

@@ -116,7 +116,7 @@ def repertoire(view: CampaignView, kinds: Sequence[str] | None = None) -> Repert
 
 
 def _candidate(hypothesis: Hypothesis, projection: Projection) -> Candidate:
-    forms = tuple(Form(f"it answers {IN_TURN}", f.candidate(projection)) for f in hypothesis.forms)
+    forms = tuple(Form(f"it responds {IN_TURN}", f.candidate(projection)) for f in hypothesis.forms)
     return replace(hypothesis.candidate(projection), forms=forms)
 
 

@@ -162,7 +162,7 @@ class Wave(OfPosition):
         return (
             f"its pitch of {self.pitch_mm:.4g} mm needs {count} positions over "
             f"{high_mm - low_mm:g} mm of travel, more than the {MOST_POINTS} that a table may "
-            "have: ask for predictions at the points, which have it exactly"
+            "have: ask for predictions at points instead, which contain it exactly"
         )
 
     def _corners(self, span_mm: float, a_pitch: int) -> int:
@@ -304,7 +304,8 @@ class Exchange(OfMaps):
         lacking = [label for label in group.labels if label not in stated]
         if lacking:
             return (
-                f"map {lacking[0]!r} came after the analysis: what {self.sensor} read is not known"
+                f"map {lacking[0]!r} was made after the analysis, so what {self.sensor} read "
+                "is not known"
             )
         in_order = sorted(range(len(group.labels)), key=lambda row: stated[group.labels[row]])
         for rows in pairwise(in_order):
@@ -313,12 +314,12 @@ class Exchange(OfMaps):
             if not model.machine.sensor(self.sensor).resolves(gap_c):
                 return (
                     f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
-                    f"{self.sensor}, which cannot tell them apart"
+                    f"{self.sensor}, too close for that sensor to resolve"
                 )
             low, high = member.common_range(rows)
             if low >= high:
                 return (
-                    f"maps {lower!r} and {upper!r}, which follow each other in the temperature of "
+                    f"maps {lower!r} and {upper!r}, neighbours in the temperature of "
                     f"{self.sensor}, share no range of positions of {component}"
                 )
         return ""

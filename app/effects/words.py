@@ -63,11 +63,9 @@ def size_along(effect: Effect, stem: str, symbol: str) -> str:
     )
     middle = f"{(COMPONENTS[term.component].axis or '').upper()} {line.middle_mm:.6g} mm".strip()
     if level is None:
-        return f"{how} for each {each_mm:g} mm from {middle} on"
-    more = "more" if value >= 0.0 else "less"
-    return (
-        f"{parameter(effect, level, symbol)} at {middle} and {how} {more} for each {each_mm:g} mm"
-    )
+        return f"{how} per {each_mm:g} mm from {middle}"
+    more = "rising" if value >= 0.0 else "falling"
+    return f"{parameter(effect, level, symbol)} at {middle}, {more} by {how} per {each_mm:g} mm"
 
 
 def is_whole(effect: Effect) -> bool:

@@ -100,7 +100,7 @@ async def test_a_lag_needs_five_time_constants_and_says_so(client, app):
     (effect,) = document["effects"]
     assert effect["in_table"] is False
     lacking = (
-        "expected 50 min of readings of z-column without a gap, five time constants, got 49 min"
+        "expected 50 min of readings of z-column without a gap (five time constants), got 49 min"
     )
     assert effect["missing"] == lacking
     assert f"thermal-lag of EZZ is not in the table: {lacking}" in document["warnings"]
@@ -122,7 +122,7 @@ async def test_a_late_second_sensor_is_carried_along_and_is_what_predictions_say
     document = await current(client)
     assert document["complete"] is True
     (effect,) = document["effects"]
-    assert effect["explanation"] == "EXX also moves with spindle, 10 min late, 1.5 µm/K"
+    assert effect["explanation"] == "EXX also moves with spindle, 10 min late, by 1.5 µm/K"
     assert effect["valid"]["made_of"] == {
         "spindle 10 min late above what it was in the maps [K]": [-3.0, 3.0]
     }
@@ -149,7 +149,7 @@ async def test_a_late_second_sensor_needs_its_past_and_says_so(client, app):
     assert document["complete"] is False
     (effect,) = document["effects"]
     lacking = (
-        "expected 50 min of readings of spindle without a gap, five time constants, got 49 min"
+        "expected 50 min of readings of spindle without a gap (five time constants), got 49 min"
     )
     assert (effect["in_table"], effect["missing"]) == (False, lacking)
     assert by_code(document)["EXX"]["effects"] == []

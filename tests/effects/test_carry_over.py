@@ -223,7 +223,7 @@ def test_another_sensor_that_cannot_tell_the_new_map_from_an_old_one_ends_the_ex
     assert kept == []
     assert notes[0] == (
         f"other-sensor of {code} left out: maps 'Run #9' and 'Run #6' are only 0 °C apart at "
-        f"{other}, which cannot tell them apart"
+        f"{other}, too close for that sensor to resolve"
     )
 
 

@@ -82,7 +82,7 @@ def test_too_little_history_is_said_in_minutes():
     assert np.isfinite(found.lagged(signal, 720.0)).all()
     assert np.isnan(found.lagged(signal, 721.0)).all()
     assert found.why_missing(signal, 2400.0) == (
-        "expected 200 min of readings of a before, five time constants, got 60 min"
+        "expected 200 min of readings of a beforehand (five time constants), got 60 min"
     )
     assert found.why_missing(Signal("state", "rpm")) == "no state rpm (there are none)"
 

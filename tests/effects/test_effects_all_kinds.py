@@ -241,9 +241,9 @@ def test_explanations_are_plain_sentences(each):
 def test_an_explanation_says_where_its_number_holds_if_the_effect_changes_along_the_axis(each):
     effect = fitted(each)
     if any(isinstance(term.shape, Rising) for term in effect.terms):
-        assert " for each " in explain(effect) or "at the upper end of travel" in explain(effect)
+        assert " mm, " in explain(effect) or "at the upper end of travel" in explain(effect)
     else:
-        assert " for each " not in explain(effect)
+        assert " mm, " not in explain(effect)
 
 
 def test_every_pair_of_kinds_has_a_separating_measurement():

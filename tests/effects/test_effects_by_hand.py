@@ -228,8 +228,8 @@ RISES = Rising(250.0, 250.0)
                 standard_errors={"drift_um_per_day": 0.003, "drift_rise_um_per_day": 0.005},
                 terms=(Term("EXX", SinceReference(START_S), RISES, 0.15),),
             ),
-            "EXX drifts since the first visit, 0.150 ± 0.003 µm/day at X 250 mm and "
-            "0.060 ± 0.002 µm/day more for each 100 mm",
+            "EXX has been drifting since the first visit, by 0.150 ± 0.003 µm/day at X 250 mm, "
+            "rising by 0.060 ± 0.002 µm/day per 100 mm",
         ),
         # 2 + 0.02 p is 7 in the middle of 500 mm.
         (
@@ -240,8 +240,8 @@ RISES = Rising(250.0, 250.0)
                 standard_errors={"reversal_um": 0.03, "reversal_rise_um": 0.05},
                 terms=(Term("EYY", Always(), RISES, -2.5, is_reversing=True),),
             ),
-            "EYY has a reversal value of 7.07 ± 0.03 µm at Y 250 mm and 2.00 ± 0.02 µm less for "
-            "each 100 mm",
+            "EYY has a reversal value of 7.07 ± 0.03 µm at Y 250 mm, falling by 2.00 ± 0.02 µm "
+            "per 100 mm",
         ),
         (
             Effect(
@@ -250,7 +250,7 @@ RISES = Rising(250.0, 250.0)
                 parameters={"step_rise_um": -5.0, "changed_at_unix_s": START_S},
                 terms=(Term("EZZ", StepAfter(START_S), Rising(-15_000.0, 15_000.0), -5.0),),
             ),
-            "EZZ changed by -3.33 µm for each 10000 mm from Z -15000 mm on between the visits at "
+            "EZZ changed once, by -3.33 µm per 10000 mm from Z -15000 mm, at about "
             "2026-03-01 00:00 UTC",
         ),
     ],
@@ -283,7 +283,10 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
     assert effect.standard_errors["phase_deg"] == pytest.approx(
         np.rad2deg(np.arctan2(drawn[:, 1], drawn[:, 0])).std(), rel=0.02
     )
-    assert explain(effect) == ("EXX swings by 5.00 ± 0.14 µm with a pitch of 13.400 ± 0.010 mm")
+    assert explain(effect) == (
+        "EXX varies as a sine over position, with an amplitude of 5.00 ± 0.14 µm "
+        "and a pitch of 13.400 ± 0.010 mm"
+    )
 
 
 @pytest.mark.parametrize(
@@ -331,8 +334,8 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
                 (
                     "other-sensor",
                     -0.6,
-                    "EZZ moves away from what spindle says where it differs from z-column "
-                    "(share -0.60 ± 0.05)",
+                    "EZZ moves the opposite way to what spindle says where it differs from "
+                    "z-column (share -0.60 ± 0.05)",
                 ),
             )
         ),
@@ -344,8 +347,8 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
                 parameters={"bias_k": 0.8, "changed_at_unix_s": START_S},
                 standard_errors={"bias_k": 0.05},
             ),
-            "x-middle reads wrong by 0.80 ± 0.05 K since 2026-03-01 00:00 UTC, which shows in "
-            "EXX, EYX, EYY and 1 more",
+            "x-middle has read wrong by 0.80 ± 0.05 K since 2026-03-01 00:00 UTC (seen in "
+            "EXX, EYX, EYY and 1 more)",
         ),
         *(
             (
@@ -364,14 +367,14 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
                     "additional-sensor",
                     ("bed",),
                     "beyond the maps, late",
-                    "EZZ also moves with bed, 41 ± 2 min late, 1.70 ± 0.10 µm/K",
+                    "EZZ also moves with bed, 41 ± 2 min late, by 1.70 ± 0.10 µm/K",
                 ),
                 (
                     "sensor-gradient",
                     ("bed", "spindle"),
                     "since the maps, late",
-                    "EZZ bends with the difference of bed and spindle, 41 ± 2 min late, "
-                    "1.70 ± 0.10 µm/K, as it did not when the maps were measured",
+                    "EZZ bends with the difference between bed and spindle, 41 ± 2 min late, "
+                    "by 1.70 ± 0.10 µm/K (it did not when the maps were measured)",
                 ),
             )
         ),
@@ -388,7 +391,7 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
                 },
             ),
             "EZZ moves with the square of spindle_rpm, 25 ± 3 min late, "
-            "(2.10 ± 0.10)·10⁻⁷ µm/spindle_rpm²",
+            "by (2.10 ± 0.10)·10⁻⁷ µm/spindle_rpm²",
         ),
     ],
 )

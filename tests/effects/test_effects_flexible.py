@@ -10,10 +10,10 @@ from app.identification.campaign import residuals_of
 from app.search.candidate import OFFSET
 from tests.identification.test_refits import campaign_with
 
-ALONG = "along the axis it goes otherwise"
-DRIVER = "it depends otherwise on what drives it"
+ALONG = "it varies differently along the axis"
+DRIVER = "it depends differently on its driver"
 VISITS = "its size changes from visit to visit"
-LATER = "it also answers faster or slower"
+LATER = "part of it responds faster or slower"
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_two_bodies_in_turn_are_a_low_pass_of_a_low_pass(candidates):
     """By partial fractions from two low-passes of the sensor, exactly; against the filter twice."""
     lag = candidates["thermal-lag"]
     (form,) = lag.forms
-    assert form.words == "it answers through two bodies in turn"
+    assert form.words == "it responds through two bodies in turn"
     assert candidates["backlash"].forms == ()
     times_s = np.arange(0.0, 86400.0, 60.0)
     room = 20.0 + 3.0 * np.sin(times_s / 9000.0)

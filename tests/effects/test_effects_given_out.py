@@ -370,4 +370,4 @@ def test_a_fault_that_the_readings_show_is_told_and_adds_nothing():
     model, moment = with_stand_in(), moment_of(100)
     table, plain = table_of(model, [stuck], moment), table_of(model, [], moment)
     assert (table.complete, table.corrected, table.warnings) == (True, [], plain.warnings)
-    assert "x-middle stood still for 5 h" in table.effects[0].explanation
+    assert "x-middle was stuck for 5 h" in table.effects[0].explanation

@@ -36,7 +36,8 @@ def test_one_visit_shows_only_what_acts_within_it():
     assert refused("periodic", where)["EXX"] == "needs at least 12 different positions, got 8"
     for kind in ("thermal-lag", "drift", "step", "sensor-fault", "temperature-curvature"):
         assert (
-            refused(kind, where)[""] == "needs several visits, or one over hours, got a short one"
+            refused(kind, where)[""]
+            == "needs several visits, or one that lasts hours, got one short visit"
         )
 
 
@@ -133,7 +134,7 @@ def test_differences_of_many_sensors_are_not_tried_late():
     many = CampaignView(where.model, where.maps, where.rows, conditions)
     assert (
         refused("sensor-gradient", many)["9 sensors, late"]
-        == "differences that act late are left out: they are too many"
+        == "differences that act late are left out: there are too many"
     )
     assert not any(h.nonlinear for h in KINDS["sensor-gradient"].candidates(many).hypotheses)
     assert any(h.nonlinear for h in KINDS["additional-sensor"].candidates(many).hypotheses)
@@ -279,7 +280,7 @@ def test_what_lasts_is_hidden_where_each_visit_has_a_zero_of_its_own():
     for kind, subject in (("drift", "EXX"), ("step", "EXX"), ("sensor-fault", "x-middle")):
         proposals = KINDS[kind].candidates(where)
         assert not [h for h in proposals.hypotheses if "EXX" in h.components]
-        assert "each visit has a zero of its own" in refused(kind, where)[subject]
+        assert "each visit has its own zero" in refused(kind, where)[subject]
 
 
 @pytest.mark.parametrize(("kind", "stem"), [("drift", "drift"), ("step", "step")])

@@ -140,15 +140,15 @@ def test_components_that_no_map_has_appear():
         ),
         (
             Term("EXX", Always(), Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0})),
-            "map 'Run #6' came after the analysis: what spindle read is not known",
+            "map 'Run #6' was made after the analysis, so what spindle read is not known",
         ),
         (
             Term(
                 *("EXX", Always()),
                 Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 38.0}),
             ),
-            "maps 'Run #3' and 'Run #6' are only 0 °C apart at spindle, which cannot tell them "
-            "apart",
+            "maps 'Run #3' and 'Run #6' are only 0 °C apart at spindle, too close for that "
+            "sensor to resolve",
         ),
         (Term("EXX", Always(), NO_NUMBER), "what drives it gives no number here"),
         (Term("EBZ", Always(), Sensitivity(is_local=True)), "the model has no EBZ"),
@@ -164,7 +164,7 @@ def test_an_effect_that_lacks_its_condition_is_left_out_with_the_reason(term, re
 def test_predictions_leave_out_what_gives_no_number():
     where = example_view()
     alike = Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 38.02})
-    for shape, reason in ((alike, "cannot tell them apart"), (NO_NUMBER, "no number")):
+    for shape, reason in ((alike, "too close for that sensor"), (NO_NUMBER, "no number")):
         found = contributions(where.projection, [effect(Term("EXX", Always(), shape))])
         assert np.isfinite(found.errors).all()
         assert found.is_lacking[where.rows.of_channel("EXX")].all()
@@ -188,7 +188,7 @@ def test_a_lag_goes_live_with_carried_filters():
     lag = effect(Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False)))
     young = Conditions.of_moment(START_S, TEMPERATURES, {}, lags)
     assert tables(lag, moment=young)[1][0].reason == (
-        "expected 50 min of readings of x-middle without a gap, five time constants, got 50 min"
+        "expected 50 min of readings of x-middle without a gap (five time constants), got 50 min"
     )
     lags = LiveLags(
         {(signal, 600.0): LagState(600.0, Hold.LINEAR, START_S - 3000.0, START_S, 21.0, 21.0)}

@@ -197,7 +197,7 @@ def test_of_a_record_much_longer_than_those_that_taught_it_says_nothing():
     short = responding(longest_min=60.0)
     there = conditions_of(readings(), np.array([3000.0, 9000.0]))
     assert np.isnan(short.at(there)).tolist() == [False, True]
-    assert "within 60 min of the beginning of a record" in short.why_missing(there)
+    assert "within the first 60 min of a record" in short.why_missing(there)
     assert responding().why_missing(there) == ""
 
 

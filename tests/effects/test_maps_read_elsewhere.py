@@ -256,7 +256,7 @@ def test_maps_that_only_the_other_sensor_makes_neighbours_are_refused_for_that_e
     assert row_of(found).positions_mm.tolist() == SHORT
     assert found.complete is False
     assert found.effects[0].missing == (
-        "maps 'a' and 'c', which follow each other in the temperature of y-front, share no range "
+        "maps 'a' and 'c', neighbours in the temperature of y-front, share no range "
         "of positions of EXX"
     )
 

@@ -21,7 +21,7 @@ PLANTED = {
     "exchanged-sensors:both-followed": (3, ["Swap the plugs of x-middle and z-column"]),
     "map-factor:sign-in-one-map": (2, ["store them anew multiplied by -1"]),
     "map-temperature:inner": (1, ["Look up what x-middle read when map 'State 2' was measured"]),
-    "clock-offset:an-hour-early": (1, ["min later, by the whole hours"]),
+    "clock-offset:an-hour-early": (1, ["min later (by whole hours"]),
     "mirrored-axis:axis": (1, ["in which direction X was counted"]),
     "detached-sensor": (1, ["Fasten z-column to its body"]),
 }

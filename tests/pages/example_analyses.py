@@ -259,7 +259,7 @@ EXCHANGED = LAG | {
     "helps": False,
     "why_not": "it is a mistake in the wiring",
     "alternatives": [],
-    "explanation": "x-middle and bed are exchanged: each reads what the other one should",
+    "explanation": "x-middle and bed are swapped: each reads the temperature of the other's place",
 }
 """A mistake: nothing of it is ever adopted."""
 

@@ -146,7 +146,7 @@ def test_a_fold_that_missed_a_sure_effect_says_nothing_of_what_it_leaves():
     left = checked.where_found([acting], {0}, channel).after
     assert np.isnan(left).tolist() == [False, True, False, False, False, False]
     # What is not sure may stand for another: what it leaves counts everywhere it acts.
-    assert checked.settled([acting], [("it depends otherwise on what drives it",)]) == set()
+    assert checked.settled([acting], [("it depends differently on its driver",)]) == set()
     assert np.isfinite(checked.where_found([acting], (), channel).after).all()
     both = validation([sure, [Slope(0.1, 0.2, 25.0)]], [{0, 2}, {0}])
     others = SimpleNamespace(channels=(0, 1))

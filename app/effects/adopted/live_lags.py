@@ -59,7 +59,7 @@ class LiveLags:
         have = self.record_before_s(signal, float(times_s.min()))
         return (
             f"expected {SETTLED * time_constant_s / SECONDS_PER_MIN:.0f} min of readings of "
-            f"{signal.name} without a gap, five time constants, got "
+            f"{signal.name} without a gap (five time constants), got "
             f"{have / SECONDS_PER_MIN:.0f} min"
         )
 

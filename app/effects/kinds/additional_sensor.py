@@ -25,18 +25,25 @@ class AdditionalSensor(EffectKind):
     """A component moves with a second sensor as well, evenly or rising along its axis."""
 
     kind: ClassVar[str] = "additional-sensor"
-    text: ClassVar[str] = "a second sensor acts on a component too, at once or late"
+    text: ClassVar[str] = "a component also moves with a second sensor, at once or late"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     shown_by: ClassVar[str] = (
-        "measure {component} every 10 min while {sensor} changes and for some hours after it, with "
-        "the assigned sensor standing still"
+        "measure {component} every 10 min while {sensor} changes and for some hours afterwards, "
+        "with the assigned sensor held steady"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "additional-sensor": "bring {sensor} and {rival} apart, and measure {component} there",
-        "sensor-gradient": "warm the whole machine evenly by the room, so that differences of "
-        "sensors stay and {sensor} changes, and measure {component}",
-        "state-variable": "warm {sensor} by the room with the spindle standing still, and "
-        "measure {component} meanwhile",
+        "additional-sensor": (
+            "create a temperature difference between {sensor} and {rival}, and measure "
+            "{component} in that state"
+        ),
+        "sensor-gradient": (
+            "warm the whole machine evenly by heating the room, so that {sensor} changes but the "
+            "differences between sensors do not, and measure {component}"
+        ),
+        "state-variable": (
+            "warm {sensor} by heating the room with the spindle stopped, and measure {component} "
+            "meanwhile"
+        ),
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -64,4 +71,4 @@ class AdditionalSensor(EffectKind):
         """Say with which sensor what moves, how late, and how much."""
         how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
         late, clause = how_late(effect), since_maps_clause(effect)
-        return f"{effect.components[0]} also moves with {effect.sensors[0]}{late}, {how}{clause}"
+        return f"{effect.components[0]} also moves with {effect.sensors[0]}{late}, by {how}{clause}"

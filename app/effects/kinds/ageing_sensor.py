@@ -26,14 +26,14 @@ class AgeingSensor(EffectKind):
     """
 
     kind: ClassVar[str] = "ageing-sensor"
-    text: ClassVar[str] = "a sensor's bias grows evenly with time"
+    text: ClassVar[str] = "a sensor's bias grows steadily with time"
     drawn_over: ClassVar[DrawnOver] = "time"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "compare {sensor} with a calibrated thermometer at its place, now and again after as much "
-        "time as this campaign took"
+        "compare {sensor} with a calibrated thermometer placed beside it, now and again after a "
+        "period as long as this campaign"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -51,16 +51,16 @@ class AgeingSensor(EffectKind):
         """Say how fast it ages."""
         name = "bias_k_per_day"
         size = plus_minus(abs(effect.parameters[name]), effect.standard_errors.get(name), "K/day")
-        way = "more" if effect.parameters[name] > 0.0 else "less"
+        way = "up" if effect.parameters[name] > 0.0 else "down"
         return (
-            f"{effect.sensors[0]} ages: {effect.variant} it has read {size} {way} each day, which "
-            f"shows in {components(effect)}"
+            f"{effect.sensors[0]} ages: its reading has drifted {way} by {size} {effect.variant} "
+            f"(seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to exchange."""
         return (
-            f"Calibrate or exchange {effect.sensors[0]}, then activate a version without the "
+            f"Calibrate or replace {effect.sensors[0]}, then activate a version without the "
             "effect and measure the maps again."
         )
 

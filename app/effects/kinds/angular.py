@@ -17,15 +17,17 @@ class Angular(EffectKind):
     """A rotation of an axis that no map has, constant in time or growing with a temperature."""
 
     kind: ClassVar[str] = "angular"
-    text: ClassVar[str] = "roll, pitch or yaw that the map lacks"
+    text: ClassVar[str] = "a roll, pitch or yaw error that the maps lack"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
     shown_by: ClassVar[str] = (
-        "measure the same points with a short and a long tool, or {component} itself with a level "
-        "or an angular interferometer"
+        "measure the same points with a short and a long tool, or measure {component} itself "
+        "with a level or an angular interferometer"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "nonrigid-slope": "measure the same points with a short and a long tool: a rotation grows "
-        "with the tool, a slope does not",
+        "nonrigid-slope": (
+            "measure the same points with a short and a long tool: the effect of a rotation "
+            "grows with the tool, that of a slope does not"
+        ),
         "angular": "measure lines along all three axes with a short and a long tool: each "
         "rotation has its own lever arms",
     }
@@ -39,7 +41,11 @@ class Angular(EffectKind):
             if c.kind is Kind.ANGULAR and c.code not in view.in_model and view.shows(c.code)
         ]
         if not lacking:
-            found.not_testable.append(self.refuse("", "the maps have all rotations that show"))
+            found.not_testable.append(
+                self.refuse(
+                    "", "the maps already have every rotation that these observations can show"
+                )
+            )
         for code in lacking:
             found.hypotheses.extend(
                 constant_or_warm(self.kind, view, code, sensor, "angle")
@@ -52,6 +58,6 @@ class Angular(EffectKind):
         code = effect.components[0]
         if not effect.sensors:
             how = size_along(effect, "angle", symbol_of(code))
-            return f"{code}, which the maps lack, turns the tool by {how}"
+            return f"{code}, which the maps lack, rotates the tool by {how}"
         how = size_along(effect, "slope", symbol_of(code, "K"))
-        return f"{code}, which the maps lack, turns with {effect.sensors[0]}, {how}"
+        return f"{code}, which the maps lack, changes with {effect.sensors[0]}, by {how}"

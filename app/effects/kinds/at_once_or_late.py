@@ -73,7 +73,7 @@ def how_late(effect: Effect) -> str:
 def since_maps_clause(effect: Effect) -> str:
     """Say of an effect of the variant `SINCE` that it was not there when the maps were measured."""
     is_since = effect.variant.startswith(SINCE)
-    return ", as it did not when the maps were measured" if is_since else ""
+    return " (it did not when the maps were measured)" if is_since else ""
 
 
 def _hypothesis(

@@ -25,16 +25,16 @@ class Backlash(EffectKind):
     """
 
     kind: ClassVar[str] = "backlash"
-    text: ClassVar[str] = "reversal: half the value with the sign of the approach"
+    text: ClassVar[str] = "reversal error: half the reversal value with the sign of the approach"
     drawn_over: ClassVar[DrawnOver] = "position"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "approach the same positions of {component} from both sides, five times in turn"
+        "approach the same positions of {component} alternately from both sides, five times each"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "periodic": "approach each position of {component} from both sides: reversal shows as "
-        "the difference of both, whatever the position",
+        "periodic": "approach each position of {component} from both sides: reversal shows as the "
+        "difference between the two, whatever the position",
     }
 
     def propose(self, view: CampaignView) -> Proposals:

@@ -48,18 +48,20 @@ class ClockOffset(EffectKind):
     """
 
     kind: ClassVar[str] = "clock-offset"
-    text: ClassVar[str] = "the clocks of readings and observations are apart"
+    text: ClassVar[str] = "the clocks of the readings and of the observations disagree"
     drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of what clocks so far apart would do: 1 where they are"
+    share_of: ClassVar[str] = (
+        "of what this clock difference would cause: 1 if the clocks differ by it"
+    )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "compare the clock of what sends the readings with that of the measuring computer, time "
-        "zone and daylight saving time included"
+        "compare the clock of the computer that sends the readings with that of the measuring "
+        "computer, including time zone and daylight saving time"
     )
     not_adopted: ClassVar[str] = (
-        "it is a mistake in the times of the observations: they are to be stored anew with the "
-        "right ones"
+        "the times of the observations are wrong, not the model: store the verifications again "
+        "with the right times"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -67,7 +69,10 @@ class ClockOffset(EffectKind):
         followed = [s for s in view.components_by_sensor if s in view.varying_sensors]
         codes = tuple(c for s in followed for c in view.components_by_sensor[s])
         if 0 < len(codes) < FEWEST_COMPONENTS:
-            reason = f"{codes[0]} alone was observed, and may be early or late by itself"
+            reason = (
+                f"only {codes[0]} was observed, and it may lead or lag its sensor for reasons of "
+                "its own"
+            )
             return Proposals(not_testable=[self.refuse("clocks", reason)])
         grid = [
             by_s
@@ -76,7 +81,10 @@ class ClockOffset(EffectKind):
             if all(is_known_apart(view, sensor, by_s) for sensor in followed)
         ]
         if not codes or not grid:
-            reason = "no sensor that components follow is known some minutes earlier or later"
+            reason = (
+                "no sensor that components follow changes and has enough readings some minutes "
+                "before or after the observations"
+            )
             return Proposals(not_testable=[self.refuse("clocks", reason)])
         grid.sort()
         nonlinear = Nonlinear(
@@ -101,17 +109,18 @@ class ClockOffset(EffectKind):
         """Say how far apart, and which way."""
         way = "early" if effect.parameters[APART] > 0.0 else "late"
         return (
-            f"the clocks of readings and observations are {_apart(effect)} apart: observations "
-            f"are noted too {way}{_zone(effect)}, which shows in {components(effect)}"
+            f"the clocks of the readings and of the observations differ by {_apart(effect)}: the "
+            f"observations are stamped too {way}{_zone(effect)} (seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to store anew."""
         way = "later" if effect.parameters[APART] > 0.0 else "earlier"
-        whole = ", by the whole hours if it is a time zone" if _zone(effect) else ""
+        whole = " (by whole hours, if it is a time zone)" if _zone(effect) else ""
         return (
-            "Compare the two clocks, their time zones and daylight saving time; store the "
-            f"verifications anew with times {_apart(effect)} {way}{whole}, then analyse again."
+            "Compare the two clocks, including their time zones and daylight saving time; store "
+            f"the verifications again with times {_apart(effect)} {way}{whole}, then analyse "
+            "again."
         )
 
 
@@ -145,4 +154,4 @@ def _zone(effect: Effect) -> str:
     off = abs(apart - HOUR_MIN * max(round(apart / HOUR_MIN), 1))
     error = effect.standard_errors.get(APART, 0.0)
     near = off <= min(max(TWO_ERRORS * error, 1.0), NEARLY_MIN)
-    return ", by whole hours as with another time zone" if near else ""
+    return ", by whole hours as from another time zone" if near else ""

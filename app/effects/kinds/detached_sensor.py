@@ -32,14 +32,16 @@ class DetachedSensor(EffectKind):
     """
 
     kind: ClassVar[str] = "detached-sensor"
-    text: ClassVar[str] = "a sensor reads something between its body and what surrounds it"
+    text: ClassVar[str] = (
+        "a sensor reads a mix of its body's temperature and that of its surroundings"
+    )
     drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of its body's temperature in what the sensor reads"
+    share_of: ClassVar[str] = "of its body's temperature in the reading"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "press a second thermometer onto the body of the sensor that {component} follows, while "
-        "it is much warmer than {sensor}"
+        "press a second thermometer onto the body beside the sensor that {component} follows, "
+        "while that body is much warmer than {sensor}"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -60,14 +62,14 @@ class DetachedSensor(EffectKind):
         sensor, around = effect.sensors
         share = parameter(effect, "share")
         return (
-            f"{sensor} reads between its body and {around}, a share of {share} of its body, as if "
-            f"it had come half off, which shows in {components(effect)}"
+            f"{sensor} reads a mix of its body's temperature (share {share}) and that of "
+            f"{around}, as if it had come loose (seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to fasten."""
         return (
-            f"Fasten {effect.sensors[0]} to its body and shield it from what surrounds it; then "
+            f"Fasten {effect.sensors[0]} to its body and shield it from its surroundings; then "
             "activate a version without the effect, and measure again."
         )
 

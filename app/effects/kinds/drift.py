@@ -33,20 +33,20 @@ class Drift(EffectKind):
     """A component changes evenly with time, whatever the temperatures."""
 
     kind: ClassVar[str] = "drift"
-    text: ClassVar[str] = "linear in time: wear, creep, settling"
+    text: ClassVar[str] = "a change linear in time: wear, creep, settling"
     drawn_over: ClassVar[DrawnOver] = "time"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "measure {component} again after as much time as this campaign took, at temperatures "
-        "that it has seen"
+        "measure {component} again after a period as long as this campaign, at temperatures that "
+        "occurred in it"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "step": "measure {component} again after as much time as this campaign took: a drift "
-        "goes on, a step has ended",
-        "thermal-lag": "measure {component} after a night of rest, at the same temperatures on "
-        "two days",
+        "step": "measure {component} again after a period as long as this campaign: a drift will "
+        "have gone on, a step will not",
+        "thermal-lag": "measure {component} after a night of rest, at the same temperatures on two "
+        "different days",
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -56,7 +56,7 @@ class Drift(EffectKind):
     def explain(self, effect: Effect) -> str:
         """Say what drifts, and how fast."""
         how = size_along(effect, "drift", symbol_of(effect.components[0], "day"))
-        return f"{effect.components[0]} drifts {effect.variant}, {how}"
+        return f"{effect.components[0]} has been drifting {effect.variant}, by {how}"
 
 
 def beginnings_s(view: CampaignView, code: str) -> dict[str, float]:

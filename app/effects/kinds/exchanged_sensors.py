@@ -31,17 +31,17 @@ class ExchangedSensors(EffectKind):
     """
 
     kind: ClassVar[str] = "exchanged-sensors"
-    text: ClassVar[str] = "two sensors' plugs are exchanged: each reads what the other one should"
+    text: ClassVar[str] = "two sensors are swapped: each reads the temperature of the other's place"
     drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of what exchanging the two readings would do: 1 where they are"
+    share_of: ClassVar[str] = "of what swapping the two readings would cause: 1 if they are swapped"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "warm the place of {sensor} by hand for a minute, and look whose reading rises"
+        "warm the place of {sensor} by hand for a minute, and see whose reading rises"
     )
     not_adopted: ClassVar[str] = (
-        "it is a mistake in the wiring, not in the model: a correction would be wrong as soon as "
-        "somebody puts the plugs right"
+        "it is a mistake in the wiring, not in the model: a correction would become wrong as "
+        "soon as somebody puts the plugs right"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -67,8 +67,8 @@ class ExchangedSensors(EffectKind):
         """Say which two are exchanged."""
         one, other = effect.sensors
         return (
-            f"{one} and {other} are exchanged: each reads what the other one should, which shows "
-            f"in {components(effect)}"
+            f"{one} and {other} are swapped: each reads the temperature of the other's place "
+            f"(seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
@@ -76,7 +76,7 @@ class ExchangedSensors(EffectKind):
         one, other = effect.sensors
         return (
             f"Swap the plugs of {one} and {other}, or their names where readings are sent, then "
-            "measure and analyse again: readings that are stored stay exchanged."
+            "measure and analyse again: readings that are already stored stay swapped."
         )
 
 

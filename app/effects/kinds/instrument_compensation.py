@@ -67,28 +67,31 @@ class InstrumentCompensation(EffectKind):
 
     kind: ClassVar[str] = "instrument-compensation"
     text: ClassVar[str] = (
-        "lengths on all axes grow alike with one temperature, as of an instrument that does not "
-        "correct them for the air or the material"
+        "lengths on all axes grow alike with one temperature, as with an instrument that does "
+        "not correct them for the air or the material"
     )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     never_sure: ClassVar[str] = (
-        "of the instrument, or of the machine: one that corrects its lengths for the air and the "
-        "material wrongly shows just this"
+        "it may come from the instrument rather than the machine: an instrument that corrects "
+        "its lengths wrongly for the air or the material shows exactly this"
     )
     shown_by: ClassVar[str] = (
-        "measure {component} at two temperatures of {sensor} with another instrument, or against a "
-        "gauge block or step gauge of known expansion: what is of the machine is there again; and "
-        "warm one axis alone: its own scale grows with its own temperature, an instrument's "
-        "lengths go on growing with {sensor}"
+        "measure {component} at two temperatures of {sensor} with another instrument, or against "
+        "a gauge block or step gauge of known expansion: an error of the machine shows again; "
+        "also warm one axis alone: its own scale grows with its own temperature, but an "
+        "instrument's lengths keep growing with {sensor}"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "instrument-compensation": "bring {sensor} and {rival} apart, and measure {component} there"
+        "instrument-compensation": (
+            "create a temperature difference between {sensor} and {rival}, and measure "
+            "{component} in that state"
+        )
     }
     not_adopted: ClassVar[str] = (
-        "it is of the instrument, as far as anybody can tell: a machine's scales have temperatures "
-        "of their own and hardly all expand alike with one, and a part that is made meets nothing "
-        "of a laser's air"
+        "as far as anybody can tell, it comes from the instrument: a machine's scales have "
+        "temperatures of their own and hardly all expand alike with one, and the air of a "
+        "laser's path does not reach a machined part"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -96,7 +99,7 @@ class InstrumentCompensation(EffectKind):
         found = Proposals(not_testable=constant_sensors(self, view))
         measured = list(_measured_together(view))
         if not measured:
-            reason = "needs positioning errors at two positions, or points"
+            reason = "needs positioning errors at two or more positions, or observations at points"
             found.not_testable.append(self.refuse("lengths", reason))
         for channels in measured:
             for sensor in view.varying_sensors:
@@ -106,23 +109,23 @@ class InstrumentCompensation(EffectKind):
     def explain(self, effect: Effect) -> str:
         """Say what grows with what, by how much, and what would do so."""
         what = list_names(effect.components, 3)
-        grow = "the lengths of" if len(effect.components) == 1 else "alike on all axes, lengths of"
+        grow = "change by" if len(effect.components) == 1 else "all change alike, by"
         assumed = ""
         if ASSUMED in effect.parameters:
-            assumed = f" from {parameter(effect, ASSUMED, '°C')}"
+            assumed = f" (zero at {parameter(effect, ASSUMED, '°C')})"
         return (
-            f"{grow} {what} grow by {parameter(effect, LENGTH, UNIT)} with "
-            f"{effect.sensors[0]}{assumed}: {_cause(effect)}"
+            f"the lengths of {what} {grow} {parameter(effect, LENGTH, UNIT)} with "
+            f"{effect.sensors[0]}{assumed}, {_cause(effect)}"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to switch on, and how to find out."""
         return (
             "Look at the instrument first: is the laser's weather station on (air temperature, "
-            "pressure, humidity), and the material's sensor on the axis that is measured, with the "
-            "right expansion coefficient? If not, switch them on and measure anew. If they were "
-            "on, measure one of the axes with another instrument, or against a gauge block or step "
-            f"gauge, at two temperatures of {effect.sensors[0]}."
+            "pressure, humidity), and is the material sensor on the measured axis, with the "
+            "right expansion coefficient? If not, switch them on and measure again. If they were "
+            "on, measure one of the axes with another instrument, or against a gauge block or "
+            f"step gauge, at two temperatures of {effect.sensors[0]}."
         )
 
 
@@ -133,12 +136,12 @@ def _cause(effect: Effect) -> str:
     def is_about(value: float) -> bool:
         return abs(size - value) <= math.hypot(TWO_ERRORS * error, WHOLE.spread * value)
 
-    machine = "or of a machine whose scales all expand alike with it"
+    machine = "or with a machine whose scales all expand alike with it"
     if is_about(OF_AIR):
-        return f"as of a laser that is not corrected for the air's temperature, {machine}"
+        return f"as with a laser that is not corrected for air temperature, {machine}"
     if is_about(OF_STEEL) or is_about(-OF_STEEL):
-        return f"as of an instrument that is not told the temperature of steel, {machine}"
-    return f"as of an instrument that does not correct lengths rightly for it, {machine}"
+        return f"as with an instrument that is not told the temperature of the steel, {machine}"
+    return f"as with an instrument that corrects lengths wrongly for it, {machine}"
 
 
 def _measured_together(view: CampaignView) -> Iterator[tuple[str, ...]]:

@@ -52,21 +52,25 @@ class InstrumentWarmUp(EffectKind):
     """
 
     kind: ClassVar[str] = "instrument-warm-up"
-    text: ClassVar[str] = "readings settle alike after each mounting, as of a laser that warms up"
+    text: ClassVar[str] = (
+        "readings settle alike after each mounting, as with a laser that is warming up"
+    )
     drawn_over: ClassVar[DrawnOver] = "time"
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "leave the instrument on for two hours, aimed and not moved, and record {component} at one "
-        "place"
+        "leave the instrument switched on for two hours, aligned and untouched, and record "
+        "{component} at one place"
     )
     not_adopted: ClassVar[str] = (
-        "it begins anew with each mounting, so it is of the instrument, or of what measuring does "
-        "to the machine: a part that is made meets nothing of it"
+        "it starts afresh with each mounting, so it comes from the instrument, or from what "
+        "measuring does to the machine: machined parts never meet it"
     )
 
     spoils: ClassVar[Mapping[str, str]] = {
-        "outdated-map": "the instrument settles in every visit, so that what it reads constantly "
-        "may be its own: measure with a warm instrument first"
+        "outdated-map": (
+            "the instrument settles in every visit, so a constant reading may be its own: "
+            "measure with a warm instrument first"
+        )
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -76,7 +80,7 @@ class InstrumentWarmUp(EffectKind):
             own = view.rows.of_channel(code)
             visits = np.unique(view.rows.visit[own]).size
             if visits < FEWEST_VISITS:
-                reason = f"needs {FEWEST_VISITS} set-ups of {code}, got {visits}"
+                reason = f"needs at least {FEWEST_VISITS} set-ups of {code}, got {visits}"
                 found.not_testable.append(self.refuse(code, reason))
                 continue
             found.hypotheses.append(_hypothesis(code, _longest_s(view.rows, own)))
@@ -91,13 +95,14 @@ class InstrumentWarmUp(EffectKind):
         if _is_settling(effect):
             late = f", with a time constant of {parameter(effect, TIME_CONSTANT, 'min')}"
         return (
-            f"{code} settles in every visit by {size} within {effect.parameters[WITHIN]:.3g} min"
-            f"{late}: the instrument warms up, or measuring itself warms what it measures"
+            f"in every visit {code} settles by {size} within {effect.parameters[WITHIN]:.3g} "
+            f"min{late}: the instrument is warming up, or measuring itself warms what is "
+            "measured"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say how to measure without it."""
-        how_long = "until it no longer moves"
+        how_long = "until its reading no longer moves"
         if _is_settling(effect):
             how_long = f"for {3.0 * effect.parameters[TIME_CONSTANT]:.2g} min after mounting it"
         return (

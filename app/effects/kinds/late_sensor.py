@@ -32,15 +32,15 @@ class LateSensor(EffectKind):
     kind: ClassVar[str] = "late-sensor"
     text: ClassVar[str] = "a sensor reports late"
     drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of what a sensor so late would do: 1 where it is"
+    share_of: ClassVar[str] = "of what a sensor this late would cause: 1 if it is"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "warm {sensor} by hand, and note how long its reading takes to rise and to arrive"
     )
     not_adopted: ClassVar[str] = (
-        "what the sensor will say is not known yet when a table is asked for: it has to be made "
-        "to report at once"
+        "when a table is asked for, what the sensor has yet to report is unknown: the sensor "
+        "must be made to report without delay"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -48,13 +48,15 @@ class LateSensor(EffectKind):
         found = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if len(codes) < FEWEST_COMPONENTS:
-                reason = f"only {codes[0]} follows it, and may be ahead by a cause of its own"
+                reason = f"only {codes[0]} follows it, and may lead it for reasons of its own"
                 found.not_testable.append(self.refuse(sensor, reason))
                 continue
             possible = (minutes * SECONDS_PER_MIN for minutes in LATE_MIN)
             grid = tuple(by_s for by_s in possible if is_known_apart(view, sensor, by_s))
             if sensor not in view.varying_sensors or not grid:
-                reason = "it did not change, or was not known some minutes later"
+                reason = (
+                    "it did not change, or has too few readings some minutes after the observations"
+                )
                 found.not_testable.append(self.refuse(sensor, reason))
                 continue
             found.hypotheses.append(
@@ -75,14 +77,14 @@ class LateSensor(EffectKind):
     def explain(self, effect: Effect) -> str:
         """Say how late."""
         return (
-            f"{effect.sensors[0]} reports {parameter(effect, 'late_min', 'min')} late, which shows "
-            f"in {components(effect)}"
+            f"{effect.sensors[0]} reports {parameter(effect, 'late_min', 'min')} late (seen in "
+            f"{components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to look for."""
         return (
-            f"Look why {effect.sensors[0]} is late: a long mean or a buffer in what sends its "
-            "readings, a wrong clock there, or a sensor that hardly touches its body; then measure "
-            "again."
+            f"Find out why {effect.sensors[0]} is late: a long averaging time or a buffer in "
+            "whatever sends its readings, a wrong clock there, or poor contact between the "
+            "sensor and its body; then measure again."
         )

@@ -50,15 +50,15 @@ class MapFactor(EffectKind):
     """
 
     kind: ClassVar[str] = "map-factor"
-    text: ClassVar[str] = "tables have the wrong sign, or are in another unit"
+    text: ClassVar[str] = "tables have the wrong sign or the wrong unit"
     drawn_over: ClassVar[DrawnOver] = "position"
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "compare the stored tables of {component} with the instrument's own protocol"
+        "compare the stored tables of {component} with the instrument's own report"
     )
     not_adopted: ClassVar[str] = (
-        "it is a mistake in stored maps: they are to be stored right, which a correction beside "
-        "them would then spoil"
+        "the stored maps are wrong: store them right, for a correction beside them would then be "
+        "wrong"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -82,8 +82,8 @@ class MapFactor(EffectKind):
         factors = " or ".join(_number(factor) for factor in _possible(effect))
         where = f"map {effect.variant!r}" if effect.variant else "all maps"
         return (
-            f"Look up {components(effect)} of {where} in the instrument's protocol; store them "
-            f"anew multiplied by {factors}, then analyse again."
+            f"Look up {components(effect)} of {where} in the instrument's report; store them "
+            f"again multiplied by {factors}, then analyse again."
         )
 
 

@@ -37,13 +37,13 @@ class MapTemperature(EffectKind):
     """
 
     kind: ClassVar[str] = "map-temperature"
-    text: ClassVar[str] = "the temperature of a map was noted wrongly"
-    share_of: ClassVar[str] = "of what the tables say on the scale with that temperature put right"
+    text: ClassVar[str] = "the temperature of a map was recorded wrongly"
+    share_of: ClassVar[str] = "of what the tables say once that temperature is put right"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     drawn_over: ClassVar[DrawnOver] = "driver"
     shown_by: ClassVar[str] = (
-        "look {sensor} up in the record of the day on which the map was measured, or measure the "
-        "map of {component} again"
+        "look up {sensor} in the records of the day on which the map was measured, or measure "
+        "the map of {component} again"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -54,15 +54,16 @@ class MapTemperature(EffectKind):
         """Say what was noted, and what the data say."""
         sensor = effect.sensors[0]
         return (
-            f"map {effect.variant!r} was noted at {effect.parameters[NOTED]:.1f} °C of {sensor}, "
-            f"the data say {parameter(effect, REALLY, '°C')}, which shows in {components(effect)}"
+            f"map {effect.variant!r} is recorded at {effect.parameters[NOTED]:.1f} °C of "
+            f"{sensor}, but the data say {parameter(effect, REALLY, '°C')} (seen in "
+            f"{components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to look up."""
         return (
             f"Look up what {effect.sensors[0]} read when map {effect.variant!r} was measured, and "
-            "store the map with that; until then the correction may be adopted."
+            "store the map again with that; until then the correction may be adopted."
         )
 
 

@@ -43,16 +43,16 @@ class MirroredAxis(EffectKind):
     """
 
     kind: ClassVar[str] = "mirrored-axis"
-    text: ClassVar[str] = "positions were noted from the other end of the axis"
+    text: ClassVar[str] = "positions were recorded from the other end of the axis"
     drawn_over: ClassVar[DrawnOver] = "position"
-    share_of: ClassVar[str] = "of what mirroring would do: 1 where it is so"
+    share_of: ClassVar[str] = "of what mirroring would cause: 1 if they are mirrored"
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "measure {component} at the two ends of travel alone, and note which end was which"
+        "measure {component} at the two ends of travel only, and note which end was which"
     )
     not_adopted: ClassVar[str] = (
-        "it is a mistake in the positions of the observations: they are to be stored anew with "
-        "the right ones"
+        "the positions of the observations are wrong, not the model: store the verifications "
+        "again with the right ones"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -62,11 +62,11 @@ class MirroredAxis(EffectKind):
     def explain(self, effect: Effect) -> str:
         """Say what was mirrored."""
         axis = str(COMPONENTS[effect.components[0]].axis).upper()
-        what = f"positions of {axis} of {components(effect)}"
+        what = f"positions along {axis} of {components(effect)}"
         if effect.variant == POINTS:
-            what = f"positions of {axis} at points, which show {components(effect)},"
-        too = ", with the wrong sign too" if effect.variant == REVERSED else ""
-        return f"{what} were noted from the other end of the axis{too}"
+            what = f"positions along {axis} at points (seen in {components(effect)})"
+        too = ", and the sign is wrong too" if effect.variant == REVERSED else ""
+        return f"{what} were recorded from the other end of the axis{too}"
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to store anew."""
@@ -74,8 +74,8 @@ class MirroredAxis(EffectKind):
         of = "the points" if effect.variant == POINTS else components(effect)
         too = ", and the sign of its values" if effect.variant == REVERSED else ""
         return (
-            f"Look up in which direction {axis} was counted when {of} was verified{too}; store the "
-            "verifications anew with the right positions, then analyse again."
+            f"Look up in which direction {axis} was counted when {of} was verified{too}; store "
+            "the verifications again with the right positions, then analyse again."
         )
 
 

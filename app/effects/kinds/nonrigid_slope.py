@@ -17,15 +17,15 @@ class NonrigidSlope(EffectKind):
     """A slope of 8.1–8.18 that no map has, constant in time or growing with a temperature."""
 
     kind: ClassVar[str] = "nonrigid-slope"
-    text: ClassVar[str] = "a component grows with another axis' position"
+    text: ClassVar[str] = "a component grows with the position of another axis"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
     shown_by: ClassVar[str] = (
         "measure the axis of {component} along three parallel lines: at both ends and in the "
         "middle of the other axis, with the same tool"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "angular": "measure the same points with a short and a long tool: a rotation grows with "
-        "the tool, a slope does not",
+        "angular": "measure the same points with a short and a long tool: the effect of a rotation "
+        "grows with the tool, that of a slope does not",
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -37,7 +37,11 @@ class NonrigidSlope(EffectKind):
             if c.kind is Kind.SLOPE and c.code not in view.in_model and view.shows(c.code)
         ]
         if not lacking:
-            found.not_testable.append(self.refuse("", "the maps have all slopes that show"))
+            found.not_testable.append(
+                self.refuse(
+                    "", "the maps already have every slope that these observations can show"
+                )
+            )
         for code in lacking:
             own = view.sensor_of(code.partition("^")[0])
             sensors = [own] if own in view.varying_sensors else []
@@ -53,4 +57,4 @@ class NonrigidSlope(EffectKind):
         parent, axis = component.code.partition("^")[0], str(component.times).upper()
         how = size_along(effect, "slope", symbol_of(component.code, "K" if effect.sensors else ""))
         warm = f" and {effect.sensors[0]}" if effect.sensors else ""
-        return f"{parent} grows with the position of {axis}{warm}, {how}"
+        return f"{parent} grows with the position of {axis}{warm}, by {how}"

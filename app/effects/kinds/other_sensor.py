@@ -21,22 +21,29 @@ class OtherSensor(EffectKind):
     """E of the same maps on another sensor's scale, minus E on the assigned one's."""
 
     kind: ClassVar[str] = "other-sensor"
-    text: ClassVar[str] = "a component follows another sensor than the assigned one"
+    text: ClassVar[str] = "a component follows a sensor other than the assigned one"
     share_of: ClassVar[str] = (
-        "of what the tables say: 1 follows the other sensor alone, 0 the assigned one"
+        "of what the tables say that follows the other sensor: 1 for all of it, 0 for none"
     )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "bring {sensor} and the assigned sensor apart (heat one part of the machine only), and "
-        "measure {component} there"
+        "create a temperature difference between {sensor} and the assigned sensor (heat only one "
+        "part of the machine), and measure {component} in that state"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "thermal-lag": "let {sensor} and the assigned sensor stand still for some hours at "
-        "different temperatures, and measure {component}: only a wrong sensor still errs",
-        "other-sensor": "bring {sensor} and {rival} apart, and measure {component} there",
-        "additional-sensor": "keep {sensor} still while the assigned sensor warms up, and "
-        "measure {component}: with the wrong sensor it does not move at all",
+        "thermal-lag": (
+            "hold {sensor} and the assigned sensor steady at different temperatures for some "
+            "hours, and measure {component}: only a wrong sensor still leaves an error"
+        ),
+        "other-sensor": (
+            "create a temperature difference between {sensor} and {rival}, and measure "
+            "{component} in that state"
+        ),
+        "additional-sensor": (
+            "keep {sensor} steady while the assigned sensor warms up, and measure {component}: "
+            "if the assigned sensor is the wrong one, it does not move at all"
+        ),
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -62,8 +69,8 @@ class OtherSensor(EffectKind):
         if effect.parameters["share"] <= 0.0:
             move = verb(effect.components, "moves", "move")
             return (
-                f"{components(effect)} {move} away from what {other} says where it differs from "
-                f"{own} (share {share})"
+                f"{components(effect)} {move} the opposite way to what {other} says where it "
+                f"differs from {own} (share {share})"
             )
         follow = verb(effect.components, "follows", "follow")
         return f"{components(effect)} {follow} {other} rather than {own} (share {share})"
@@ -90,6 +97,6 @@ def _why_not(view: CampaignView, codes: tuple[str, ...], other: str) -> str:
         return f"map {lacking[0]!r} does not state the temperature of {other}"
     gap_c = float(np.diff(np.sort([stated[label] for label in labels])).min())
     if not view.machine.sensor(other).resolves(gap_c):
-        return f"two maps are only {gap_c:.2g} °C apart at {other}, which cannot tell them apart"
+        return f"two maps are only {gap_c:.2g} °C apart at {other}, too close for it to resolve"
     exchange = Exchange.of(other, stated)
     return next(filter(None, (exchange.why_missing(view.model, code) for code in codes)), "")

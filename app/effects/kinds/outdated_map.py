@@ -34,7 +34,7 @@ class OutdatedMap(EffectKind):
     against: ClassVar[Mapping[str, str]] = {
         "temperature-curvature": "measure {component} at the temperature of one of the maps: an "
         "outdated map is wrong there too",
-        "step": "ask whether {component} was still right early in the campaign",
+        "step": "find out whether {component} was still right early in the campaign",
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -64,7 +64,7 @@ class OutdatedMap(EffectKind):
         by = (
             f"shifted by {how}"
             if effect.variant == SHIFT
-            else f"off by {how} at the upper end of travel, and by minus that at the lower"
+            else f"off by {how} at the upper end of travel, and by the opposite at the lower end"
         )
         return f"the maps of {code} no longer hold: they are {by}"
 

@@ -52,7 +52,7 @@ class Periodic(EffectKind):
     text: ClassVar[str] = "a sine over position with unknown pitch, and its harmonics"
     drawn_over: ClassVar[DrawnOver] = "position"
     shown_by: ClassVar[str] = (
-        "measure {component} at 50 or more positions of random distance over some 100 mm"
+        "measure {component} at 50 or more randomly spaced positions over some 100 mm"
     )
     against: ClassVar[Mapping[str, str]] = {
         "periodic": "measure {component} every 0.5 mm over 40 mm: both pitches show at once",
@@ -76,7 +76,10 @@ class Periodic(EffectKind):
         """Say what swings with which pitch, and how far."""
         code = effect.components[0]
         swing = parameter(effect, f"amplitude_{COMPONENTS[code].unit}", symbol_of(code))
-        return f"{code} swings by {swing} with a pitch of {parameter(effect, 'pitch_mm')}"
+        return (
+            f"{code} varies as a sine over position, with an amplitude of {swing} and a pitch of "
+            f"{parameter(effect, 'pitch_mm')}"
+        )
 
 
 def pitches(positions_mm: FloatArray) -> tuple[float, ...]:
@@ -134,7 +137,7 @@ def why_no_pitch(positions_mm: FloatArray) -> str:
     return (
         f"all positions are multiples of one step of {step:g} mm: pitches of "
         f"{', '.join(f'{p:.3g}' for p in hidden)} mm … look constant, and one of {example:.3g} mm "
-        f"looks the same as {same} mm … (measure at positions of random distance)"
+        f"looks the same as {same} mm … (measure at randomly spaced positions)"
     )
 
 

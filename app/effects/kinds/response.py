@@ -26,12 +26,12 @@ class Response(EffectKind):
 
     kind: ClassVar[str] = "response"
     text: ClassVar[str] = (
-        "many sensors and states with lags together, where no single one of them can be named"
+        "many sensors and states act together with lags, and no single one of them can be named"
     )
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "measure {component} every 10 min for some hours from a cold start, with the room's "
-        "temperature changed in mid-run and the states in blocks, and repeat it on other days"
+        "measure {component} every 10 min for some hours from a cold start, changing the room "
+        "temperature in mid-run and the states in blocks, and repeat this on other days"
     )
     against: ClassVar[Mapping[str, str]] = {}
 
@@ -48,9 +48,10 @@ class Response(EffectKind):
         drivers = [*effect.sensors, *effect.states]
         named = list_names(drivers, MOST_NAMES)
         return (
-            f"{code} answers {counted(len(drivers), 'sensor and state', 'sensors and states')} "
-            f"together ({named}), each of them late by several times: {told[SET_UPS]:.0f} set-ups, "
-            f"each held out in turn, go from {told[f'{BEFORE}_{unit}']:.3g} to "
-            f"{told[f'{AFTER}_{unit}']:.3g} {symbol}, the one that gains least from "
+            f"{code} responds to "
+            f"{counted(len(drivers), 'sensor and state', 'sensors and states')} together "
+            f"({named}), to each with several lags: over {told[SET_UPS]:.0f} set-ups, each held "
+            f"out in turn, its residual goes from {told[f'{BEFORE}_{unit}']:.3g} to "
+            f"{told[f'{AFTER}_{unit}']:.3g} {symbol}; in the set-up that gains least, from "
             f"{told[f'{WORST_BEFORE}_{unit}']:.3g} to {told[f'{WORST_AFTER}_{unit}']:.3g} {symbol}"
         )

@@ -23,7 +23,7 @@ from app.units import date_text
 BIAS, STUCK, SPIKES = "bias", "stuck", "spikes"
 
 CONSTANT_BIAS: Final = (
-    "a bias that was there before the campaign and does not change is inside the tables: it "
+    "a bias that existed before the campaign and does not change is already in the tables: it "
     "cannot be told from an outdated map"
 )
 
@@ -41,7 +41,7 @@ class SensorFault(EffectKind):
     drawn_over: ClassVar[DrawnOver] = "time"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
-    shown_by: ClassVar[str] = "compare {sensor} with a calibrated thermometer at its place"
+    shown_by: ClassVar[str] = "compare {sensor} with a calibrated thermometer placed beside it"
 
     def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor that components follow."""
@@ -73,8 +73,8 @@ class SensorFault(EffectKind):
         bias = parameter(effect, "bias_k", "K")
         since = date_text(effect.parameters["changed_at_unix_s"])
         return (
-            f"{effect.sensors[0]} reads wrong by {bias} since {since}, which shows in "
-            f"{components(effect)}"
+            f"{effect.sensors[0]} has read wrong by {bias} since {since} (seen in "
+            f"{components(effect)})"
         )
 
 
@@ -83,10 +83,10 @@ def _of_readings(effect: Effect) -> str:
     sensor, parameters = effect.sensors[0], effect.parameters
     since = date_text(parameters["changed_at_unix_s"])
     if effect.variant == STUCK:
-        return f"{sensor} stood still for {parameters['lasted_h']:.0f} h from {since} on"
+        return f"{sensor} was stuck for {parameters['lasted_h']:.0f} h from {since} on"
     return (
-        f"{sensor} jumps by {abs(parameters['spike_k']):.1f} K in {parameters['share']:.1%} of its "
-        f"readings since {since}"
+        f"{sensor} has jumped by {abs(parameters['spike_k']):.1f} K in {parameters['share']:.1%} "
+        f"of its readings since {since}"
     )
 
 

@@ -31,20 +31,28 @@ class SensorGradient(EffectKind):
     """A component moves with how much warmer one place is than another."""
 
     kind: ClassVar[str] = "sensor-gradient"
-    text: ClassVar[str] = "bending with the difference of two sensors, at once or late"
+    text: ClassVar[str] = (
+        "bending with the temperature difference between two sensors, at once or late"
+    )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "heat one side of the structure only, so that {sensor} differs from its neighbour as "
+        "heat only one side of the structure, so that {sensor} differs from its neighbour as "
         "never before, and measure {component}"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "thermal-lag": "keep the difference steady for some hours (a run at constant speed) and "
-        "measure {component}: a late structure is right again, a bent one is not",
-        "additional-sensor": "warm the whole machine evenly by the room, so that differences "
-        "stay, and measure {component}: what bends does not move",
-        "state-variable": "measure {component} in the coasting-down after a run: the difference "
-        "outlasts the spindle's speed",
+        "thermal-lag": (
+            "keep the difference steady for some hours (a run at constant speed) and measure "
+            "{component}: a lagging structure is right again, a bent one is not"
+        ),
+        "additional-sensor": (
+            "warm the whole machine evenly by heating the room, so that the differences do not "
+            "change, and measure {component}: what bends with a difference does not move"
+        ),
+        "state-variable": (
+            "measure {component} while the spindle coasts down after a run: the temperature "
+            "difference outlasts the spindle's speed"
+        ),
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -75,8 +83,8 @@ class SensorGradient(EffectKind):
         how = size_along(effect, "slope", symbol_of(effect.components[0], "K"))
         warm, cold = effect.sensors
         return (
-            f"{effect.components[0]} bends with the difference of {warm} and {cold}"
-            f"{how_late(effect)}, {how}{since_maps_clause(effect)}"
+            f"{effect.components[0]} bends with the difference between {warm} and "
+            f"{cold}{how_late(effect)}, by {how}{since_maps_clause(effect)}"
         )
 
     def _time_constants_s(
@@ -98,10 +106,10 @@ class SensorGradient(EffectKind):
         among = f"{len(view.varying_sensors)} sensors"
         return [
             self.refuse(
-                among, "pairs without a component's own sensor are left out: they are too many"
+                among, "pairs without the component's own sensor are left out: there are too many"
             ),
             self.refuse(
-                f"{among}, {LATE}", "differences that act late are left out: they are too many"
+                f"{among}, {LATE}", "differences that act late are left out: there are too many"
             ),
         ]
 

@@ -32,18 +32,23 @@ class StateVariable(EffectKind):
     text: ClassVar[str] = "spindle speed, payload, feed …, at once or with a time constant"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.STATE})
     shown_by: ClassVar[str] = (
-        "measure {component} at three values of {state} one after the other, before any "
+        "measure {component} at three values of {state} in quick succession, before any "
         "temperature has changed, and every 10 min after {state} has gone back"
     )
     against: ClassVar[Mapping[str, str]] = {
         "state-variable": "measure {component} at three values of {state}, at once and every 10 "
         "min for an hour after each change, each value with and without the other state",
-        "thermal-lag": "change {state} while the temperatures stand still, and measure "
-        "{component} at once",
-        "additional-sensor": "measure {component} in the coasting-down after a run: the "
-        "temperature of {rival} outlasts {state}",
-        "sensor-gradient": "measure {component} in the coasting-down after a run: the "
-        "temperatures' difference outlasts {state}",
+        "thermal-lag": (
+            "change {state} while the temperatures are steady, and measure {component} at once"
+        ),
+        "additional-sensor": (
+            "measure {component} while the spindle coasts down after a run: the temperature of "
+            "{rival} outlasts {state}"
+        ),
+        "sensor-gradient": (
+            "measure {component} while the spindle coasts down after a run: the temperature "
+            "difference outlasts {state}"
+        ),
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -52,7 +57,7 @@ class StateVariable(EffectKind):
         for state, values in sorted(view.conditions.states.items()):
             if state not in view.varying_states:
                 found.not_testable.append(
-                    self.refuse(state, f"{state} did not change, or was not always known")
+                    self.refuse(state, f"{state} did not change, or was not always recorded")
                 )
                 continue
             # With two values, the square is the same as the state itself.
@@ -82,7 +87,7 @@ class StateVariable(EffectKind):
         if "time_constant_min" in effect.parameters:
             late = f", {parameter(effect, 'time_constant_min', 'min')} late"
         what = f"the square of {state}" if squared else state
-        return f"{code} moves with {what}{late}, {how}"
+        return f"{code} moves with {what}{late}, by {how}"
 
 
 def _hypothesis(

@@ -44,12 +44,12 @@ class Step(EffectKind):
     trending: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "ask what happened to the machine at that time, and measure {component} once more at "
-        "temperatures from before"
+        "temperatures that occurred before it"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "drift": "measure {component} again after as much time as this campaign took: a drift "
-        "goes on, a step has ended",
-        "sensor-fault": "compare {rival} with a calibrated thermometer at its place",
+        "drift": "measure {component} again after a period as long as this campaign: a drift will "
+        "have gone on, a step will not",
+        "sensor-fault": "compare {rival} with a calibrated thermometer placed beside it",
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -61,7 +61,7 @@ class Step(EffectKind):
         """Say what changed when, and by how much."""
         how = size_along(effect, "step", symbol_of(effect.components[0]))
         when = date_text(effect.parameters["changed_at_unix_s"])
-        return f"{components(effect)} changed by {how} between the visits at {when}"
+        return f"{components(effect)} changed once, by {how}, at about {when}"
 
 
 def change_times(view: CampaignView) -> Nonlinear:

@@ -51,8 +51,8 @@ class TemperatureCurvature(EffectKind):
         """Say how strongly what is curved in which temperature."""
         how = size_along(effect, "curvature", symbol_of(effect.components[0], "K²"))
         return (
-            f"{effect.components[0]} is curved over the temperature of {effect.sensors[0]} "
-            f"{effect.variant}, {how}"
+            f"{effect.components[0]} is not linear in the temperature of {effect.sensors[0]} "
+            f"{effect.variant}: its curvature is {how}"
         )
 
 

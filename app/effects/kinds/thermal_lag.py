@@ -26,24 +26,32 @@ class ThermalLag(EffectKind):
     """E at a low-passed temperature instead of the sensor's own, on one component or on all."""
 
     kind: ClassVar[str] = "thermal-lag"
-    text: ClassVar[str] = "the structure answers its sensor late: a first-order low-pass"
+    text: ClassVar[str] = "the structure follows its sensor late: a first-order low-pass"
     driver_note: ClassVar[str] = (
         "Late minus present: what the sensor read some time ago, less what it reads now."
     )
-    share_of: ClassVar[str] = "of what the tables say: 1 follows late as a whole, 0 at once"
+    share_of: ClassVar[str] = (
+        "of what the tables say that follows late: 1 for all of it, 0 for none"
+    )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} every 10 min through a quick warm-up and the cooling after it, and "
-        "again when {sensor} has stood still for some hours"
+        "again once {sensor} has been steady for some hours"
     )
     against: ClassVar[Mapping[str, str]] = {
-        "other-sensor": "heat {rival} without {sensor}, or let both stand still for some hours "
-        "at different temperatures, and measure {component}: a late structure is right again",
-        "sensor-gradient": "let all temperatures stand still for some hours at a high level and "
-        "measure {component}: a late structure is right again, a bent one is not",
-        "state-variable": "warm the machine by the room with the spindle standing still, and "
-        "measure {component} meanwhile",
+        "other-sensor": (
+            "heat {rival} but not {sensor}, or hold both steady at different temperatures for "
+            "some hours, and measure {component}: a lagging structure is right again"
+        ),
+        "sensor-gradient": (
+            "hold all temperatures steady at a high level for some hours and measure "
+            "{component}: a lagging structure is right again, a bent one is not"
+        ),
+        "state-variable": (
+            "warm the machine by heating the room with the spindle stopped, and measure "
+            "{component} meanwhile"
+        ),
     }
 
     def propose(self, view: CampaignView) -> Proposals:
@@ -81,8 +89,8 @@ class ThermalLag(EffectKind):
         if share - 1.0 <= FAR_ABOVE * effect.standard_errors.get("share", 0.0):
             return ""
         return (
-            f"a share of {share:.2g}, by which {list_names(effect.components, 3)} would go "
-            f"backwards at first whenever {effect.sensors[0]} changes"
+            f"with a share of {share:.2g}, more than 1, {list_names(effect.components, 3)} would "
+            f"move backwards at first whenever {effect.sensors[0]} changes"
         )
 
 

@@ -36,24 +36,24 @@ class ToolLength(EffectKind):
     """
 
     kind: ClassVar[str] = "tool-length"
-    text: ClassVar[str] = "a tool's length was stated wrongly: it acts through the angles"
+    text: ClassVar[str] = "a tool's length was stated wrongly: it acts through the angular errors"
     drawn_over: ClassVar[DrawnOver] = "position"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
     only_once: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
-        "measure the tool's length from the gauge line, and the same points with a second tool of "
-        "quite another length"
+        "measure the tool's length from the gauge line, and the same points with a second tool "
+        "of quite a different length"
     )
     not_adopted: ClassVar[str] = (
-        "it is a mistake in what was stated beside the observations: they are to be stored anew "
-        "with the right tool offset"
+        "the tool offset stated with the observations is wrong, not the model: store the "
+        "verifications again with the right one"
     )
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every tool by itself, and all together."""
         codes = tuple(c for c in view.tables if COMPONENTS[c].kind is Kind.ANGULAR)
         if not codes:
-            return Proposals(not_testable=[self.refuse("tools", "no map has an angle")])
+            return Proposals(not_testable=[self.refuse("tools", "no map has an angular error")])
         return Proposals([_hypothesis(name, rows, codes) for name, rows in _tools(view)])
 
     def explain(self, effect: Effect) -> str:
@@ -62,15 +62,15 @@ class ToolLength(EffectKind):
         which = f"the tool of {effect.variant}" if effect.variant else "every tool"
         size = parameter(effect, LONGER, "mm").removeprefix("-").removeprefix("−")
         return (
-            f"{which} is {size} {'longer' if longer else 'shorter'} than stated, which acts "
-            f"through {components(effect)}"
+            f"{which} is {size} {'longer' if longer else 'shorter'} than stated (acting through "
+            f"{components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to measure."""
         which = f"the tool of {effect.variant}" if effect.variant else "the tools"
         return (
-            f"Measure {which} from the gauge line; store the verifications anew with the right "
+            f"Measure {which} from the gauge line; store the verifications again with the right "
             "tool offset, then analyse again."
         )
 
