@@ -51,10 +51,10 @@ class AlternativeAnswer(Shape):
     """Driven by which states"""
 
     evidence: float
-    """Its 2 ln of the Bayes factor against no effect"""
+    """Its evidence against no effect, 2 ln of the Bayes factor"""
 
     behind: float
-    """By how much less than the effect's"""
+    """How much weaker that is than the effect's own evidence"""
 
     alias_share: float
     """Share of the effect that it can imitate"""
@@ -63,7 +63,7 @@ class AlternativeAnswer(Shape):
     """Whether these observations cannot tell the two apart"""
 
     with_offset: bool
-    """Whether it comes so close only with a constant beside it"""
+    """Whether it comes this close only with a constant added to it"""
 
     separating_measurement: str | None
     """What would tell them apart"""
@@ -160,8 +160,8 @@ class CauseAnswer(Shape):
     """What the observations say of one cause among many that drive an effect together."""
 
     claim: Literal["kind", "driver", "tie", "amount"]
-    """`kind`: whether a kind of causes takes part; `driver`: one that nothing stands in for; `tie`:
-    some that stand in for each other; `amount`: by how much the component moves
+    """`kind`: whether a kind of cause takes part; `driver`: a cause that nothing else can stand in
+    for; `tie`: causes that can stand in for one another; `amount`: by how much the component moves
     """
 
     names: list[str]
@@ -171,7 +171,9 @@ class CauseAnswer(Shape):
     """One plain sentence"""
 
     two_ln_bayes_factor: float | None
-    """Evidence that is lost without it: above 6 it is strong, above 10 very strong"""
+    """Evidence that is lost without it, 2 ln of the Bayes factor: above 6 is strong, above 10 very
+    strong
+    """
 
     value: float | None
     """The amount after the longest time that is stated [µm; angular components µrad, squareness
@@ -179,8 +181,8 @@ class CauseAnswer(Shape):
     """
 
     error: float | None
-    """Its standard deviation, the larger one of posterior and jackknife [µm; angular components
-    µrad, squareness µm/m]
+    """Its standard deviation, the larger of those by posterior and by jackknife [µm; angular
+    components µrad, squareness µm/m]
     """
 
 
@@ -421,20 +423,20 @@ class ComponentFiguresAnswer(Shape):
     """`declared`, `replicates` or `residuals`"""
 
     floor: float | None
-    """What noise alone would leave, as repeats within two minutes and the scatter of set-ups show
-    it [µm; angular components µrad, squareness µm/m]; null where too little was repeated
+    """What noise alone would leave, judged by repeats within two minutes and the scatter of set-ups
+    [µm; angular components µrad, squareness µm/m]; null where too little was repeated
     """
 
     floor_unknown: str | None
     """Why there is no floor; null where there is one"""
 
     setup_scatter: float | None
-    """Standard deviation by which set-ups differ, as these residuals were fitted [µm; angular
-    components µrad, squareness µm/m]; null where nothing could be held out
+    """Standard deviation between set-ups, as fitted to these residuals [µm; angular components
+    µrad, squareness µm/m]; null where nothing could be held out
     """
 
     zero: Literal["absolute", "first", "removed"] | None
-    """What its figures are relative to, as for the figures over all"""
+    """What its figures are relative to; see the overall figures"""
 
 
 class Connection(Shape):
@@ -577,9 +579,10 @@ class DriftVerificationAnswer(Shape):
 
 class EffectCurve(Shape):
     """
-    An effect's residuals over what drives it: arrays of one length, of some rows.
+    An effect's residuals over what drives it: arrays of equal length, for some of the values.
 
-    Where it acts on components of several units, of those of one unit: where it explains most.
+    Where it acts on components of several units, only those of one unit are drawn: the one in which
+    it explains most.
     """
 
     over: str
@@ -592,19 +595,19 @@ class EffectCurve(Shape):
     """Unit of the residuals"""
 
     components: list[str]
-    """Whose residual each is"""
+    """The component of each residual"""
 
     driver: list[float]
     """What drives it [mm; K, s …], in `over_unit`"""
 
     before: list[float]
-    """Residuals without this effect, all others taken off [µm; …], in `unit`"""
+    """Residuals with all other effects, but without this one [µm; …], in `unit`"""
 
     after: list[float]
     """Residuals with all effects [µm; …], in `unit`"""
 
     explained: list[float]
-    """What this effect says [µm; …], in `unit`"""
+    """What this effect predicts [µm; …], in `unit`"""
 
     direction: list[float]
     """Approach of its own axis: 1, -1, or 0 where it is not known"""
@@ -675,29 +678,29 @@ class EvidenceAnswer(Shape):
     """Numbers that were fitted for it"""
 
     two_ln_bayes_factor: float | None
-    """Evidence against its absence, the prior spread evenly inside its family; above 10 it is very
-    strong
+    """Evidence for it against no effect, 2 ln of the Bayes factor, with the prior spread evenly
+    within its kind; above 10 it is very strong
     """
 
     p_global: float | None
-    """Probability that noise surprises as much anywhere in the library"""
+    """Probability that noise alone gives as strong a candidate anywhere in the library"""
 
     calibration_slope: float | None
-    """Measured against predicted contribution on held-out visits: 1 is right, 0 is nothing; null
-    where these visits do not excite it
+    """Slope of measured against predicted contribution on held-out visits: 1 if they show all of
+    it, 0 if nothing; null where it was never found without them
     """
 
     calibration_slope_error: float | None
     """Standard error of that slope"""
 
     forward_slope: float | None
-    """The same on the last visits, for trends"""
+    """The same slope on the last visits, predicted from the earlier ones, for trends"""
 
     found_again_share: float | None
-    """Share of the folds that find it again, or what it is tied with"""
+    """Share of the hold-out splits in which it, or what it is tied with, is found again"""
 
     seen_in_readings: str | None
-    """What the readings alone show of it, where they do"""
+    """What the readings alone show of it; null where they do not show it"""
 
 
 class ExcludedAnswer(Shape):
@@ -738,17 +741,17 @@ class FiguresAnswer(Shape):
     """95th percentile of the size [µm]"""
 
     holdout_rms_um: float | None
-    """Root mean square on visits that took no part in what predicts them [µm]; null where nothing
-    could be held out
+    """Root mean square on held-out visits: each is predicted by what was learnt without it [µm];
+    null where nothing could be held out
     """
 
     holdout_rms_ci95_um: list[float] | None
     """Its 95 % confidence interval, over visits [µm]"""
 
     zero: Literal["absolute", "first", "removed"] | None
-    """What they are relative to: the model's zero (`absolute`); wherever an instrument's zero is
-    another, each set-up's first observation, at which it was zeroed (`first`), or the mean of what
-    shares a zero that nobody knows (`removed`); null in older results
+    """What they are relative to. `absolute`: the model's zero. `first`: the first observation of
+    each set-up, at which the instrument was zeroed. `removed`: the zero is not known, and the mean
+    of the values that share it is taken off. Null in older results
     """
 
 
@@ -765,16 +768,17 @@ class FleetMachine(Shape):
     """Machines that state the same configuration, travels and sensors"""
 
     watch: str | None
-    """`within` or `beyond` its limits by the last verifications; null where none was judged"""
+    """`within` or `beyond` its limits, by the latest verifications; null where none was judged
+    """
 
     drifts: str | None
-    """Why it is no longer what its model says; null where nothing says so"""
+    """Why it no longer agrees with its model; null where there is no sign of that"""
 
     analysis: int | None
     """Number of its analysis; null where there is none"""
 
     verdict: Literal["effects-found", "nothing-found", "unexplained", "not-judged"] | None
-    """What that says; null where it came to nothing"""
+    """Its verdict; null where there is no result"""
 
     why_not: str | None
     """Why it was not judged; null where it was"""
@@ -789,7 +793,7 @@ class FleetMachine(Shape):
     """The same with the effects that were found [µm]; see `unit`"""
 
     found: list[str]
-    """What was found, a sentence each"""
+    """What was found, one sentence each"""
 
 
 class FleetMemberAnswer(Shape):
@@ -829,12 +833,11 @@ class FollowedNumber(Shape):
     """Latest measured minus predicted [µm; angular components µrad, squareness µm/m]"""
 
     expected_sd: float
-    """Standard deviation that was to be expected of it [µm; angular components µrad, squareness
-    µm/m]
+    """Standard deviation that was expected of it [µm; angular components µrad, squareness µm/m]
     """
 
     evidence: float
-    """Its e-value"""
+    """Evidence that it has changed, as an e-value"""
 
 
 class FollowsAnswer(Shape):
@@ -870,7 +873,7 @@ class FoundOn(Shape):
     """How sure its name is there: `confirmed`, `suspected` or `not-confirmable`"""
 
     helps: bool
-    """Whether held-out visits of that machine get better with it"""
+    """Whether held-out visits of that machine show that it helps"""
 
     parameters: dict[str, float]
     """Its parameters there; the unit ends each name"""
@@ -908,10 +911,12 @@ class HelpedAnswer(Shape):
     """Unit of its numbers"""
 
     before_rms: float
-    """Smallest that is seen without it [µm; angular components µrad, squareness µm/m]"""
+    """Smallest size that is seen without the added visit [µm; angular components µrad, squareness
+    µm/m]
+    """
 
     after_rms: float
-    """Smallest that is seen with it [µm; angular components µrad, squareness µm/m]"""
+    """Smallest size that is seen with it [µm; angular components µrad, squareness µm/m]"""
 
 
 class JudgedVerification(Shape):
@@ -940,15 +945,15 @@ class JudgementAnswer(Shape):
     """That version; null where there was none"""
 
     status: Literal["within", "beyond", "not-judged"]
-    """`within` or `beyond` its limits by a sequential test, with all before it; `not-judged` with
-    the reason in `summary`
+    """`within` or `beyond` the limits of a sequential test over this and all earlier verifications;
+    `not-judged`, with the reason in `summary`
     """
 
     evidence: float | None
-    """E-value of all verifications so far"""
+    """Evidence from all verifications so far, as an e-value"""
 
     limit: float | None
-    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+    """Evidence that an unchanged machine ever reaches only with probability `false_alarm`"""
 
     false_alarm: float | None
     """Probability that an unchanged machine is ever called changed"""
@@ -960,7 +965,7 @@ class JudgementAnswer(Shape):
     """What has changed since the model was made, the clearest first"""
 
     visits: int
-    """Visits of the verification that were looked at"""
+    """Number of visits in the verification that were looked at"""
 
 
 class LargestValue(Shape):
@@ -1172,13 +1177,13 @@ class NotHeldAnswer(Shape):
 
 
 class NotTestedAnswer(Shape):
-    """What these observations cannot show."""
+    """Something that these observations cannot show."""
 
     kind: str
     """Kind of effect"""
 
     on: str
-    """Of what"""
+    """What it would act on or be driven by; empty for the kind as a whole"""
 
     reason: str
     """Why"""
@@ -1272,10 +1277,10 @@ class PathErrorsAnswer(Shape):
 
 
 class PlannedPlaceAnswer(Shape):
-    """One observation to be made, as planning takes it."""
+    """One observation to be made, in the form that planning takes."""
 
     time: str
-    """When, at the moment of the record that stands for it, UTC"""
+    """Time, at a recorded moment with the wanted conditions, UTC"""
 
     component: str | None
     """Component code; null at a point"""
@@ -1290,11 +1295,11 @@ class PlannedPlaceAnswer(Shape):
     """Tool offset X, Y, Z [mm]"""
 
     direction: dict[str, Literal["+", "-"]] | None
-    """Axis to its direction of approach"""
+    """Direction of approach of each axis"""
 
 
 class PlannedRivalAnswer(Shape):
-    """What imitates an effect best."""
+    """The effect that imitates another one best."""
 
     kind: str
     """Kind of effect"""
@@ -1309,17 +1314,17 @@ class PlannedRivalAnswer(Shape):
     """Driven by which states"""
 
     overlap: float
-    """Share of the effect that it reproduces"""
+    """Share of the effect that it can reproduce"""
 
     separating_measurement: str | None
     """What would tell them apart"""
 
 
 class PlannedVisitAnswer(Shape):
-    """A visit to be made: one of the `planned` of a plan."""
+    """A visit to be made, as one of the `planned` visits of a plan."""
 
     label: str
-    """What the plan calls it"""
+    """Its name in the plan"""
 
     datum: str
     """`absolute`, `first` or `free`, as in the visits before"""
@@ -1328,7 +1333,7 @@ class PlannedVisitAnswer(Shape):
     """Standard deviation of one length, where it is known [µm]"""
 
     observations: list[PlannedPlaceAnswer]
-    """In their order"""
+    """In the order of measurement"""
 
 
 class PredictionAnswer(Shape):
@@ -1407,21 +1412,21 @@ class ReadyAnswer(Shape):
 
 
 class RefittedEffectAnswer(Shape):
-    """What becomes of an effect that the model has, if the effects that help are adopted."""
+    """What adopting the effects that help does to an effect that the model already has."""
 
     effect: dict[str, Any]
     """The effect as the model has it"""
 
     becomes: dict[str, Any] | None
-    """What adoption stores in its place; null where it is dropped or left"""
+    """What adoption stores in its place; null where it is dropped or left as it is"""
 
     outcome: Literal["refitted", "dropped", "left"]
-    """`refitted` together with the effects that were found and help; `dropped`, because it no
-    longer pays beside them; `left` as it is
+    """`refitted`: together with the found effects that help; `dropped`: no longer worth its place
+    beside them; `left`: as it is
     """
 
     is_changed: bool
-    """Whether it is dropped, or moves by more than its parameters are unsure by"""
+    """Whether it is dropped, or its parameters change by more than their uncertainty"""
 
     explanation: str
     """What it was and what it becomes, or why it stays, in one plain sentence"""
@@ -1436,7 +1441,7 @@ class RefittedEffectAnswer(Shape):
     """Parameters as the model has them; the unit ends each name [µm; …]"""
 
     refitted_parameters: dict[str, float] | None
-    """Parameters as they become [µm; …]; null where it is dropped or left"""
+    """Parameters after refitting [µm; …]; null where it is dropped or left"""
 
     refitted_standard_errors: dict[str, float] | None
     """One standard deviation of each [µm; …]; null where it is dropped or left"""
@@ -1729,19 +1734,19 @@ class SuggestionAnswer(Shape):
     """A visit to add."""
 
     sentence: str
-    """Which, and what it helps"""
+    """What to add, and what it improves"""
 
     like_time: AwareDatetime
-    """When the machine was like that, UTC"""
+    """When the machine was last recorded in such conditions, UTC"""
 
     temperatures_c: dict[str, float]
-    """Its sensors' temperatures then [°C]"""
+    """The sensors' temperatures at that time [°C]"""
 
     states: dict[str, float]
-    """Its state then"""
+    """The machine's state at that time"""
 
     helped: list[HelpedAnswer]
-    """The effects that gain most"""
+    """The effects whose smallest visible size falls most"""
 
 
 class SummaryAnswer(Shape):
@@ -1819,76 +1824,79 @@ class TravelSchema(Shape):
 
 
 class TriedAssignmentAnswer(Shape):
-    """One component's maps read by another sensor than the assigned one, on set-ups held out."""
+    """One component's maps read by a sensor other than the assigned one, on held-out set-ups."""
 
     component: str
     """Component code"""
 
     present_sensor: str
-    """Sensor that it follows"""
+    """Sensor that it follows now"""
 
     other_sensor: str | None
-    """The other one that leaves least; null where nothing could be judged"""
+    """The other sensor that leaves least; null where nothing could be judged"""
 
     as_good: list[str]
-    """Those that leave nearly as little, within a twentieth: the set-ups do not tell them apart
+    """Other sensors that leave nearly as little, within 5 %: the set-ups cannot tell them apart
     """
 
     unit: str
     """Unit of its numbers"""
 
     at_points: bool
-    """Whether figures are of points of the work volume, as it was not observed by itself"""
+    """Whether figures are of points of the work volume, because it was not observed by itself"""
 
     setups: int
-    """Set-ups in which it shows"""
+    """Number of set-ups in which it shows"""
 
     before_rms_um: float
-    """Root mean square of what the present sensor leaves, from each set-up's zero [µm]; see `unit`
+    """Root mean square of the residuals with the present sensor, from each set-up's zero [µm]; see
+    `unit`
     """
 
     after_rms_um: float | None
-    """What the other one leaves, of each set-up the one that all others choose [µm]; see `unit`
+    """The same with the other sensor; in each set-up the one that all other set-ups choose [µm];
+    see `unit`
     """
 
     worst_setup: str | None
-    """Label of the set-up that loses most, or gains least"""
+    """Label of the set-up that gets most worse, or gains least"""
 
     worst_before_rms_um: float | None
-    """Root mean square of that [µm]; see `unit`"""
+    """Its root mean square with the present sensor [µm]; see `unit`"""
 
     worst_after_rms_um: float | None
-    """With the other sensor [µm]; see `unit`"""
+    """Its root mean square with the other sensor [µm]; see `unit`"""
 
     p_global: float | None
-    """Probability that any sensor on any component gains so evenly by chance"""
+    """Probability that some sensor on some component gains as evenly by chance"""
 
     why_not: str | None
-    """Why the other one is not proposed; null where it is"""
+    """Why the other sensor is not proposed; null where it is"""
 
     sentence: str
     """One plain sentence"""
 
     proposed_sensor: str | None
-    """Sensor that it should rather follow; null where none is proposed"""
+    """Sensor that it should follow instead; null where none is proposed"""
 
 
 class TriedEffectAnswer(Shape):
     """Whether a machine shows an effect that was found on another one."""
 
     verdict: Literal["yes", "no", "cannot-be-told", "adopted"]
-    """`yes`: it leaves less on this machine too, surely; `no`: the machine shows less than half of
-    it, surely; `cannot-be-told`; `adopted`: this machine's model has such an effect already
+    """`yes`: it certainly reduces this machine's residuals too; `no`: the machine certainly shows
+    less than half of it; `cannot-be-told`; `adopted`: this machine's model already has such an
+    effect
     """
 
     reason: str
     """One plain sentence"""
 
     setups: int
-    """Set-ups that took part, none of which had a part in finding it"""
+    """Set-ups that took part; none of them was used in finding it"""
 
     unit: str | None
-    """Unit of the figures, that in which the effect shows best; null where there are none"""
+    """Unit of the figures: the one in which the effect shows best; null where there are none"""
 
     before_rms_um: float | None
     """Root mean square of residuals where it acts [µm]; see `unit`"""
@@ -1897,13 +1905,13 @@ class TriedEffectAnswer(Shape):
     """The same with the effect as it was found [µm]; see `unit`"""
 
     gain_ci95_um: list[float] | None
-    """95 % interval of how much less that is, over set-ups [µm]; see `unit`"""
+    """95 % interval of the reduction, over set-ups [µm]; see `unit`"""
 
     share: float | None
     """How much of the effect this machine shows: 1 is all of it, 0 nothing"""
 
     share_interval: list[float] | None
-    """Interval of `share`; the wider the more machines are tried together"""
+    """Interval of `share`; it widens with the number of machines tried together"""
 
 
 class TriedOn(Shape):
@@ -1913,7 +1921,7 @@ class TriedOn(Shape):
     """The sister"""
 
     result: TriedEffectAnswer
-    """What that said"""
+    """The outcome"""
 
 
 class UnexplainedAnswer(Shape):
@@ -1939,7 +1947,7 @@ class UnexplainedAnswer(Shape):
 
 
 class ValidAnswer(Shape):
-    """Where an effect was learnt: beyond it, it is held at the edge."""
+    """The ranges in which an effect was learnt; beyond them it is held at the edge."""
 
     from_: AwareDatetime = Field(..., alias="from")
     """Time of the first observation that it rests on, UTC"""
@@ -1948,7 +1956,7 @@ class ValidAnswer(Shape):
     """Time of the last one, UTC"""
 
     temperatures_c: dict[str, list[float]]
-    """Temperatures of the sensors that it is made of [°C]"""
+    """Temperatures of the sensors that it uses [°C]"""
 
     state: dict[str, list[float]]
     """Values of the states that drive it at once"""
@@ -1957,14 +1965,14 @@ class ValidAnswer(Shape):
     """Positions on the axis of each of its components [mm]"""
 
     made_of: dict[str, list[float]]
-    """What it makes of several signals or of the past, such as how far a sensor was behind; the
-    unit ends each name
+    """Quantities that it forms from several signals or from the past, such as how far a sensor
+    lags; each name ends in the unit
     """
 
     use_until: AwareDatetime | None
-    """Until when an effect that grows with time may be used, UTC: from then on what it may have
-    grown by since `to`, or be wrong by where it is continued beyond that, is more than one
-    observation scatters; null for others
+    """Until when an effect that grows with time may be used, UTC. After that, its growth since
+    `to`, or its error where it is continued beyond that, may exceed the scatter of one observation.
+    Null for other effects
     """
 
 
@@ -2007,7 +2015,7 @@ class VerificationAnswer(Shape):
 
 
 class VisitMeans(Shape):
-    """Means by visit of one component: arrays of one length."""
+    """Means by visit of one component: arrays of equal length."""
 
     component: str
     """Component code, or `points x`"""
@@ -2016,7 +2024,7 @@ class VisitMeans(Shape):
     """Unit of the means"""
 
     at_points: bool
-    """Whether they are of points of the work volume"""
+    """Whether the values are of points of the work volume"""
 
     time_s: list[float]
     """Mean time of each [s], since 1970-01-01 UTC"""
@@ -2027,7 +2035,7 @@ class VisitMeans(Shape):
     """
 
     count: list[int]
-    """How many values each is of"""
+    """Number of values in each mean"""
 
     before: list[float]
     """Means before [µm; …], in `unit`"""
@@ -2036,8 +2044,8 @@ class VisitMeans(Shape):
     """Means with all effects [µm; …], in `unit`"""
 
     expected: list[float]
-    """Standard deviation that each mean has by repeatability, set-up scatter and the maps' own
-    uncertainty [µm; …], in `unit`; empty in older results
+    """Expected standard deviation of each mean, from repeatability, set-up scatter and the maps'
+    own uncertainty [µm; …], in `unit`; empty in older results
     """
 
 
@@ -2677,37 +2685,37 @@ class FoundEffectAnswer(Shape):
     """What adoption stores"""
 
     before_rms_um: float
-    """Root mean square of its components before it, on held-out visits where there are any [µm];
-    see `unit`
+    """Root mean square of the residuals where it acts, before any found effect, on held-out visits
+    where there are any [µm]; see `unit`
     """
 
     after_rms_um: float
-    """The same with it [µm]; see `unit`"""
+    """The same with all found effects [µm]; see `unit`"""
 
     unit: str
-    """Unit of the two: lengths where any is one"""
+    """Unit of these two: µm where the effect acts on any length"""
 
     status: str
     """How sure its name is: `confirmed`, `suspected` or `not-confirmable`"""
 
     helps: bool
-    """Whether visits that took no part in finding it get better with it, and none markedly worse:
-    adopted unless effects are named
+    """Whether held-out visits show that it helps, and none gets markedly worse; such effects are
+    adopted unless the request names effects
     """
 
     why_not: str | None
-    """Why nobody can say that it helps; null where it does"""
+    """Why it is not known to help; null where it helps"""
 
     is_proxy: bool
     """Whether unexplained structure remains beside it"""
 
     doubts: list[str]
-    """In what the measured values differ from it, more than noise would: its name is then not
-    `confirmed`; empty where they do not
+    """How the measured values depart from it, beyond noise: its name is then not `confirmed`. Empty
+    where they fit it
     """
 
     evidence: EvidenceAnswer
-    """How sure it is"""
+    """How strong the evidence for it is"""
 
     alternatives: list[AlternativeAnswer]
     """What else it could be, ties first"""
@@ -2722,13 +2730,14 @@ class FoundEffectAnswer(Shape):
     """Their share of the evidence"""
 
     leverage_warning: str | None
-    """Said where most of the evidence stands on two visits"""
+    """A warning where two visits carry most of the evidence; else null"""
 
     measure_again: str | None
-    """Until when one that grows with time may be used, and what to measure"""
+    """For an effect that grows with time: until when it may be used, and what to measure by then
+    """
 
     causes: list[CauseAnswer]
-    """What can be said of its causes, where many drive it together; empty of other effects"""
+    """What can be said of its causes where many drive it together; empty for other effects"""
 
     kind: str
     """Kind of effect"""
@@ -2752,7 +2761,7 @@ class FoundEffectAnswer(Shape):
     """One standard deviation of each parameter that was estimated [µm; …]"""
 
     valid: ValidAnswer | None
-    """Where it was learnt: beyond it, it is held at the edge"""
+    """The ranges in which it was learnt; beyond them it is held at the edge"""
 
 
 class GridAnswer(AnswerHead):
@@ -3029,22 +3038,22 @@ class NeededAnswer(Shape):
 
 
 class NextVisitAnswer(Shape):
-    """The visit that would tell most next."""
+    """The most informative visit to make next."""
 
     sentence: str
     """What to measure, when, and what for"""
 
     like_time: AwareDatetime
-    """When the machine was like that, UTC"""
+    """When the machine was last recorded in such conditions, UTC"""
 
     temperatures_c: dict[str, float]
-    """Its sensors' temperatures then [°C]"""
+    """The sensors' temperatures at that time [°C]"""
 
     states: dict[str, float]
-    """Its state then"""
+    """The machine's state at that time"""
 
     planned: PlannedVisitAnswer
-    """What to hand on to planning"""
+    """What to send to planning"""
 
 
 class ParseAnswer(Shape):
@@ -3088,13 +3097,13 @@ class PlannedEffectAnswer(Shape):
     """Unit of its numbers"""
 
     smallest_rms: float
-    """Its root mean square over the rows in which it shows [µm; angular components µrad, squareness
-    µm/m]
+    """Its root mean square over the values on which it acts [µm; angular components µrad,
+    squareness µm/m]
     """
 
     distinguishable_rms: float | None
-    """The same to be told from its closest rival; null where nothing in this plan tells them apart
-    [µm; angular components µrad, squareness µm/m]
+    """The size from which it can be told from its closest rival; null where nothing in this plan
+    tells them apart [µm; angular components µrad, squareness µm/m]
     """
 
     rival: PlannedRivalAnswer | None
@@ -3102,13 +3111,13 @@ class PlannedEffectAnswer(Shape):
 
 
 class Plots(Shape):
-    """Arrays of the report's plots, at most some hundred points each."""
+    """Arrays for the report's plots, at most some hundred points each."""
 
     effects: list[EffectCurve]
-    """Of each effect that residuals show, in the order of the effects"""
+    """One for each effect that residuals show, in the order of the effects"""
 
     visits: list[VisitMeans]
-    """Of each component"""
+    """One for each component"""
 
 
 class ProposalAnswer(Shape):
@@ -3198,7 +3207,7 @@ class RotaryErrorAnswer(AnswerHead):
 
 
 class SharedEffect(Shape):
-    """An effect, on whom it was found and what its sisters say of it."""
+    """An effect, the machines on which it was found, and how it did on their sisters."""
 
     kind: str
     """Kind of effect"""
@@ -3216,7 +3225,7 @@ class SharedEffect(Shape):
     """States that drive it"""
 
     explanation: str
-    """What it is on the machine from which it was tried on the others"""
+    """The effect as found on the machine from which it was tried on the others"""
 
     found_on: list[FoundOn]
     """Machines whose own analysis found it; the first is the one from which it was tried"""
@@ -3225,10 +3234,10 @@ class SharedEffect(Shape):
     """Sisters on which it was tried"""
 
     not_tried_on: dict[str, str]
-    """Sisters on which it was not, with the reason"""
+    """Sisters on which it was not tried, with the reason"""
 
     summary: str
-    """Found on how many, tried on how many, with which answer"""
+    """On how many machines it was found and tried, with the outcomes"""
 
 
 class SimulatedStepDiagonal(AnswerHead):
@@ -3322,25 +3331,25 @@ class AnalysisResult(Shape):
     """What an analysis found; `plots` are the arrays of its report."""
 
     verdict: Literal["effects-found", "nothing-found", "unexplained", "not-judged"]
-    """`unexplained` where structure remains that no effect fits; `not-judged` where residuals are
-    larger than the noise and too few set-ups were made to say why
+    """`effects-found`; `nothing-found`; `unexplained`: structure remains that no effect fits; `not-
+    judged`: residuals are larger than the noise, but there are too few set-ups to say why
     """
 
     summary: str
-    """Two plain sentences"""
+    """The answer in plain sentences"""
 
     kinds: list[str] | None
-    """Kinds of effects that were looked for; null: all of them"""
+    """Kinds of effects that were looked for; null for all"""
 
     unit: str
-    """Of the figures over all values: µm, or that of the angles where no length was measured"""
+    """Unit of the overall figures: µm, or that of the angles where no length was measured"""
 
     noise_um: float | None
     """Standard deviation of one observation [µm]; see `unit`"""
 
     floor_um: float | None
-    """What noise alone would leave, as repeats and the scatter of set-ups show it [µm]; null where
-    a component has too few repeats; see `unit`
+    """What noise alone would leave, judged by repeats and the scatter of set-ups [µm]; null where a
+    component has too few repeats; see `unit`
     """
 
     before: FiguresAnswer
@@ -3350,10 +3359,10 @@ class AnalysisResult(Shape):
     """Residuals with the effects as they would be adopted"""
 
     after_with_maps_refitted: FiguresAnswer | None
-    """The same where maps are also corrected within their own uncertainty"""
+    """The same with the maps also corrected within their own uncertainty"""
 
     p_global: float
-    """Probability that noise alone surprises as much as the strongest candidate"""
+    """Probability that noise alone gives as strong a candidate as the strongest one here"""
 
     visits: int
     """Visits that took part"""
@@ -3362,28 +3371,28 @@ class AnalysisResult(Shape):
     """Values that took part"""
 
     components: list[ComponentFiguresAnswer]
-    """By component, largest first"""
+    """Figures by component, largest first"""
 
     effects: list[FoundEffectAnswer]
     """Effects that the model lacks; numbered from 0, as adoption, report and terminal do"""
 
     refitted: list[RefittedEffectAnswer]
-    """Effects that it has already, and what becomes of them when those that help are adopted"""
+    """Effects that the model already has, and what adopting those that help does to them"""
 
     unexplained: list[UnexplainedAnswer]
     """What no effect explains"""
 
     excluded: list[ExcludedAnswer]
-    """What took no part"""
+    """Values that took no part"""
 
     not_testable: list[NotTestedAnswer]
     """What could not be tested"""
 
     detectable: list[SmallestSeenAnswer]
-    """What would have been seen"""
+    """The smallest effects that would have been seen"""
 
     what_next: list[str]
-    """What to measure or to do"""
+    """What to measure or to do next, the most useful first"""
 
     plots: Plots
     """Arrays of the report's plots"""
@@ -3392,10 +3401,11 @@ class AnalysisResult(Shape):
     """Why there is no floor; null where there is one"""
 
     next_visit: NextVisitAnswer | None
-    """The visit that would tell most next; null where none can be proposed"""
+    """The most informative visit to make next; null where none can be proposed"""
 
     assignments: list[TriedAssignmentAnswer]
-    """Whether components should follow other sensors, proposals first; empty in older results"""
+    """Whether each component should follow another sensor, proposals first; empty in older results
+    """
 
 
 class ChangedModelAnswer(ModelAnswer):
@@ -3559,10 +3569,10 @@ class FleetJudgement(Shape):
     """Every machine; those that drift come first"""
 
     effects: list[SharedEffect]
-    """What was found, on most machines first"""
+    """Effects, those found on most machines first"""
 
     tried_together: int
-    """How many trials there were, by which their thresholds rose"""
+    """Number of trials; the thresholds rise with it"""
 
 
 class PlanAnswer(Shape):
@@ -3572,7 +3582,7 @@ class PlanAnswer(Shape):
     """Version that would be analysed"""
 
     summary: str
-    """Two plain sentences"""
+    """The answer in plain sentences"""
 
     visits: int
     """Planned visits"""
@@ -3581,16 +3591,16 @@ class PlanAnswer(Shape):
     """Planned values"""
 
     notes: list[str]
-    """What was assumed"""
+    """Assumptions that were made"""
 
     effects: list[PlannedEffectAnswer]
     """The hardest to tell apart first"""
 
     not_testable: list[NotTestedAnswer]
-    """What could not be seen"""
+    """Effects that the plan could not show, with the reasons"""
 
     excluded: list[ExcludedAnswer]
-    """What cannot be held against the model"""
+    """Values that cannot be compared with the model"""
 
     suggestions: list[SuggestionAnswer]
     """Visits to add, most useful first"""

@@ -69,8 +69,10 @@ def analyse(
             "-v",
             envvar="THERMAP_VERIFICATIONS",
             metavar="FILE",
-            help="What was measured: CSV, or JSON of the HTTP contract; once for each file. "
-            "Without it all stored verifications serve.",
+            help=(
+                "Measured data as CSV, or as JSON of the HTTP contract; repeat for each file. "
+                "Without it, all stored verifications are used."
+            ),
         ),
     ] = None,
     effects: Annotated[
@@ -78,7 +80,10 @@ def analyse(
         typer.Option(
             envvar="THERMAP_EFFECTS",
             metavar="KIND",
-            help="A kind of effect to look for, such as thermal-lag; all without it.",
+            help=(
+                "A kind of effect to look for, such as thermal-lag; repeat for more. Without it, "
+                "all kinds."
+            ),
         ),
     ] = None,
     holdout: Annotated[
@@ -95,7 +100,7 @@ def analyse(
         typer.Option(
             "--adopt",
             envvar="THERMAP_ADOPT",
-            help="Make a model version with the effects that help visits that were held out.",
+            help="Make a model version with the effects that help on held-out visits.",
         ),
     ] = False,
     plan: Annotated[
@@ -103,8 +108,10 @@ def analyse(
         typer.Option(
             "--plan",
             envvar="THERMAP_PLAN",
-            help="Say what these observations could see, before they are measured: the files need "
-            "no values, and nothing is stored.",
+            help=(
+                "Show what these observations could reveal before they are measured: the files "
+                "need no values, and nothing is stored."
+            ),
         ),
     ] = False,
     fleet: Annotated[
@@ -112,8 +119,10 @@ def analyse(
         typer.Option(
             "--fleet",
             envvar="THERMAP_FLEET",
-            help="Analyse every machine by its stored verifications, and try what was found on its "
-            "sisters; interrupted and run again, it goes on.",
+            help=(
+                "Analyse every machine from its stored verifications, and try what was found on "
+                "its sister machines. After an interruption, the same command continues."
+            ),
         ),
     ] = False,
     cancel: Annotated[
@@ -121,7 +130,7 @@ def analyse(
         typer.Option(
             "--cancel",
             envvar="THERMAP_CANCEL",
-            help="With --fleet: cancel what waits or runs of it; what is done stays.",
+            help="With --fleet: cancel its waiting and running analyses; finished ones stay.",
         ),
     ] = False,
     output: ReportOption = None,
@@ -131,7 +140,7 @@ def analyse(
     ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
-    """Find what the model lacks: hold it against measured data, and write a report.
+    """Find what the model lacks: compare it with measured data, and write a report.
 
     Example: `thermap analyse mcfv5050 --verification night-shift.csv -o report.html`
     """
@@ -195,8 +204,8 @@ def _naming_what_is_stored(machine: str, stored: Sequence[int]) -> Iterator[None
     except (ThermapError, ThermapClientError):
         if stored:
             typer.echo(
-                f"stored, and not taken back: {list_names(map(str, stored))} of the verifications; "
-                f"`thermap verifications delete {stored[-1]} --machine {machine}` deletes one",
+                f"stored, and not removed: verification {list_names(map(str, stored))}; `thermap "
+                f"verifications delete {stored[-1]} --machine {machine}` deletes one",
                 err=True,
             )
         raise
@@ -208,8 +217,8 @@ def _check_usage(output: Path | None, next_visit: Path | None, *, plan: bool, ad
         expect_page(output)
     if plan and (adopt or output is not None or next_visit is not None):
         raise typer.BadParameter(
-            "a plan has no report, no next visit and nothing to adopt: leave --adopt, --output "
-            "and --next-visit away",
+            "a plan has no report, no next visit and nothing to adopt: leave out --adopt, "
+            "--output and --next-visit",
             param_hint="--plan",
         )
 
@@ -229,8 +238,8 @@ def _check_fleet(
         )
     if is_fleet and (machine or verification or next_visit is not None or changes):
         raise typer.BadParameter(
-            "a fleet is judged by what is stored, and nothing is adopted: leave MACHINE (and "
-            "THERMAP_MACHINE), --verification, --next-visit, --plan and --adopt away",
+            "a fleet is judged by what is stored, and nothing is adopted: leave out MACHINE (and "
+            "THERMAP_MACHINE), --verification, --next-visit, --plan and --adopt",
             param_hint="--fleet",
         )
 
@@ -239,13 +248,13 @@ def _check_cancel(output: Path | None, *, cancels: bool, is_fleet: bool, json: b
     """Refuse to cancel without a fleet, and to show what is not there then."""
     if cancels and not is_fleet:
         raise typer.BadParameter(
-            "expected --fleet beside it, got none; of one machine, `thermap analyses cancel NUMBER "
-            "--machine MACHINE` cancels one",
+            "expected --fleet with it, got none; `thermap analyses cancel NUMBER --machine "
+            "MACHINE` cancels one machine's analysis",
             param_hint="--cancel",
         )
     if cancels and (json or output is not None):
         raise typer.BadParameter(
-            "there is no answer to show: leave --json and --output away", param_hint="--cancel"
+            "there is no answer to show: leave out --json and --output", param_hint="--cancel"
         )
 
 
@@ -319,7 +328,7 @@ def _expect_comparable(
         raise NotAnalysed(
             "nothing was sent, because there is nothing to compare it with: no table has " + reason
         )
-    typer.echo(f"note: no table has, and nothing is compared with, {reason}", err=True)
+    typer.echo(f"note: not compared, because no table has {reason}", err=True)
 
 
 def _why_lacking(
@@ -384,7 +393,7 @@ def _all_stored(thermap: ThermapClient, machine: str) -> list[int]:
     found = [one.id for one in thermap.verifications(machine)]
     if not found:
         raise typer.BadParameter(
-            f"machine {machine!r} has no verification yet: state a file",
+            f"machine {machine!r} has no verification yet: give a file",
             param_hint="--verification",
         )
     return found

@@ -157,7 +157,7 @@ def _effect_lines(effect: FoundEffect) -> Iterator[str]:
     if effect.leverage_warning:
         yield effect.leverage_warning
     if learnt := learnt_text(effect):
-        yield f"learnt in: {learnt}; held at the edge beyond"
+        yield f"learnt over: {learnt}; beyond that, held at the edge"
     if effect.measure_again:
         yield f"{effect.measure_again}."
 
@@ -168,8 +168,8 @@ def _unexplained_lines(result: Analysis) -> Iterator[RenderableType]:
         decimals = decimals_for(part.noise)
         sizes = [figure_text(size, decimals) for size in (part.rms, part.noise)]
         yield Text(
-            f"unexplained in {component_name(part.component)}: {sizes[0]} {part.unit} RMS, "
-            f"where one observation scatters by {sizes[1]}{moving}",
+            f"unexplained in {component_name(part.component)}: {sizes[0]} {part.unit} RMS; one "
+            f"observation scatters by {sizes[1]}{moving}",
             style="yellow",
         )
     for one in result.excluded:
@@ -225,7 +225,7 @@ def _smallest_seen(seen: Sequence[PlannedEffect]) -> Table:
     table.add_column("smallest seen (RMS)", no_wrap=True)
     for unit in units:
         table.add_column(unit, justify="right", no_wrap=True)
-    table.add_column("told from its rival")
+    table.add_column("size to tell it from its rival")
     for kind in dict.fromkeys(one.kind for one in seen):
         own = [one for one in seen if one.kind == kind]
         ranges = [size_range(own, unit, DECIMALS) for unit in units]

@@ -104,7 +104,7 @@ COMMANDS: Final = {
     "analyse": Home(
         "analyse",
         "analyse",
-        "Find what the model lacks: hold it against measured data, and write a report.",
+        "Find what the model lacks: compare it with measured data, and write a report.",
     ),
     "accuracy": Home(
         "accuracy",

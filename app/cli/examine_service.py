@@ -96,7 +96,10 @@ def _keys(url: str) -> Iterator[Finding]:
     if status == httpx.codes.OK:
         yield trouble(
             "keys asked for",
-            f"Who reaches {elsewhere} may change everything, without a key: leave --insecure away.",
+            (
+                f"Anybody who reaches {elsewhere} may change everything without a key: leave out "
+                "--insecure."
+            ),
         )
     elif status in (httpx.codes.UNAUTHORIZED, httpx.codes.TOO_MANY_REQUESTS):
         yield ok("keys asked for", f"A key is asked for at {elsewhere}.")

@@ -58,8 +58,8 @@ def judge_every_machine(
         judgement = _judged(thermap, _question(effects, holdout))
     except KeyboardInterrupt:
         typer.echo(
-            "interrupted: what was asked for goes on, and the same again goes on with it; the same "
-            "with --cancel ends it",
+            "interrupted: the analyses that were asked for go on. The same command continues "
+            "with them; with --cancel it ends them",
             err=True,
         )
         raise typer.Exit(130) from None

@@ -156,7 +156,7 @@ def import_files(
     stated = Stated(label, measured_at, temperatures_c)
     if preview and (evaluate_only or accept_losses):
         raise typer.BadParameter(
-            "a preview stores nothing: leave --evaluate-only and --accept-losses away",
+            "a preview stores nothing: leave out --evaluate-only and --accept-losses",
             param_hint="--preview",
         )
     if keep_as not in KEPT_AS or (keep_as != "maps" and method != "thermal-drift"):
@@ -166,7 +166,7 @@ def import_files(
         )
     if preview and keep_as == "verification":
         raise typer.BadParameter(
-            "says what maps would do to the tables, and a verification changes none: leave it away",
+            "says what maps would do to the tables, and a verification changes none: leave it out",
             param_hint="--preview",
         )
     mode = ImportMode(

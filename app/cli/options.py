@@ -84,11 +84,16 @@ NextVisitOption = Annotated[
         "--next-visit",
         envvar="THERMAP_NEXT_VISIT",
         metavar="FILE.csv",
-        help="Write the visit that would tell most next, for --plan and for measuring.",
+        help="Write the most informative next visit, for --plan and for measuring.",
     ),
 ]
 SeedOption = Annotated[
-    int, typer.Option(envvar="THERMAP_SEED", min=0, help="Of the noise: the same gives the same.")
+    int,
+    typer.Option(
+        envvar="THERMAP_SEED",
+        min=0,
+        help=("Seed of the noise: the same seed gives the same noise."),
+    ),
 ]
 LabelOption = Annotated[str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")]
 

@@ -30,7 +30,7 @@ def write_next_visit(file: Path, machine: str, visit: NextVisit | None) -> None:
     write_file(file, visit_csv(machine, visit))
     planned = counted(len(visit.planned.observations), "observation")
     typer.echo(
-        f"{file}: {planned} to be made; `thermap analyse {machine} --plan --verification {file}` "
+        f"{file}: {planned} to make; `thermap analyse {machine} --plan --verification {file}` "
         "says what they would show",
         err=True,
     )

@@ -56,7 +56,10 @@ def simulate_campaign(
             "-o",
             envvar="THERMAP_OUTPUT",
             metavar="FOLDER",
-            help="Files that `thermap import` and `thermap analyse` read, and truth.json.",
+            help=(
+                "Folder for the files that `thermap import` and `thermap analyse` read, and for "
+                "truth.json."
+            ),
         ),
     ] = None,
     store: Annotated[
@@ -72,10 +75,12 @@ def simulate_campaign(
         typer.Option(
             envvar="THERMAP_EFFECTS",
             metavar="EFFECT",
-            help="Once for each, the same again for one more on another component or sensor: "
-            "none (alone); unknown (one that no kind of the search describes, drawn with the "
-            f"seed); {', '.join(EFFECTS)}; {', '.join(IN_NO_FAMILY)}. A variant may follow, as "
-            "in backlash:along-axis.",
+            help=(
+                "Effect to plant; repeat for several, and repeat one to plant it on another "
+                "component or sensor too: none (alone); unknown (one that no kind of the search "
+                f"describes, drawn with the seed); {', '.join(EFFECTS)}; "
+                f"{', '.join(IN_NO_FAMILY)}. A variant may follow, as in backlash:along-axis."
+            ),
         ),
     ] = None,
     size: Annotated[
@@ -83,21 +88,30 @@ def simulate_campaign(
         typer.Option(
             envvar="THERMAP_SIZE",
             min=0.0,
-            help="Standard deviation of the effect over the repeatability.",
+            help="Standard deviation of the effect, in multiples of the repeatability.",
         ),
     ] = 3.0,
     seed: Annotated[
-        int, typer.Option(envvar="THERMAP_SEED", min=0, help="The same gives the same campaign.")
+        int,
+        typer.Option(envvar="THERMAP_SEED", min=0, help=("The same seed gives the same campaign.")),
     ] = 1,
     machine: Annotated[
         str | None,
         typer.Option(
-            "--machine", "-m", envvar="THERMAP_MACHINE", help="The machine's id; of the seed else."
+            "--machine",
+            "-m",
+            envvar="THERMAP_MACHINE",
+            help=("The machine's id; made from the seed if left out."),
         ),
     ] = None,
     visits: Annotated[
         int,
-        typer.Option(envvar="THERMAP_VISITS", min=4, max=1000, help="Visits, each a verification."),
+        typer.Option(
+            envvar="THERMAP_VISITS",
+            min=4,
+            max=1000,
+            help=("Number of visits, each a verification."),
+        ),
     ] = 30,
     record: Annotated[
         float | None,
@@ -111,7 +125,11 @@ def simulate_campaign(
     ] = None,
     every: Annotated[
         float,
-        typer.Option(envvar="THERMAP_EVERY", metavar="MIN", help="A record's block each so many."),
+        typer.Option(
+            envvar="THERMAP_EVERY",
+            metavar="MIN",
+            help=("Time from one block of a record to the next."),
+        ),
     ] = 20.0,
     observations: Annotated[
         int,
@@ -119,7 +137,7 @@ def simulate_campaign(
             envvar="THERMAP_OBSERVATIONS",
             min=1,
             max=1000,
-            help="Of a visit or a block, 20 s apart.",
+            help="Observations in a visit or a block, 20 s apart.",
         ),
     ] = 24,
     split: Annotated[
@@ -128,7 +146,7 @@ def simulate_campaign(
             envvar="THERMAP_SPLIT",
             metavar="MIN",
             min=1.0,
-            help="Hand the same values out as a verification for each so many minutes.",
+            help="Split the same values into one verification for every so many minutes.",
         ),
     ] = None,
     later: Annotated[
@@ -137,7 +155,7 @@ def simulate_campaign(
             envvar="THERMAP_LATER",
             min=0,
             max=200,
-            help="Visits after it, of which the truth alone tells.",
+            help="Later visits, which appear in truth.json only.",
         ),
     ] = 10,
     repeatability: Annotated[
@@ -154,7 +172,10 @@ def simulate_campaign(
     resolution: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_RESOLUTION", metavar="UM", min=0.0, help="Values are multiples of it."
+            envvar="THERMAP_RESOLUTION",
+            metavar="UM",
+            min=0.0,
+            help=("Values are rounded to multiples of it."),
         ),
     ] = 0.0,
     wander: Annotated[
@@ -163,19 +184,25 @@ def simulate_campaign(
             envvar="THERMAP_WANDER",
             metavar="UM",
             min=0.0,
-            help="Standard deviation of a shift that wanders.",
+            help="Standard deviation of a shift that wanders in time.",
         ),
     ] = 0.0,
     wander_tilt: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_WANDER_TILT", metavar="UM", min=0.0, help="Of a tilt, at the ends."
+            envvar="THERMAP_WANDER_TILT",
+            metavar="UM",
+            min=0.0,
+            help=("The same of a tilt, at the ends of travel."),
         ),
     ] = 0.0,
     wander_time: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_WANDER_TIME", metavar="MIN", min=0.1, help="Its correlation time."
+            envvar="THERMAP_WANDER_TIME",
+            metavar="MIN",
+            min=0.1,
+            help=("Correlation time of shift and tilt."),
         ),
     ] = 60.0,
     instrument_drift: Annotated[
@@ -184,7 +211,7 @@ def simulate_campaign(
             envvar="THERMAP_INSTRUMENT_DRIFT",
             metavar="UM",
             min=0.0,
-            help="Drift of the instrument in an hour, from the beginning of each set-up.",
+            help="Drift of the instrument per hour, from the start of each set-up.",
         ),
     ] = 0.0,
     warm_up: Annotated[
@@ -193,7 +220,7 @@ def simulate_campaign(
             envvar="THERMAP_WARM_UP",
             metavar="UM",
             min=0.0,
-            help="Warming of the instrument, alike in every set-up.",
+            help="Warm-up of the instrument, alike in every set-up.",
         ),
     ] = 0.0,
     setup_correlation: Annotated[
@@ -202,7 +229,7 @@ def simulate_campaign(
             envvar="THERMAP_SETUP_CORRELATION",
             min=0.0,
             max=0.99,
-            help="Of a set-up with the one before.",
+            help="Correlation of each set-up with the one before.",
         ),
     ] = 0.0,
     url: UrlOption = DEFAULT_URL,

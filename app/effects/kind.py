@@ -62,13 +62,13 @@ def do_the_same(one: Named, other: Named) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class NotTested(Answer, published_as="NotTestedAnswer"):
-    """What these observations cannot show."""
+    """Something that these observations cannot show."""
 
     kind: str
     """Kind of effect"""
 
     on: str
-    """Of what"""
+    """What it would act on or be driven by; empty for the kind as a whole"""
 
     reason: str
     """Why"""

@@ -128,7 +128,7 @@ class Valid:
 
 @dataclass(frozen=True, slots=True)
 class LearntIn(Answer, published_as="ValidAnswer"):
-    """Where an effect was learnt: beyond it, it is held at the edge."""
+    """The ranges in which an effect was learnt; beyond them it is held at the edge."""
 
     from_: Annotated[datetime, Field(alias="from")]
     """Time of the first observation that it rests on, UTC"""
@@ -139,7 +139,7 @@ class LearntIn(Answer, published_as="ValidAnswer"):
     temperatures_c: Annotated[
         Mapping[str, AnsweredRange], Field(examples=[{"z-column": [21.4, 29.8]}])
     ]
-    """Temperatures of the sensors that it is made of [°C]"""
+    """Temperatures of the sensors that it uses [°C]"""
 
     state: Annotated[Mapping[str, AnsweredRange], Field(examples=[{"spindle_rpm": [0.0, 12000.0]}])]
     """Values of the states that drive it at once"""
@@ -151,13 +151,13 @@ class LearntIn(Answer, published_as="ValidAnswer"):
         Mapping[str, AnsweredRange],
         Field(examples=[{"z-column 41 min late minus z-column [K]": [-1.9, 2.3]}]),
     ]
-    """What it makes of several signals or of the past, such as how far a sensor was behind; the
-    unit ends each name"""
+    """Quantities that it forms from several signals or from the past, such as how far a sensor
+    lags; each name ends in the unit"""
 
     use_until: datetime | None
-    """Until when an effect that grows with time may be used, UTC: from then on what it may have
-    grown by since `to`, or be wrong by where it is continued beyond that, is more than one
-    observation scatters; null for others"""
+    """Until when an effect that grows with time may be used, UTC. After that, its growth since
+    `to`, or its error where it is continued beyond that, may exceed the scatter of one observation.
+    Null for other effects"""
 
 
 def valid_from_json(stored: Mapping[str, Any]) -> Valid:

@@ -52,7 +52,7 @@ def doubts(model: CompiledModel, readings: TemperatureHistory) -> tuple[NotTeste
 def comparisons(doubted: Sequence[NotTested]) -> tuple[str, ...]:
     """Say what to do about doubtful sensors."""
     return tuple(
-        f"Compare {one.on} with a calibrated thermometer at its place: it {one.reason}."
+        f"Compare {one.on} with a calibrated thermometer placed beside it: it {one.reason}."
         for one in doubted
     )
 
@@ -77,9 +77,9 @@ def _reason(one: DoubtfulSensor, is_followed: bool) -> str:
     used = (
         "components follow it, and its readings are used as they are"
         if is_followed
-        else "no component follows it, and its readings since then drive nothing"
+        else "no component follows it, and its readings since then are not used"
     )
     return (
-        f"left its neighbours by {one.off_by_k:+.1f} K on {date_text(one.since_s)}, where it "
-        f"used to stay within {one.usual_k:.1f} K; {used}"
+        f"departed from its neighbours by {one.off_by_k:+.1f} K on {date_text(one.since_s)}, "
+        f"having stayed within {one.usual_k:.1f} K of them before; {used}"
     )

@@ -79,16 +79,16 @@ class FleetMachine(Answer):
     """Machines that state the same configuration, travels and sensors"""
 
     watch: str | None
-    """`within` or `beyond` its limits by the last verifications; null where none was judged"""
+    """`within` or `beyond` its limits, by the latest verifications; null where none was judged"""
 
     drifts: str | None
-    """Why it is no longer what its model says; null where nothing says so"""
+    """Why it no longer agrees with its model; null where there is no sign of that"""
 
     analysis: int | None
     """Number of its analysis; null where there is none"""
 
     verdict: Verdict | None
-    """What that says; null where it came to nothing"""
+    """Its verdict; null where there is no result"""
 
     why_not: str | None
     """Why it was not judged; null where it was"""
@@ -103,7 +103,7 @@ class FleetMachine(Answer):
     """The same with the effects that were found [µm]; see `unit`"""
 
     found: tuple[str, ...]
-    """What was found, a sentence each"""
+    """What was found, one sentence each"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class FoundOn(Answer):
     """How sure its name is there: `confirmed`, `suspected` or `not-confirmable`"""
 
     helps: bool
-    """Whether held-out visits of that machine get better with it"""
+    """Whether held-out visits of that machine show that it helps"""
 
     parameters: Parameters
     """Its parameters there; the unit ends each name"""
@@ -140,12 +140,12 @@ class TriedOn(Answer):
     """The sister"""
 
     result: TriedEffect
-    """What that said"""
+    """The outcome"""
 
 
 @dataclass(frozen=True, slots=True)
 class SharedEffect(Answer):
-    """An effect, on whom it was found and what its sisters say of it."""
+    """An effect, the machines on which it was found, and how it did on their sisters."""
 
     kind: str
     """Kind of effect"""
@@ -163,7 +163,7 @@ class SharedEffect(Answer):
     """States that drive it"""
 
     explanation: str
-    """What it is on the machine from which it was tried on the others"""
+    """The effect as found on the machine from which it was tried on the others"""
 
     found_on: tuple[FoundOn, ...]
     """Machines whose own analysis found it; the first is the one from which it was tried"""
@@ -172,10 +172,10 @@ class SharedEffect(Answer):
     """Sisters on which it was tried"""
 
     not_tried_on: Mapping[str, str]
-    """Sisters on which it was not, with the reason"""
+    """Sisters on which it was not tried, with the reason"""
 
     summary: str
-    """Found on how many, tried on how many, with which answer"""
+    """On how many machines it was found and tried, with the outcomes"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,10 +189,10 @@ class FleetJudgement(Answer):
     """Every machine; those that drift come first"""
 
     effects: tuple[SharedEffect, ...]
-    """What was found, on most machines first"""
+    """Effects, those found on most machines first"""
 
     tried_together: int
-    """How many trials there were, by which their thresholds rose"""
+    """Number of trials; the thresholds rise with it"""
 
 
 def trials(members: Sequence[Member]) -> list[Trial]:
@@ -266,7 +266,7 @@ def _drifts(member: Member) -> str | None:
     effects = member.result.effects if member.result else ()
     reasons = [one.explanation for one in effects if one.kind in DRIFTING]
     if member.watch == "beyond":
-        reasons.insert(0, "the last verifications are beyond the limits of its watch")
+        reasons.insert(0, "the latest verifications exceed the limits of its watch")
     return "; ".join(reasons) or None
 
 
@@ -308,9 +308,9 @@ def _why_not_tried(one: FoundEffect, other: Member) -> str:
     if not other.has_verifications:
         return "nothing was measured there"
     if one.kind not in OF_THE_TYPE:
-        return "such an effect is one machine's own history"
+        return "an effect of this kind is one machine's own history"
     if not one.helps:
-        return "nobody can say that it helps where it was found"
+        return "it is not known to help where it was found"
     return "it could not be tried"
 
 
@@ -342,6 +342,6 @@ def _summary(machines: Sequence[FleetMachine], effects: Sequence[SharedEffect]) 
     drift = f"{list_names(drifting)} drift" if len(drifting) != 1 else f"{drifting[0]} drifts"
     return (
         f"{counted(judged, 'machine')} of {len(machines)} judged; "
-        f"{drift if drifting else 'nothing says that one of them drifts'}. "
+        f"{drift if drifting else 'there is no sign that any of them drifts'}. "
         f"{counted(len(effects), 'effect')} found, {several} of them on several sisters."
     )

@@ -61,8 +61,9 @@ def zeroed(before: Sequence[Verification], after: Sequence[Verification]) -> tup
         return ()
     named = repr(labels[0]) if len(labels) == 1 else counted(len(labels), "verification")
     reason = (
-        "the first value of every component is exactly 0: the instrument was zeroed there, though "
-        "the zero is stated as absolute; it is taken as `first`, which shows nothing constant"
+        "the first value of every component is exactly 0, so the instrument was zeroed there "
+        "although the datum is stated as `absolute`; it is treated as `first`, which cannot show "
+        "a constant error"
     )
     return (NotTested(OutdatedMap.kind, named, reason),)
 
@@ -70,7 +71,10 @@ def zeroed(before: Sequence[Verification], after: Sequence[Verification]) -> tup
 def to_state(found: Sequence[NotTested]) -> tuple[str, ...]:
     """Say what to do about them."""
     return tuple(
-        f"Store {one.on} with the datum `first` if the instrument was zeroed at the first reading."
+        (
+            f"Store {one.on} again with the datum `first` if the instrument was zeroed at the "
+            "first reading."
+        )
         for one in found
     )
 

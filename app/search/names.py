@@ -30,9 +30,9 @@ STRONG: Final = 6.0
 SAME: Final = 1e-6
 """Share of a flexible version's size below which nothing of it is left beside the term."""
 
-WANDERS_ALONE: Final = "what is left beside it wanders as in no other component"
+WANDERS_ALONE: Final = "what it leaves wanders unlike the residuals of any other component"
 
-WALKS: Final = "its set-ups look as if a zero walked at random from one to the next"
+WALKS: Final = "its set-ups look as if their zero shifted at random from one to the next"
 
 
 def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list[tuple[str, ...]]:

@@ -136,7 +136,10 @@ def _refitted(
     if not own:
         return [], reason
     if set(chosen) != {place for place, one in enumerate(result.effects) if one.helps}:
-        stay = "what was adopted before stays as it is: it was refitted beside other effects"
+        stay = (
+            "the effects adopted before stay as they are, because they were refitted together "
+            "with other effects"
+        )
         return [], f"{reason}; {stay}"
     analysed = [int(number) for number in row.verification_ids]
     made = [
@@ -216,7 +219,7 @@ def _draft(
     for effect in effects:
         if effect in known:
             raise Conflict(
-                f"model version {active.version} has this effect already: {explain(effect)}"
+                f"model version {active.version} already has this effect: {explain(effect)}"
             )
     kept = without_replaced(known, effects)
     together = effects_after(kept, refitted, effects)
@@ -241,7 +244,7 @@ def _result(row: AnalysisRow) -> Analysis:
         raise Conflict(f"analysis {row.id} has nothing to adopt: it is {row.status}")
     if row.adopted_version is not None:
         raise Conflict(
-            f"analysis {row.id} was adopted before, as model version {row.adopted_version}: "
+            f"analysis {row.id} was already adopted as model version {row.adopted_version}: "
             "activate that version to compute with it again"
         )
     result = RESULTS.read_text(row.result)
@@ -256,7 +259,10 @@ def _effects(row: AnalysisRow, result: Analysis, chosen: Sequence[int]) -> list[
     if len(set(chosen)) < len(chosen) or not set(chosen) <= set(range(len(found))):
         raise InvalidContent.of_field(
             "effects",
-            f"expected places from 0 to {len(found) - 1}, each once, got {list(chosen)}",
+            (
+                f"expected numbers of effects from 0 to {len(found) - 1}, each once, got "
+                f"{list(chosen)}"
+            ),
         )
     for place in chosen:
         if why := kind_of(found[place].kind).not_adopted:
@@ -274,7 +280,7 @@ def _helping(row: AnalysisRow, result: Analysis) -> list[int]:
     places = [place for place, one in enumerate(found) if one.helps]
     if not places and not result.is_refit_due:
         why = "; ".join(
-            f"{place}, {one.kind} of {list_names(one.components, 3)}: {one.why_not}"
+            f"effect {place}, {one.kind} of {list_names(one.components, 3)}: {one.why_not}"
             for place, one in enumerate(found)
         )
         adoptable = [p for p, one in enumerate(found) if not kind_of(one.kind).not_adopted]
@@ -300,7 +306,7 @@ def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Eff
         for one in since:
             if _identity(one) == _identity(effect) and one != effect:
                 raise Conflict(
-                    f"model version {active.version} has learnt of a like effect since: "
+                    f"model version {active.version} has been given a similar effect since: "
                     f"{explain(one)}; adding this one would count it twice: {explain(effect)}"
                 )
 
@@ -313,7 +319,7 @@ def _check_active(change: MachineChange, row: AnalysisRow) -> None:
     active = change.row.active_version
     if active != row.model_version:
         raise Conflict(
-            f"analysis {row.id} was made of model version {row.model_version}, but {active} is "
-            f"active: activate {row.model_version} again, analyse {active}, or state onto_active "
-            f"to add the effects to version {active}, on which nobody has tested them"
+            f"analysis {row.id} was made with model version {row.model_version}, but version "
+            f"{active} is active: activate {row.model_version} again, analyse {active}, or state "
+            f"onto_active to add the effects to version {active}, on which nobody has tested them"
         )

@@ -208,7 +208,7 @@ def try_found_effect(
     expect_each_once("verifications", verification_ids)
     if machine_id == found_on:
         raise InvalidContent.of_field(
-            "on", f"expected another machine than {found_on!r}, on which it was found, got that"
+            "on", f"expected a machine other than {found_on!r}, on which it was found, got the same"
         )
     with context.database.reading() as session:
         find_machine(session, found_on)
@@ -232,12 +232,13 @@ def _expect_room(session: Session, machine_id: str, limits: QueueLimits) -> None
     here, in_all = count_waiting(session, machine_id)
     if here >= limits.machine:
         raise MachineQueueFull(
-            f"expected at most {limits.machine} analyses of machine {machine_id!r} that wait, and "
-            "so many do: try again when one is done, or cancel one"
+            f"expected at most {limits.machine} waiting analyses of machine {machine_id!r}, and "
+            "that many are waiting: try again when one is done, or cancel one"
         )
     if in_all >= limits.all:
         raise QueueFull(
-            f"expected at most {limits.all} analyses that wait, and {in_all} do: try again later"
+            f"expected at most {limits.all} waiting analyses, and {in_all} are waiting: try "
+            "again later"
         )
 
 

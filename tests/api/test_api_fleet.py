@@ -87,7 +87,7 @@ async def test_a_full_queue_refuses_some_and_says_which(database_url):
             asked = (await client.post(f"{PATH}/analyses")).json()
             assert asked["done"] == ["campaign"]
             assert asked["queue_full"]
-            assert "at most 1 analyses that wait" in asked["refused"]["sister"]
+            assert "at most 1 waiting analyses" in asked["refused"]["sister"]
 
 
 async def test_what_nobody_can_ask_is_refused(database_url):

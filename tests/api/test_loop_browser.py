@@ -189,7 +189,7 @@ def test_two_browsers_adopt_at_once_and_the_later_one_is_told(chromium, shop):
             expect(page.locator(".adopted")).to_contain_text("Adopted as v4.")
             other.locator(".asked button", has_text="Adopt as v4").click()
             refused = other.locator("#decision-said [role=alert]")
-            expect(refused).to_contain_text("Not done: Adopt as v4. Analysis 1 was adopted before")
+            expect(refused).to_contain_text("Not done: Adopt as v4. Analysis 1 was already adopted")
             refused.get_by_role("link", name="Show how it is now").click()
             expect(other.locator(".adopted")).to_contain_text("Adopted as v4.")
         assert wrong == []

@@ -254,7 +254,7 @@ def test_an_unknown_machine_and_a_service_that_is_away(thermap, run, no_service_
         (("--effects", "gremlins"), 1, "thermal-lag"),
         (("--holdout", "nan"), 2, "got 'nan'"),
         (("-o", "no/such/folder/r.html"), 2, "cannot write"),
-        (("--plan", "--adopt"), 2, "leave --adopt"),
+        (("--plan", "--adopt"), 2, "leave out --adopt"),
     ],
 )
 def test_wrong_usage_is_told(thermap, arguments, code, said):
@@ -290,11 +290,11 @@ def test_a_mistake_is_to_be_put_right_and_nothing_is_said_of_adopting_it():
     Console(width=100, file=terminal).print(analysis_view(RESULTS.read_text(json.dumps(result))))
     told = plain(terminal.getvalue())
     mistake, lag = told.split("0. x-middle and bed")[1].split("1. EZZ follows")
-    assert "It is never adopted, but put right where it was made: it is a mistake" in mistake
+    assert "It is never adopted; correct it at its source: it is a mistake" in mistake
     assert "Swap the plugs of x-middle and bed" in mistake
-    for absent in ("unless", "learnt in", "edge"):
+    for absent in ("by default", "learnt over", "edge"):
         assert absent not in mistake
-    assert "is adopted unless effects are named" in lag
+    assert "is adopted by default" in lag
 
 
 def test_a_negative_number_in_a_sentence_has_a_true_minus_here_too():
@@ -394,13 +394,13 @@ def test_another_sensor_is_said_before_what_was_found():
     Console(width=300, file=terminal).print(analysis_view(RESULTS.read_text(json.dumps(MOVED))))
     told = plain(terminal.getvalue())
     proposal = (
-        "EZZ on column-rear instead of z-column: 7.6 → 5.1 µm in 28 set-ups, each held out; "
-        "week 9, which fares worst with it, 3.1 → 3.3 µm."
+        "EZZ with column-rear instead of z-column: 7.6 → 5.1 µm over 28 set-ups, each held out in "
+        "turn; the one that fares worst, week 9, goes 3.1 → 3.3 µm."
     )
     assert proposal in told
     assert told.index(proposal) < told.index("RMS of residuals")
-    assert "EXZ: no other sensor would leave markedly less of set-ups held out." in told
-    assert "EYZ: not judged, needs 8 set-ups in which it shows, came 3." in told
+    assert "EXZ: no other sensor would leave markedly less on held-out set-ups." in told
+    assert "EYZ: not judged: needs 8 set-ups in which it shows, came 3." in told
 
 
 @pytest.mark.slow

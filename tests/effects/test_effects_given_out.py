@@ -273,9 +273,9 @@ def test_only_a_bias_is_taken_off():
         terms=tuple(replace(term, coefficient=0.0) for term in fault().terms),
     )
     (warning,) = table_of(model, [spikes], moment).warnings
-    assert warning.endswith("no other sensor can stand in, it is read as it is")
+    assert warning.endswith("no other sensor can stand in, so it is used as it is")
     warning = table_of(model, [fault()], moment).warnings[-1]
-    assert warning.endswith(": the bias is taken off, until somebody repairs it")
+    assert warning.endswith(": the bias is taken off until the sensor is repaired")
 
 
 @pytest.mark.parametrize(

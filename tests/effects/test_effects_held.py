@@ -103,14 +103,14 @@ def test_a_drift_of_thirty_days_does_not_go_on_for_ten_months():
     assert entry.basis.status == "held"
     assert table.complete is False
     assert table.warnings == [
-        "drift of EYX is held at its value of 2026-03-31 00:00 UTC, when it was last observed, it "
-        "may be used until 2026-04-20 00:00 UTC, and this is for 2027-01-17 00:00 UTC: measure EYX "
-        "again, and analyse anew"
+        "drift of EYX is held at its value of 2026-03-31 00:00 UTC, when it was last observed, and "
+        "may be used until 2026-04-20 00:00 UTC; this is for 2027-01-17 00:00 UTC: measure EYX "
+        "again, and analyse again"
     ]
     assert table.effects[0].held == table.warnings
     assert table.effects[0].measure_again.startswith(
-        "The drift of EYX is not continued beyond its last observation at 2026-03-31 00:00 UTC, "
-        "and may be used until 2026-04-20 00:00 UTC"
+        "The drift of EYX is not continued beyond its last observation at 2026-03-31 00:00 UTC. "
+        "It may be used until 2026-04-20 00:00 UTC"
     )
 
 
@@ -256,7 +256,7 @@ def test_a_difference_that_was_seen_is_not_held_though_both_sensors_are_warmer()
     assert table.effects[0].held == []
     assert (
         "sensor-gradient of EXX was not learnt here: x-middle is 29 °C, learnt from 20 to 25 °C; "
-        "what it is made of several signals decides, and is not changed by that"
+        "it depends on several signals together, so its value is left as it is"
     ) in table.warnings
     far = table_of([bend], {"spindle": 35.0, "x-middle": 20.0})
     assert row_of(far, "EXX").errors[0] == pytest.approx(3.0)
@@ -480,13 +480,13 @@ def test_a_drift_that_goes_on_does_so_for_its_time_and_no_longer():
         assert table.complete is (days <= 12.0)
     np.testing.assert_allclose(values, [3.5, 4.0, 4.0, 4.0], atol=1e-12)
     assert table.warnings == [
-        "drift of EYX is held at its value of 2026-04-10 00:00 UTC, until when it goes on; it was "
-        "last observed at 2026-03-31 00:00 UTC, it may be used until 2026-04-12 00:00 UTC, and "
-        "this is for 2027-01-25 00:00 UTC: measure EYX again, and analyse anew"
+        "drift of EYX is held at its value of 2026-04-10 00:00 UTC, the end of its "
+        "continuation (it was last observed at 2026-03-31 00:00 UTC), and may be used until "
+        "2026-04-12 00:00 UTC; this is for 2027-01-25 00:00 UTC: measure EYX again, and analyse "
+        "again"
     ]
-    assert (
-        "goes on as it was found until 2026-04-10 00:00 UTC, is held from then on, and may be"
-        in (table.effects[0].measure_again)
+    assert "continued as it was found until 2026-04-10 00:00 UTC and then held. It may be used" in (
+        table.effects[0].measure_again
     )
 
 

@@ -150,7 +150,7 @@ def test_components_that_no_map_has_appear():
             "maps 'Run #3' and 'Run #6' are only 0 °C apart at spindle, too close for that "
             "sensor to resolve",
         ),
-        (Term("EXX", Always(), NO_NUMBER), "what drives it gives no number here"),
+        (Term("EXX", Always(), NO_NUMBER), "what drives it has no usable value here"),
         (Term("EBZ", Always(), Sensitivity(is_local=True)), "the model has no EBZ"),
     ],
 )
@@ -164,7 +164,7 @@ def test_an_effect_that_lacks_its_condition_is_left_out_with_the_reason(term, re
 def test_predictions_leave_out_what_gives_no_number():
     where = example_view()
     alike = Exchange.of("spindle", {"Run #1": 30.0, "Run #3": 38.0, "Run #6": 38.02})
-    for shape, reason in ((alike, "too close for that sensor"), (NO_NUMBER, "no number")):
+    for shape, reason in ((alike, "too close for that sensor"), (NO_NUMBER, "no usable value")):
         found = contributions(where.projection, [effect(Term("EXX", Always(), shape))])
         assert np.isfinite(found.errors).all()
         assert found.is_lacking[where.rows.of_channel("EXX")].all()

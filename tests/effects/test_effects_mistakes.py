@@ -354,7 +354,7 @@ def test_an_instruments_time_constant_is_told_with_its_unit(view):
     for error_s in (400.0, np.inf):
         effect = hypothesis.fitted(Estimate(600.0, error_s, *size))
         assert explain(effect).startswith(f"{told}: the instrument")
-        assert "until it no longer moves" in KINDS["instrument-warm-up"].what_to_do(effect)
+        assert "until its reading no longer moves" in KINDS["instrument-warm-up"].what_to_do(effect)
 
 
 def test_directions_at_points_settle_by_themselves(view):
@@ -452,10 +452,10 @@ def test_without_lengths_no_instruments_compensation_can_be_seen():
 @pytest.mark.parametrize(
     ("size", "error", "words"),
     [
-        (-0.91, 0.05, "a laser that is not corrected for the air"),
-        (11.2, 0.2, "not told the temperature of steel"),
-        (-12.0, 0.2, "not told the temperature of steel"),
-        (4.0, 0.2, "does not correct lengths rightly"),
+        (-0.91, 0.05, "a laser that is not corrected for air temperature"),
+        (11.2, 0.2, "not told the temperature of the steel"),
+        (-12.0, 0.2, "not told the temperature of the steel"),
+        (4.0, 0.2, "corrects lengths wrongly"),
     ],
 )
 def test_what_has_such_a_size_is_said_and_that_a_machine_may_have_it(view, size, error, words):
@@ -466,5 +466,5 @@ def test_what_has_such_a_size_is_said_and_that_a_machine_may_have_it(view, size,
     assert "all change alike" in told
     assert "µm/(m K) with y-front (zero at 20.4 ± 0.5 °C)" in told
     assert words in told
-    assert told.endswith("or of a machine whose scales all expand alike with it")
+    assert told.endswith("or with a machine whose scales all expand alike with it")
     assert "weather station" in kind_of(LENGTHS).what_to_do(effect)

@@ -284,8 +284,8 @@ def test_a_moved_temperature_has_the_table_that_it_would_have_itself(policy, lat
     assert row.basis.status == plain.basis.status
     done = "extrapolated" if plain.basis.status == "extrapolated" else "held"
     assert found.warnings == [
-        f"thermal-lag of EXX reads the maps at {late_c:g} °C of x-middle, outside of their 20 to "
-        f"33.9 °C: {done}"
+        f"thermal-lag of EXX reads the maps at {late_c:g} °C of x-middle, outside their range of "
+        f"20 to 33.9 °C: {done}"
     ]
     there = predicted(model, [lag()], moment_of(33.5, late_c), [0.0])
     assert there.values.tolist() == pytest.approx(plain.errors.tolist())

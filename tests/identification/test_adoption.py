@@ -143,7 +143,7 @@ def test_what_an_instrument_may_have_done_as_well_is_not_adopted_unasked(tied, h
     rival = Rival(f"{family} EXX ambient", family, 20.0, 1.0, 0.99, tied)
     (one,) = judged(right, right, terms=(term(rivals=(rival,)),))
     assert one.helps is helps
-    assert helps or "of the instrument, or of the machine" in one.why_not
+    assert helps or "it may come from the instrument" in one.why_not
 
 
 def test_nobody_is_sure_of_a_shift_beside_an_instrument_that_warms_up():
@@ -234,7 +234,9 @@ def test_one_visit_that_gets_markedly_worse_is_enough_to_refuse():
     claimed = swinging(rows, 4.0)
     true = np.where(rows.visit == 6, -claimed, claimed)
     (one,) = judged(true, claimed)
-    assert one.why_not.startswith("EXX would get worse in 'visit 6', which was held out: ")
+    assert one.why_not.startswith(
+        "the residuals of EXX would get worse in 'visit 6', which was held out: "
+    )
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -274,7 +276,9 @@ def test_what_holds_only_with_effects_that_are_refused_is_refused_too():
     kinds, terms = ("periodic", "backlash"), (term(), rare)
     first, second = judged(0.2 * large, large, -0.8 * large, kinds=kinds, terms=terms)
     assert not first.helps
-    assert first.why_not.startswith("EXX would get no smaller: it was fitted beside effects that")
+    assert first.why_not.startswith(
+        "the residuals of EXX would get no smaller: it was fitted together with effects that"
+    )
     assert "0.20 ± 0.20" in second.why_not
     # Where it is right without the other one, it stays.
     first, second = judged(large, large, 0.1 * swinging(rows, -1.0), kinds=kinds, terms=terms)
@@ -362,7 +366,13 @@ def test_what_makes_nothing_smaller_as_it_is_adopted_does_not_help():
     """It was found beside maps that may be wrong; adopted are the maps as they are."""
     claimed = swinging(campaign(), 0.4)
     (one,) = judged(0.4 * claimed, claimed, seed=2)
-    assert one == (False, "EXX would get no smaller: it was fitted beside maps that may be wrong")
+    assert one == (
+        False,
+        (
+            "the residuals of EXX would get no smaller: it was fitted together with map "
+            "corrections that are not adopted"
+        ),
+    )
 
 
 @pytest.mark.parametrize("kind", ["step", "drift"])
@@ -372,7 +382,7 @@ def test_nothing_goes_on_in_time_beside_what_nobody_understands(kind):
     late = np.where(rows.visit >= 12, 4.0, 0.0)
     found = judgement(late, late, kinds=(kind,), left=(0,))
     assert not found.helps[0].helps
-    assert "nobody knows that it lasts" in found.helps[0].why_not
+    assert "nobody knows whether it lasts" in found.helps[0].why_not
     assert found.unsure == {0}
     assert judged(late, late, kinds=(kind,)) == [(True, None)]
     # What is driven by something stays as true as it is.
@@ -431,4 +441,6 @@ def test_what_a_component_by_itself_does_not_show_is_not_its_own(shown, helps):
     found = judgement(true, claimed, rows=rows, terms=(both,), predicted=claimed * at_points)
     assert found.helps[0].helps == helps
     if not helps:
-        assert found.helps[0].why_not.startswith("EXX, observed by itself, would get larger: ")
+        assert found.helps[0].why_not.startswith(
+            "the residuals of EXX, measured directly, would get larger: "
+        )

@@ -35,7 +35,7 @@ def test_a_mistake_that_is_sure_comes_first():
 def test_nobody_swaps_plugs_on_a_suspicion():
     suspected = EXCHANGED | {"status": "suspected"}
     first, second = advised(suspected)
-    assert first.startswith("The exchanged-sensors of EXX, EYX is suspected: ")
+    assert first.startswith("To confirm the exchanged-sensors of EXX, EYX, now suspected: ")
     assert second.startswith(f"If it is confirmed, s{SWAP}")
     (effect,) = read(suspected).effects
     assert f". If it is confirmed, s{SWAP}" in adoption_text(effect)
@@ -52,4 +52,4 @@ def test_a_name_that_is_not_sure_says_so_in_the_answers_first_sentence():
 def test_two_of_one_kind_are_told_apart_by_what_they_act_on():
     other = rival("thermal-lag", 208.0, tied=True, sensors=["bed"])
     (step, *_) = advised(LAG | {"alternatives": [other]})
-    assert "(separates thermal-lag of EZZ with z-column from that of EZZ with bed)" in step
+    assert "(this separates thermal-lag of EZZ with z-column from that of EZZ with bed)" in step

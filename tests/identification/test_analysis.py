@@ -176,7 +176,7 @@ def test_what_is_left_out_is_counted():
     campaign = replace(campaign, verifications=[changed, *campaign.verifications[1:]])
     excluded = {e["reason"]: e["count"] for e in answer_of(campaign)["excluded"]}
     assert excluded["before the first reading"] >= 4
-    assert excluded["repeated word for word"] >= 1
+    assert excluded["an exact copy of another observation"] >= 1
 
 
 @pytest.mark.slow

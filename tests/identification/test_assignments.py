@@ -53,7 +53,7 @@ def test_a_wrong_assignment_is_found_and_the_right_one_proposed(datum):
     assert one.setups == 16
     assert one.p_global <= 0.01
     assert one.unit == "µm"
-    assert one.sentence.startswith("EXX over x-middle instead of bed would leave ")
+    assert one.sentence.startswith("EXX with x-middle instead of bed would leave ")
     assert [code for code, other in found.items() if other.proposed_sensor] == ["EXX"]
 
 
@@ -84,7 +84,7 @@ def test_where_the_assignment_is_right_none_is_proposed(planted):
 
 def test_few_set_ups_say_why_nothing_is_judged():
     found = judged(assigned(campaign_of(visits=6), EXX="bed"))
-    assert found["EXX"].why_not == "needs 8 set-ups in which it shows, came 6"
+    assert found["EXX"].why_not == "needs at least 8 set-ups in which it shows, got 6"
     assert all(one.after_rms is None and one.other_sensor is None for one in found.values())
 
 
@@ -93,7 +93,7 @@ def test_a_component_with_effects_of_its_own_is_not_judged():
         stored_effect("step", ["EXX"], {"changed_at_unix_s": 0.0, "step_um": 1.0}, {})
     )
     campaign = replace(assigned(campaign_of(), EXX="bed"), effects=[effect])
-    assert "learnt on bed" in judged(campaign)["EXX"].why_not
+    assert "learnt with bed" in judged(campaign)["EXX"].why_not
 
 
 def test_a_sensor_that_maps_do_not_state_is_not_tried():

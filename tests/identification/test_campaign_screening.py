@@ -56,7 +56,7 @@ def test_a_sensor_that_components_follow_is_left_to_the_search():
 
 
 @pytest.mark.parametrize(
-    ("sensor", "used"), [("y-front", "drive nothing"), ("x-middle", "used as they are")]
+    ("sensor", "used"), [("y-front", "are not used"), ("x-middle", "used as they are")]
 )
 def test_a_doubtful_sensor_is_named(sensor, used):
     asked = campaign(off=sensor)

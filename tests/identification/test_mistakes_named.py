@@ -19,7 +19,7 @@ AMONG = (
 
 PLANTED = {
     "exchanged-sensors:both-followed": (3, ["Swap the plugs of x-middle and z-column"]),
-    "map-factor:sign-in-one-map": (2, ["store them anew multiplied by -1"]),
+    "map-factor:sign-in-one-map": (2, ["store them again multiplied by -1"]),
     "map-temperature:inner": (1, ["Look up what x-middle read when map 'State 2' was measured"]),
     "clock-offset:an-hour-early": (1, ["min later (by whole hours"]),
     "mirrored-axis:axis": (1, ["in which direction X was counted"]),

@@ -59,7 +59,7 @@ def test_a_tie_is_measured_when_its_drivers_are_apart(campaign):
         [],
     )
     assert abs(found.like_time.timestamp() - middle) < 3600.0
-    assert f"when {one} is far above what it was with {other}" in found.sentence
+    assert f"when {one} is far above the value that it had beside {other}" in found.sentence
     assert "(effect 0)" in found.sentence
     assert components_of(found) == {"EZZ"}
     # The first place is measured twice more at the end: the floor is known then.
@@ -99,7 +99,7 @@ def test_sensors_that_never_came_apart_are_not_asked_to(campaign):
         [effect(sensors=(one,), ties=[{"sensors": (other,)}])],
         [],
     )
-    assert "never left the course that they had together" in found.sentence
+    assert "never departed from the relation that they had" in found.sentence
     assert "cannot be told apart" in found.sentence
     assert "is far above" not in found.sentence
 

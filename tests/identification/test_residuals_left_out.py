@@ -118,7 +118,7 @@ def test_what_is_left_out_is_counted_with_its_reason():
     assert reasons(own) == {
         "before the first reading": 6,
         "no reading near enough in time": 6,
-        "repeated word for word": 6,
+        "an exact copy of another observation": 6,
         "the model does not have the component": 6,
     }
     assert len(own.rows) == 6

@@ -132,7 +132,7 @@ def test_a_response_is_found_and_said_as_what_it_is(answer):
     assert found.states == ("spindle_rpm",)
     assert found.after_rms < 0.5 * found.before_rms
     assert found.helps
-    assert "EXX answers 5 sensors and states together" in found.explanation
+    assert "EXX responds to 5 sensors and states together" in found.explanation
     assert "12 set-ups, each held out in turn" in found.explanation
     assert answer.verdict != "nothing-found"
 
@@ -301,7 +301,7 @@ def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
 def test_few_set_ups_are_said():
     found = find_responses(campaign(3, runs=7, drives=1.0))
     assert not found.offered
-    assert "needs 8 set-ups" in found.not_testable[0].reason
+    assert "needs at least 8 set-ups" in found.not_testable[0].reason
 
 
 def test_a_component_of_which_no_observation_can_be_used_is_said():

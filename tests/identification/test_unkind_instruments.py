@@ -37,7 +37,7 @@ def test_zeros_declared_wrongly_are_no_outdated_maps():
     found = analysed(made, absolute)
     assert found.effects == ()
     assert "the first value of every component is exactly 0" in found.not_testable[0].reason
-    assert found.what_next[0].startswith("Store 'record' with the datum `first`")
+    assert found.what_next[0].startswith("Store 'record' again with the datum `first`")
 
 
 @pytest.mark.slow

@@ -125,7 +125,7 @@ def test_a_machine_as_its_model_says_stays_within(seed):
     judgements = watched(campaign)
     assert {j.status for j in judgements} == {"within"}
     assert judgements[-1].limit == pytest.approx(200.0)
-    assert "nothing yet to compare it with" in judgements[0].summary
+    assert "no earlier visits to compare with" in judgements[0].summary
     assert "as its model says" in judgements[-1].summary
 
 
@@ -134,7 +134,7 @@ def test_a_step_is_noticed_with_its_component():
     judgements = watched(campaign)
     (true,) = made.truth.effects
     assert judgements[0].status == "within"
-    assert "nothing yet to compare it with" in judgements[0].summary
+    assert "no earlier visits to compare with" in judgements[0].summary
     assert judgements[-1].status == "beyond"
     first = next(j for j in judgements if j.status == "beyond")
     named = {b.component for j in judgements for b in j.beyond}

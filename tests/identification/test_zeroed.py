@@ -38,7 +38,8 @@ def test_first_values_that_are_all_exactly_zero_are_the_instruments_zero():
     assert said.on == "'zeroed'"
     assert "first value of every component is exactly 0" in said.reason
     assert to_state([said]) == (
-        "Store 'zeroed' with the datum `first` if the instrument was zeroed at the first reading.",
+        "Store 'zeroed' again with the datum `first` if the instrument was zeroed at the first "
+        "reading.",
     )
 
 

@@ -67,7 +67,7 @@ def test_runs_that_took_no_part_are_predicted_better(lathe, part):
     kinds = [name for name in MAY_BE_ADOPTED if name != "response"]
     rounds = close_the_loop(learn, kinds, most_rounds=2)
     named = [one for one in rounds[0].analysis.not_testable if one.on == FAILED]
-    assert "left its neighbours by +31.0 K on 2020-08-21" in named[0].reason
+    assert "departed from its neighbours by +31.0 K on 2020-08-21" in named[0].reason
     effects = effects_of(learn, rounds)
     assert effects
     assert all(FAILED not in effect.sensors for effect in effects)

@@ -124,8 +124,8 @@ def test_where_nothing_was_found_the_page_says_what_that_is_worth():
     smallest = told.index("The smallest effects that would have been seen")
     assert smallest < told.index("Residuals by component") < told.index("Over time")
     assert "thermal lag 0.21 to 0.30 0.40" in told
-    assert "Nothing that stands out of the noise is left" in told
-    assert "None was left out" in told
+    assert "No structure that stands out of the noise is left" in told
+    assert "Nothing was left out" in told
 
 
 def test_reasons_that_several_kinds_share_stand_once():
@@ -141,11 +141,11 @@ def test_components_stand_by_unit_with_their_figures():
     assert order == sorted(order)
     assert "EZZ D_z(z) 4.10 0.64 0.63 0.61 (declared) ±1.28 240" in table
     assert "SXY S_xy 7.40† 0.80†" in table
-    assert "† Nothing could be held out" in table
+    assert "† All visits, because nothing could be held out" in table
     assert "95 % within, after" in table
     assert "declared: what the verifications state" in table
     assert "replicates: " not in table
-    assert "replicates: from what was read again" in read(NOTHING).told
+    assert "replicates: from repeats at the same place" in read(NOTHING).told
     # Nothing stands for a floor that is not known.
     assert "EBX A_y(x) 1.20 1.20 unknown" in table
 
@@ -169,14 +169,14 @@ def test_an_effect_is_told_with_its_figures():
         "4.10 → 0.64 µm RMS",
         "show 0.98 ± 0.08 of what it predicts (1 is right, 0 is nothing); found again in 100 %",
         "time constant 41 ± 2 min",
-        "share of what the tables say: 1 follows late as a whole, 0 at once 1.01 ± 0.03",
+        "share of what the tables say that follows late: 1 for all of it, 0 for none 1.01 ± 0.03",
         "Late minus present: what the sensor read some time ago, less what it reads now.",
         "thermal lag: EZZ with z-column – this effect 209",
         "sensor gradient: EZZ with spindle, bed – tied 208",
         "other sensor: EZZ with spindle – behind by 160 50",
         "Further behind: 1 more.",
         "cannot tell it from sensor gradient: EZZ with spindle, bed (evidence 208 against 209)",
-        "What would separate the two: heat spindle without z-column.",
+        "To separate the two, heat spindle without z-column.",
     ):
         assert words in told
 
@@ -185,17 +185,18 @@ def test_warnings_and_what_is_not_confirmed_are_told_in_words():
     told = read(UNEXPLAINED).told
     for words in (
         "? Something unexplained",
-        "? suspected: held-out visits, what it leaves, or a tie do not confirm its name",
+        "? suspected: held-out visits, an unexplained remainder or a tie leave its name open",
         "≈ proxy",
         "Something unexplained remains beside it",
         "71% of the evidence stands on two visits ('a' and 'b').",
-        "could not say anything",
+        "say nothing about it",
         "changed at 2026-03-04 00:00 UTC",
         "step −7.3 ± 0.3 µm/m",
         "SXY changed by −7.3",
-        "– not confirmable: the held-out visits do not show it",
+        "– not confirmable: the held-out visits cannot show it",
         "reversal, rise from mid-travel to the end 0.4 ± 0.2 µm",
-        "EYZ 1.40 µm 0.60 µm the rate of z-column it moves with something smoothly; held-out",
+        "EYZ 1.40 µm 0.60 µm the rate of z-column it varies smoothly with something that was "
+        "recorded; held-out",
         "frozen 112",
         "outlier 3",
     ):
@@ -205,21 +206,21 @@ def test_warnings_and_what_is_not_confirmed_are_told_in_words():
 def test_a_mistake_is_to_be_put_right_and_nothing_is_said_of_adopting_it():
     told = read(FOUND | {"effects": [EXCHANGED, LAG], "plots": NOTHING["plots"]}).told
     mistake, lag = told.split("0. x-middle and bed")[1].split("1. EZZ follows")
-    assert "It is never adopted, but put right where it was made: it is a mistake" in mistake
+    assert "It is never adopted; correct it at its source: it is a mistake" in mistake
     assert "Swap the plugs of x-middle and bed" in mistake
     for absent in ("unless", "learnt in", "°C"):
         assert absent not in mistake
-    assert "is adopted unless effects are named" in lag
+    assert "is adopted by default" in lag
 
 
 def test_what_does_not_help_is_adopted_only_by_its_number():
     told = read(UNEXPLAINED).told
-    assert "It is not adopted unless it is named: SXY would get worse in 'a'" in told
+    assert "It is not adopted by default, only if you name it: SXY would get worse in 'a'" in told
 
 
 def test_a_fault_that_the_readings_show_has_no_figures_and_no_rivals():
     found = read(UNEXPLAINED)
-    told = found.told.split("3. x-middle is stuck")[1].split("Over time")[0]
+    told = found.told.split("3. x-middle is stuck")[1].split("What to measure")[0]
     assert "✓ seen in the readings themselves" in told
     assert "in the readings it stood still for 9 h" in told
     for absent in ("held-out", "by chance", "2 ln B", "None"):
@@ -392,9 +393,9 @@ def test_what_becomes_of_effects_that_the_model_had_is_told():
 
 def test_another_sensor_is_said_before_the_figures_on_the_present_one():
     page = written(MOVED)
-    at = page.index("EZZ on column-rear instead of z-column: 7.6 → 5.1 µm in 28 set-ups")
+    at = page.index("EZZ with column-rear instead of z-column: 7.6 → 5.1 µm over 28 set-ups")
     assert at < page.index("Before and after</h2>")
-    assert "EYZ: not judged, needs 8 set-ups" in page
+    assert "EYZ: not judged: needs 8 set-ups" in page
     assert "Which sensor each component follows" not in written(FOUND)
 
 

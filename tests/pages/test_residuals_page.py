@@ -174,7 +174,7 @@ def test_no_direction_and_too_many_values_to_be_drawn():
     figures = replace(FIGURES, components=[size("EXX")], overall=size("all"))
     found = read(figures, [ComponentCurves("EXX", (curve,))])
     assert "direction" not in found.told
-    assert "too many to be drawn one by one" in found.told
+    assert "too many to draw them one by one" in found.told
     (figure,) = found.figures.values()
     assert [trace["name"] for trace in figure["data"]] == ["mean and standard deviation"]
     # Where everything is shown there is nothing to choose.
@@ -188,8 +188,8 @@ def test_one_value_alone():
     found = read(replace(figures, excluded=[]), [ComponentCurves("EXX", ())], head)
     assert "The one residual that is a length is −3.00 µm." in found.told
     assert "values 1 of 1 component" in found.told
-    assert "Not drawn, for too few values or because nothing changed meanwhile: EXX." in found.told
-    assert "1 value could be held against the model; none was left out" in found.told
+    assert "Not drawn, because there were too few values or nothing changed: EXX." in found.told
+    assert "1 value could be compared with the model; none was left out" in found.told
     assert found.figures == {}
     unknown = replace(single, repeatability=None, share_above_repeatability=None)
     assert "– (declared)" in read(replace(figures, components=[unknown]), []).told
@@ -204,7 +204,7 @@ def test_angles_alone():
 
 def test_what_was_left_out_is_counted_with_its_reason():
     told = read().told
-    assert "360 values could be held against the model; 3 values could not" in told
+    assert "360 values could be compared with the model; 3 values could not" in told
     assert "before the first reading 3" in told
 
 

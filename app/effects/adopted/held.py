@@ -91,8 +91,8 @@ def beyond_maps_sentences(
             Remark(
                 one.effect,
                 f"{effects[one.effect].kind} of {list_names(own)} reads the maps at "
-                f"{one.temperature_c:g} °C of {one.sensor}, outside of their {one.ends_c[0]:g} to "
-                f"{one.ends_c[1]:g} °C: {done}{refused}{values}",
+                f"{one.temperature_c:g} °C of {one.sensor}, outside their range of "
+                f"{one.ends_c[0]:g} to {one.ends_c[1]:g} °C: {done}{refused}{values}",
             )
         )
     return found
@@ -210,8 +210,8 @@ def held_sentence(effect: Effect, beyond: OutsideRange) -> str:
     if not beyond.is_held:
         return (
             f"{effect.kind} of {codes} was not learnt here: {beyond.quantity} is "
-            f"{farthest:g}{unit}, learnt from {low:g} to {high:g}{unit}; what it is made of "
-            "several signals decides, and is not changed by that"
+            f"{farthest:g}{unit}, learnt from {low:g} to {high:g}{unit}; it depends on several "
+            "signals together, so its value is left as it is"
         )
     return (
         f"{effect.kind} of {codes} is held at the edge of where it was learnt: {beyond.quantity} "
@@ -225,8 +225,8 @@ def unknown_range(effect: Effect) -> str:
         return ""
     return (
         f"{effect.kind} of {list_names(effect.components)}: the range in which it was learnt is "
-        "not known, so this may be far outside of it; analyse the measurements anew and adopt what "
-        "is found"
+        "not known, so this may lie far outside it; analyse the measurements again and adopt "
+        "what is found"
     )
 
 
@@ -244,16 +244,16 @@ def use_until(effect: Effect) -> str:
     codes = list_names(effect.components)
     if valid.continued_until_s is not None:
         return (
-            f"The {effect.kind} of {codes}, last observed at {date_text(valid.to_s)}, goes on as "
-            f"it was found until {date_text(valid.continued_until_s)}, is held from then on, and "
-            f"may be used until {date_text(valid.use_until_s)}: what it may be wrong by is more "
-            f"than one observation scatters then. Measure {codes} again before"
+            f"The {effect.kind} of {codes} was last observed at {date_text(valid.to_s)}. It is "
+            f"continued as it was found until {date_text(valid.continued_until_s)} and then held. "
+            f"It may be used until {date_text(valid.use_until_s)}: after that it may be wrong by "
+            f"more than one observation scatters. Measure {codes} again before then"
         )
     return (
         f"The {effect.kind} of {codes} is not continued beyond its last observation at "
-        f"{date_text(valid.to_s)}, and may be used until {date_text(valid.use_until_s)}: from then "
-        f"on what it may have grown by is more than one observation scatters. Measure {codes} "
-        "again before"
+        f"{date_text(valid.to_s)}. It may be used until {date_text(valid.use_until_s)}: after "
+        f"that it may have grown by more than one observation scatters. Measure {codes} again "
+        "before then"
     )
 
 
@@ -263,18 +263,18 @@ def _of_time(effect: Effect, codes: str, beyond: OutsideRange) -> str:
     held_s = effect.valid.grows_until_s if effect.valid else to_s
     outside_s = beyond.values[beyond.is_beyond]
     if outside_s.max() > to_s:
-        may = "" if until_s is None else f", it may be used until {date_text(until_s)}"
+        may = "" if until_s is None else f", and may be used until {date_text(until_s)}"
         when = "when it was last observed"
         if held_s > to_s:
-            when = f"until when it goes on; it was last observed at {date_text(to_s)}"
+            when = f"the end of its continuation (it was last observed at {date_text(to_s)})"
         return (
-            f"{effect.kind} of {codes} is held at its value of {date_text(held_s)}, {when}"
-            f"{may}, and this is for {date_text(float(outside_s.max()))}: measure {codes} "
-            "again, and analyse anew"
+            f"{effect.kind} of {codes} is held at its value of {date_text(held_s)}, {when}{may}; "
+            f"this is for {date_text(float(outside_s.max()))}: measure {codes} again, and analyse "
+            "again"
         )
     return (
         f"{effect.kind} of {codes} is held at its value of {date_text(from_s)}, when it was first "
-        f"observed, and this is for {date_text(float(outside_s.min()))}"
+        f"observed; this is for {date_text(float(outside_s.min()))}"
     )
 
 

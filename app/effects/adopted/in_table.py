@@ -247,10 +247,10 @@ def _read_on(
     effects: Sequence[Effect], moment: Conditions, dealt_with: Collection[int]
 ) -> list[str]:
     """Say which faulty sensors are read on, and how."""
-    how = {BIAS: "the bias is taken off, until somebody repairs it"}
+    how = {BIAS: "the bias is taken off until the sensor is repaired"}
     return [
         f"{explain(effect)}: "
-        f"{how.get(effect.variant, 'no other sensor can stand in, it is read as it is')}"
+        f"{how.get(effect.variant, 'no other sensor can stand in, so it is used as it is')}"
         for i, effect in enumerate(effects)
         if effect.kind == SensorFault.kind and i not in dealt_with
         if any(np.any(term.driver.at(moment)) for term in effect.terms)

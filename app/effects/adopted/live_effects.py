@@ -47,7 +47,7 @@ from app.thermal.map_weights import (
 )
 from app.thermal.prediction import GRAVITY, BeyondTables, beyond_tables
 
-NO_NUMBER: Final = "what drives it gives no number here"
+NO_NUMBER: Final = "what drives it has no usable value here"
 NOT_COMMON: Final = "the maps that it reads here share no range of positions"
 
 

@@ -104,10 +104,10 @@ class InstrumentWarmUp(EffectKind):
         """Say how to measure without it."""
         how_long = "until its reading no longer moves"
         if _is_settling(effect):
-            how_long = f"for {3.0 * effect.parameters[TIME_CONSTANT]:.2g} min after mounting it"
+            how_long = f"for {3.0 * effect.parameters[TIME_CONSTANT]:.2g} min after mounting"
         return (
-            f"Leave the instrument on {how_long} before {list_names(effect.components)} is "
-            "measured, then measure and analyse again."
+            f"Before measuring {list_names(effect.components)}, leave the instrument on {how_long}"
+            "; then measure and analyse again."
         )
 
 

@@ -68,29 +68,30 @@ ONCE: Final = frozenset({Drift.kind, Step.kind})
 """What comes with time, and not again with temperatures or states."""
 
 ONCE_AS_WELL: Final = (
-    "these observations show as well that it came with time: whether it comes again with what it "
-    "seems to follow, nobody knows"
+    "a drift or a step in time explains these observations as well, so nobody knows whether it "
+    "will recur with what it seems to follow"
 )
 BESIDE_WHAT_NOBODY_KNOWS: Final = (
-    "something unexplained remains where it acts, which may take back later what it began: nobody "
-    "knows that it lasts"
+    "something unexplained remains where it acts and may undo this change later, so nobody knows "
+    "whether it lasts"
 )
 OF_EITHER: Final = (
-    "of the machine, or of the instrument in this channel: it is known from one set-up alone"
+    "only one set-up shows it, so it may come from the machine or from the instrument in "
+    "this channel"
 )
 AS_SLOW_AS_CAN_BE: Final = (
-    "it is as late as can be tried, and something unexplained remains where it acts: what changes "
-    "about as slowly as the visits follow each other imitates whatever else does"
+    "its time constant is the longest that was tried, and something unexplained remains where it "
+    "acts: anything that changes about as slowly as the visits follow each other can look like it"
 )
 OF_A_WALK: Final = (
-    "an instrument or a foundation whose zero walks from set-up to set-up would show the same, and "
-    "visits that are held out among the others would foretell it too"
+    "a zero of the instrument or the foundation that shifts at random from set-up to set-up "
+    "would look the same, and held-out visits between the others would confirm it too"
 )
 BESIDE_A_WALK: Final = (
-    "the zero of an instrument or a foundation seems to walk from set-up to set-up: what its "
-    "levels say of the maps may be its own"
+    "the zero of the instrument or the foundation seems to shift at random from set-up to "
+    "set-up, so the offset seen here may be its own and not the maps'"
 )
-NOT_HELD_OUT: Final = "nothing could be held out that would show whether it helps"
+NOT_HELD_OUT: Final = "nothing could be held out to show whether it helps"
 
 
 class Help(NamedTuple):
@@ -214,10 +215,14 @@ def _keep_what_stands_alone(
             continue
         least = max(worse, key=lambda i: _gain(found, terms[i].channels, together - own[i]))
         names = [found.residuals.rows.channels[c] for c in terms[least].channels]
-        beside = "effects that are not adopted" if is_torn(least) else "maps that may be wrong"
+        beside = (
+            "effects that are not adopted"
+            if is_torn(least)
+            else "map corrections that are not adopted"
+        )
         said[least] = (
-            f"{list_names(names, MOST_CHANNELS)} would get no smaller: it was fitted beside "
-            f"{beside}"
+            f"the residuals of {list_names(names, MOST_CHANNELS)} would get no smaller: it was "
+            f"fitted together with {beside}"
         )
 
 
@@ -250,9 +255,8 @@ def _why_not_itself(
         return None
     shown = [name for name in names if name in effect.components]
     return (
-        f"{list_names(shown, MOST_CHANNELS)}, observed by "
-        f"{'itself' if len(shown) == 1 else 'themselves'}, would get larger: {share:.2f} ± "
-        f"{error:.2f} of what it predicts is there"
+        f"the residuals of {list_names(shown, MOST_CHANNELS)}, measured directly, would get "
+        f"larger: {share:.2f} ± {error:.2f} of what it predicts is there"
     )
 
 
@@ -297,8 +301,8 @@ def _why_not(
         return None
     slope = forward if fails_forward else term.slope
     if slope is None:
-        return "it was not found again without the visits that were held out"
-    when = "the last visits" if fails_forward else "visits that were held out"
+        return "it was not found again without the held-out visits"
+    when = "the last visits" if fails_forward else "held-out visits"
     return (
         f"{when} show {slope.value:.2f} ± {slope.error:.2f} of what it predicts, which does not "
         "prove that it helps"
@@ -509,6 +513,6 @@ def _gets_worse(found: FinishedSearch, worse: _Worse) -> str:
     name = rows.channels[worse.channel]
     where = list_names([repr(label), *([] if setup is None else [f"set-up {setup!r}"])])
     return (
-        f"{name} would get worse in {where}, which was held out: {worse.before:.3g} to "
-        f"{worse.after:.3g} {channel_unit(name).symbol}"
+        f"the residuals of {name} would get worse in {where}, which was held out: from "
+        f"{worse.before:.3g} to {worse.after:.3g} {channel_unit(name).symbol}"
     )

@@ -23,8 +23,8 @@ ENOUGH_VISITS: Final = 20
 """From so many visits on no more are asked for."""
 
 CUT: Final = (
-    f"Adopt what helps and analyse again: the search ended at {MOST_TERMS} effects, the most that "
-    "one analysis names, and more would pay."
+    f"Adopt what helps and analyse again: the search stopped at {MOST_TERMS} effects, the most "
+    "that one analysis names, and more would be worth naming."
 )
 
 
@@ -54,7 +54,7 @@ def summary(
     kinds
         The kinds that were looked for; None: all.
     """
-    scatter = "" if noise is None else f", where one observation scatters by {noise:.2g} {unit}"
+    scatter = "" if noise is None else f"; one observation scatters by {noise:.2g} {unit}"
     size = before.holdout_rms or before.rms
     if verdict == "nothing-found":
         return (
@@ -66,14 +66,14 @@ def summary(
     moved = [one.explanation for one in refitted if one.is_changed]
     if not effects and not moved:
         return (
-            f"Something is left in {where} that no effect of the library explains. The residuals "
+            f"Something remains in {where} that no effect of the library explains. The residuals "
             f"are {size:.3g} {unit} (root mean square){scatter}."
         )
     found = "; ".join([*(_how_sure(effect) for effect in effects), *moved])
     moves = "fall" if left < size else "do not fall but rise" if left > size else "stay"
-    held = "" if after.holdout_rms is None else " on visits held out"
+    held = "" if after.holdout_rms is None else " on held-out visits"
     changed = f"The residuals {moves} from {size:.3g} to {left:.3g} {unit}{held}{scatter}"
-    rest = f"; in {where} something unexplained remains" if verdict == "unexplained" else ""
+    rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
     return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
 
 
@@ -87,7 +87,7 @@ def left_out_visits(apart: Sequence[str]) -> str:
     """
     if not apart:
         return ""
-    return f" Left out as far from all other visits: {list_names(apart, 4)}."
+    return f" Left out because it lies far from all other visits: {list_names(apart, 4)}."
 
 
 def _how_sure(effect: FoundEffect) -> str:
@@ -122,8 +122,8 @@ def what_next(
     """
     found = [*mistakes_first(effects), *([CUT] if is_cut else [])]
     found += [
-        f"Ask what happened at {one}: it stands far from all other visits and was left out as a "
-        "slip; measure there again."
+        f"Find out what happened to {one}: it lies far from all other visits and was left out as "
+        "a slip; measure it again."
         for one in apart
     ]
     for effect in effects:
@@ -132,18 +132,16 @@ def what_next(
         moves = f": it moves with {list_names(part.moves_with, 3)}" if part.moves_with else ""
         found.append(
             f"Look at {part.component}{moves}. Record what else changes there (coolant, doors, "
-            "clamping, other machines), and measure it again with that beside it."
+            "clamping, other machines), and measure it again together with that record."
         )
     asked = any("visits" in one.reason for one in not_testable)
     if visits < (ENOUGH_VISITS if asked else FEWEST_BLOCKS):
         found.append(
-            f"Add visits at other temperatures: {visits} took part, and effects that change from "
-            f"visit to visit need at least {FEWEST_BLOCKS}, better {ENOUGH_VISITS}."
+            f"Add visits at other temperatures: {visits} took part, but effects that change from "
+            f"visit to visit need at least {FEWEST_BLOCKS}, preferably {ENOUGH_VISITS}."
         )
     if not found:
-        found.append(
-            "Nothing needs to be done; measure again after the time in which the machine may wear."
-        )
+        found.append("Nothing needs to be done. Measure again once the machine may have worn.")
     return tuple(dict.fromkeys(found))
 
 
@@ -197,7 +195,7 @@ def _from_rival(effect: FoundEffect, rival: Alternative) -> str:
 
 def _of_effect(effect: FoundEffect) -> list[str]:
     found = [
-        f"{a.separating_measurement[:1].upper()}{a.separating_measurement[1:]} (separates "
+        f"{a.separating_measurement[:1].upper()}{a.separating_measurement[1:]} (this separates "
         f"{_from_rival(effect, a)})."
         for a in effect.ties[:2]
         if a.separating_measurement and not do_the_same(a, effect.effect)
@@ -206,8 +204,8 @@ def _of_effect(effect: FoundEffect) -> list[str]:
     if effect.status != "confirmed":
         shown_by = kind.separating_measurement(effect.effect, effect.effect)
         found.append(
-            f"The {effect.effect.kind} of {list_names(effect.effect.components, 3)} is "
-            f"{effect.status}: {shown_by}."
+            f"To confirm the {effect.effect.kind} of {list_names(effect.effect.components, 3)}, "
+            f"now {effect.status}: {shown_by}."
         )
     if effect.doubt:
         found.append(

@@ -34,7 +34,7 @@ ROUNDING: Final = 1e-9
 """Share of a size: less is rounding."""
 
 MOST_SUBJECTS: Final = 12
-"""So many subjects are named behind one reason."""
+"""So many subjects are named with one reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +48,16 @@ class Figures(Answer, published_as="FiguresAnswer"):
     """95th percentile of the size [µm]"""
 
     holdout_rms: Annotated[float | None, Field(alias="holdout_rms_um")]
-    """Root mean square on visits that took no part in what predicts them [µm]; null where nothing
-    could be held out"""
+    """Root mean square on held-out visits: each is predicted by what was learnt without it [µm];
+    null where nothing could be held out"""
 
     holdout_rms_ci95: Annotated[Range | None, Field(alias="holdout_rms_ci95_um")]
     """Its 95 % confidence interval, over visits [µm]"""
 
     zero: Zero | None = None
-    """What they are relative to: the model's zero (`absolute`); wherever an instrument's zero is
-    another, each set-up's first observation, at which it was zeroed (`first`), or the mean of what
-    shares a zero that nobody knows (`removed`); null in older results"""
+    """What they are relative to. `absolute`: the model's zero. `first`: the first observation of
+    each set-up, at which the instrument was zeroed. `removed`: the zero is not known, and the mean
+    of the values that share it is taken off. Null in older results"""
 
     @property
     def shown_rms(self) -> float:
@@ -103,8 +103,8 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
     floor: Annotated[
         float | None,
         Field(
-            description="What noise alone would leave, as repeats within two minutes and the "
-            f"scatter of set-ups show it {IN_ITS_UNIT}; null where too little was repeated"
+            description="What noise alone would leave, judged by repeats within two minutes and "
+            f"the scatter of set-ups {IN_ITS_UNIT}; null where too little was repeated"
         ),
     ]
     floor_unknown: str | None = None
@@ -113,16 +113,16 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
     setup_scatter: Annotated[
         float | None,
         Field(
-            description="Standard deviation by which set-ups differ, as these residuals were "
-            f"fitted {IN_ITS_UNIT}; null where nothing could be held out"
+            description="Standard deviation between set-ups, as fitted to these residuals "
+            f"{IN_ITS_UNIT}; null where nothing could be held out"
         ),
     ] = None
     zero: Zero | None = None
-    """What its figures are relative to, as for the figures over all"""
+    """What its figures are relative to; see the overall figures"""
 
     @property
     def is_held_out(self) -> bool:
-        """Whether there are figures of visits that took no part in what predicts them."""
+        """Whether there are figures of held-out visits."""
         return self.holdout_before_rms is not None
 
     @property
@@ -149,27 +149,27 @@ class Evidence(Answer, published_as="EvidenceAnswer"):
     """Numbers that were fitted for it"""
 
     two_ln_bayes_factor: float | None = None
-    """Evidence against its absence, the prior spread evenly inside its family; above 10 it is very
-    strong"""
+    """Evidence for it against no effect, 2 ln of the Bayes factor, with the prior spread evenly
+    within its kind; above 10 it is very strong"""
 
     p_global: float | None = None
-    """Probability that noise surprises as much anywhere in the library"""
+    """Probability that noise alone gives as strong a candidate anywhere in the library"""
 
     calibration_slope: float | None = None
-    """Measured against predicted contribution on held-out visits: 1 is right, 0 is nothing; null
-    where these visits do not excite it"""
+    """Slope of measured against predicted contribution on held-out visits: 1 if they show all of
+    it, 0 if nothing; null where it was never found without them"""
 
     calibration_slope_error: float | None = None
     """Standard error of that slope"""
 
     forward_slope: float | None = None
-    """The same on the last visits, for trends"""
+    """The same slope on the last visits, predicted from the earlier ones, for trends"""
 
     found_again_share: float | None = None
-    """Share of the folds that find it again, or what it is tied with"""
+    """Share of the hold-out splits in which it, or what it is tied with, is found again"""
 
     seen_in_readings: str | None = None
-    """What the readings alone show of it, where they do"""
+    """What the readings alone show of it; null where they do not show it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,10 +192,10 @@ class Alternative(Answer, published_as="AlternativeAnswer"):
     """Driven by which states"""
 
     evidence: float
-    """Its 2 ln of the Bayes factor against no effect"""
+    """Its evidence against no effect, 2 ln of the Bayes factor"""
 
     behind: float
-    """By how much less than the effect's"""
+    """How much weaker that is than the effect's own evidence"""
 
     alias_share: float
     """Share of the effect that it can imitate"""
@@ -204,7 +204,7 @@ class Alternative(Answer, published_as="AlternativeAnswer"):
     """Whether these observations cannot tell the two apart"""
 
     with_offset: bool
-    """Whether it comes so close only with a constant beside it"""
+    """Whether it comes this close only with a constant added to it"""
 
     separating_measurement: str | None = None
     """What would tell them apart"""
@@ -226,8 +226,9 @@ class Cause(Answer, published_as="CauseAnswer"):
     """What the observations say of one cause among many that drive an effect together."""
 
     claim: Annotated[Literal["kind", "driver", "tie", "amount"], Field(examples=["amount"])]
-    """`kind`: whether a kind of causes takes part; `driver`: one that nothing stands in for; `tie`:
-    some that stand in for each other; `amount`: by how much the component moves"""
+    """`kind`: whether a kind of cause takes part; `driver`: a cause that nothing else can stand in
+    for; `tie`: causes that can stand in for one another; `amount`: by how much the component
+    moves"""
 
     names: tuple[str, ...]
     """Sensors and states that it is about; empty where it is about all or none"""
@@ -236,7 +237,8 @@ class Cause(Answer, published_as="CauseAnswer"):
     """One plain sentence"""
 
     two_ln_bayes_factor: float | None = None
-    """Evidence that is lost without it: above 6 it is strong, above 10 very strong"""
+    """Evidence that is lost without it, 2 ln of the Bayes factor: above 6 is strong, above 10 very
+    strong"""
 
     value: Annotated[
         float | None,
@@ -245,8 +247,8 @@ class Cause(Answer, published_as="CauseAnswer"):
     error: Annotated[
         float | None,
         Field(
-            description="Its standard deviation, the larger one of posterior and jackknife "
-            f"{IN_ITS_UNIT}"
+            description="Its standard deviation, the larger of those by posterior and by "
+            f"jackknife {IN_ITS_UNIT}"
         ),
     ] = None
 
@@ -259,34 +261,34 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
     """What adoption stores"""
 
     before_rms: Annotated[float, Field(alias="before_rms_um")]
-    """Root mean square of its components before it, on held-out visits where there are any [µm];
-    see `unit`"""
+    """Root mean square of the residuals where it acts, before any found effect, on held-out visits
+    where there are any [µm]; see `unit`"""
 
     after_rms: Annotated[float, Field(alias="after_rms_um")]
-    """The same with it [µm]; see `unit`"""
+    """The same with all found effects [µm]; see `unit`"""
 
     unit: UnitSymbol
-    """Unit of the two: lengths where any is one"""
+    """Unit of these two: µm where the effect acts on any length"""
 
     status: str
     """How sure its name is: `confirmed`, `suspected` or `not-confirmable`"""
 
     helps: bool
-    """Whether visits that took no part in finding it get better with it, and none markedly worse:
-    adopted unless effects are named"""
+    """Whether held-out visits show that it helps, and none gets markedly worse; such effects are
+    adopted unless the request names effects"""
 
     why_not: str | None
-    """Why nobody can say that it helps; null where it does"""
+    """Why it is not known to help; null where it helps"""
 
     is_proxy: bool
     """Whether unexplained structure remains beside it"""
 
     doubts: tuple[str, ...]
-    """In what the measured values differ from it, more than noise would: its name is then not
-    `confirmed`; empty where they do not"""
+    """How the measured values depart from it, beyond noise: its name is then not `confirmed`. Empty
+    where they fit it"""
 
     evidence: Evidence
-    """How sure it is"""
+    """How strong the evidence for it is"""
 
     alternatives: tuple[Alternative, ...]
     """What else it could be, ties first"""
@@ -301,13 +303,13 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
     """Their share of the evidence"""
 
     leverage_warning: str | None
-    """Said where most of the evidence stands on two visits"""
+    """A warning where two visits carry most of the evidence; else null"""
 
     measure_again: str | None
-    """Until when one that grows with time may be used, and what to measure"""
+    """For an effect that grows with time: until when it may be used, and what to measure by then"""
 
     causes: tuple[Cause, ...] = ()
-    """What can be said of its causes, where many drive it together; empty of other effects"""
+    """What can be said of its causes where many drive it together; empty for other effects"""
 
     @shown
     def kind(self) -> Annotated[str, Field(examples=["thermal-lag"])]:
@@ -346,7 +348,7 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
 
     @shown
     def valid(self) -> LearntIn | None:
-        """Where it was learnt: beyond it, it is held at the edge."""
+        """The ranges in which it was learnt; beyond them it is held at the edge."""
         return self.effect.learnt_in
 
     @property
@@ -355,8 +357,8 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
         if not self.doubts:
             return None
         return (
-            "the measured values do not agree with it as the library has it: "
-            f"{list_names(self.doubts)}; it may be another cause that resembles it"
+            f"the measured values do not quite fit this effect: {list_names(self.doubts)}; the "
+            "cause may be another one that resembles it"
         )
 
     @property
@@ -367,20 +369,20 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RefittedEffect(Answer, published_as="RefittedEffectAnswer"):
-    """What becomes of an effect that the model has, if the effects that help are adopted."""
+    """What adopting the effects that help does to an effect that the model already has."""
 
     effect: StoredEffect
     """The effect as the model has it"""
 
     becomes: StoredEffect | None
-    """What adoption stores in its place; null where it is dropped or left"""
+    """What adoption stores in its place; null where it is dropped or left as it is"""
 
     outcome: Literal["refitted", "dropped", "left"]
-    """`refitted` together with the effects that were found and help; `dropped`, because it no
-    longer pays beside them; `left` as it is"""
+    """`refitted`: together with the found effects that help; `dropped`: no longer worth its place
+    beside them; `left`: as it is"""
 
     is_changed: bool
-    """Whether it is dropped, or moves by more than its parameters are unsure by"""
+    """Whether it is dropped, or its parameters change by more than their uncertainty"""
 
     explanation: str
     """What it was and what it becomes, or why it stays, in one plain sentence"""
@@ -402,7 +404,7 @@ class RefittedEffect(Answer, published_as="RefittedEffectAnswer"):
 
     @shown
     def refitted_parameters(self) -> Parameters | None:
-        """Parameters as they become [µm; …]; null where it is dropped or left."""
+        """Parameters after refitting [µm; …]; null where it is dropped or left."""
         return None if self.becomes is None else self.becomes.parameters
 
     @shown
@@ -413,57 +415,58 @@ class RefittedEffect(Answer, published_as="RefittedEffectAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class TriedAssignment(Answer, published_as="TriedAssignmentAnswer"):
-    """One component's maps read by another sensor than the assigned one, on set-ups held out."""
+    """One component's maps read by a sensor other than the assigned one, on held-out set-ups."""
 
     component: Annotated[str, Field(examples=["EZZ"])]
     """Component code"""
 
     present_sensor: Annotated[str, Field(examples=["z-column"])]
-    """Sensor that it follows"""
+    """Sensor that it follows now"""
 
     other_sensor: str | None
-    """The other one that leaves least; null where nothing could be judged"""
+    """The other sensor that leaves least; null where nothing could be judged"""
 
     as_good: Sensors
-    """Those that leave nearly as little, within a twentieth: the set-ups do not tell them apart"""
+    """Other sensors that leave nearly as little, within 5 %: the set-ups cannot tell them apart"""
 
     unit: UnitSymbol
     """Unit of its numbers"""
 
     at_points: bool
-    """Whether figures are of points of the work volume, as it was not observed by itself"""
+    """Whether figures are of points of the work volume, because it was not observed by itself"""
 
     setups: int
-    """Set-ups in which it shows"""
+    """Number of set-ups in which it shows"""
 
     before_rms: Annotated[float, Field(alias="before_rms_um")]
-    """Root mean square of what the present sensor leaves, from each set-up's zero [µm]; see
+    """Root mean square of the residuals with the present sensor, from each set-up's zero [µm]; see
     `unit`"""
 
     after_rms: Annotated[float | None, Field(alias="after_rms_um")]
-    """What the other one leaves, of each set-up the one that all others choose [µm]; see `unit`"""
+    """The same with the other sensor; in each set-up the one that all other set-ups choose [µm];
+    see `unit`"""
 
     worst_setup: str | None
-    """Label of the set-up that loses most, or gains least"""
+    """Label of the set-up that gets most worse, or gains least"""
 
     worst_before_rms: Annotated[float | None, Field(alias="worst_before_rms_um")]
-    """Root mean square of that [µm]; see `unit`"""
+    """Its root mean square with the present sensor [µm]; see `unit`"""
 
     worst_after_rms: Annotated[float | None, Field(alias="worst_after_rms_um")]
-    """With the other sensor [µm]; see `unit`"""
+    """Its root mean square with the other sensor [µm]; see `unit`"""
 
     p_global: float | None
-    """Probability that any sensor on any component gains so evenly by chance"""
+    """Probability that some sensor on some component gains as evenly by chance"""
 
     why_not: str | None
-    """Why the other one is not proposed; null where it is"""
+    """Why the other sensor is not proposed; null where it is"""
 
     sentence: str
     """One plain sentence"""
 
     @shown
     def proposed_sensor(self) -> str | None:
-        """Sensor that it should rather follow; null where none is proposed."""
+        """Sensor that it should follow instead; null where none is proposed."""
         return self.other_sensor if self.why_not is None else None
 
 
@@ -510,9 +513,10 @@ class SmallestSeen(Answer, published_as="SmallestSeenAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class EffectCurve(Answer):
-    """An effect's residuals over what drives it: arrays of one length, of some rows.
+    """An effect's residuals over what drives it: arrays of equal length, for some of the values.
 
-    Where it acts on components of several units, of those of one unit: where it explains most.
+    Where it acts on components of several units, only those of one unit are drawn: the one in which
+    it explains most.
     """
 
     over: str
@@ -525,19 +529,19 @@ class EffectCurve(Answer):
     """Unit of the residuals"""
 
     components: tuple[str, ...]
-    """Whose residual each is"""
+    """The component of each residual"""
 
     driver: tuple[float, ...]
     """What drives it [mm; K, s …], in `over_unit`"""
 
     before: tuple[float, ...]
-    """Residuals without this effect, all others taken off [µm; …], in `unit`"""
+    """Residuals with all other effects, but without this one [µm; …], in `unit`"""
 
     after: tuple[float, ...]
     """Residuals with all effects [µm; …], in `unit`"""
 
     explained: tuple[float, ...]
-    """What this effect says [µm; …], in `unit`"""
+    """What this effect predicts [µm; …], in `unit`"""
 
     direction: tuple[float, ...]
     """Approach of its own axis: 1, -1, or 0 where it is not known"""
@@ -545,7 +549,7 @@ class EffectCurve(Answer):
 
 @dataclass(frozen=True, slots=True)
 class VisitMeans(Answer):
-    """Means by visit of one component: arrays of one length."""
+    """Means by visit of one component: arrays of equal length."""
 
     component: str
     """Component code, or `points x`"""
@@ -554,7 +558,7 @@ class VisitMeans(Answer):
     """Unit of the means"""
 
     at_points: bool
-    """Whether they are of points of the work volume"""
+    """Whether the values are of points of the work volume"""
 
     time_s: tuple[float, ...]
     """Mean time of each [s], since 1970-01-01 UTC"""
@@ -564,7 +568,7 @@ class VisitMeans(Answer):
     else 0"""
 
     count: tuple[int, ...]
-    """How many values each is of"""
+    """Number of values in each mean"""
 
     before: tuple[float, ...]
     """Means before [µm; …], in `unit`"""
@@ -573,27 +577,27 @@ class VisitMeans(Answer):
     """Means with all effects [µm; …], in `unit`"""
 
     expected: tuple[float, ...] = ()
-    """Standard deviation that each mean has by repeatability, set-up scatter and the maps' own
-    uncertainty [µm; …], in `unit`; empty in older results"""
+    """Expected standard deviation of each mean, from repeatability, set-up scatter and the maps'
+    own uncertainty [µm; …], in `unit`; empty in older results"""
 
 
 @dataclass(frozen=True, slots=True)
 class Plots(Answer):
-    """Arrays of the report's plots, at most some hundred points each."""
+    """Arrays for the report's plots, at most some hundred points each."""
 
     effects: tuple[EffectCurve, ...]
-    """Of each effect that residuals show, in the order of the effects"""
+    """One for each effect that residuals show, in the order of the effects"""
 
     visits: tuple[VisitMeans, ...]
-    """Of each component"""
+    """One for each component"""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedPlace(Answer, published_as="PlannedPlaceAnswer"):
-    """One observation to be made, as planning takes it."""
+    """One observation to be made, in the form that planning takes."""
 
     time: str
-    """When, at the moment of the record that stands for it, UTC"""
+    """Time, at a recorded moment with the wanted conditions, UTC"""
 
     component: str | None
     """Component code; null at a point"""
@@ -608,15 +612,15 @@ class PlannedPlace(Answer, published_as="PlannedPlaceAnswer"):
     """Tool offset X, Y, Z [mm]"""
 
     direction: Mapping[str, Literal["+", "-"]] | None
-    """Axis to its direction of approach"""
+    """Direction of approach of each axis"""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedVisit(Answer, published_as="PlannedVisitAnswer"):
-    """A visit to be made: one of the `planned` of a plan."""
+    """A visit to be made, as one of the `planned` visits of a plan."""
 
     label: str
-    """What the plan calls it"""
+    """Its name in the plan"""
 
     datum: str
     """`absolute`, `first` or `free`, as in the visits before"""
@@ -625,27 +629,27 @@ class PlannedVisit(Answer, published_as="PlannedVisitAnswer"):
     """Standard deviation of one length, where it is known [µm]"""
 
     observations: tuple[PlannedPlace, ...]
-    """In their order"""
+    """In the order of measurement"""
 
 
 @dataclass(frozen=True, slots=True)
 class NextVisit(Answer, published_as="NextVisitAnswer"):
-    """The visit that would tell most next."""
+    """The most informative visit to make next."""
 
     sentence: str
     """What to measure, when, and what for"""
 
     like_time: datetime
-    """When the machine was like that, UTC"""
+    """When the machine was last recorded in such conditions, UTC"""
 
     temperatures_c: Mapping[str, float]
-    """Its sensors' temperatures then [°C]"""
+    """The sensors' temperatures at that time [°C]"""
 
     states: Mapping[str, float]
-    """Its state then"""
+    """The machine's state at that time"""
 
     planned: PlannedVisit
-    """What to hand on to planning"""
+    """What to send to planning"""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -653,24 +657,24 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """What an analysis found; `plots` are the arrays of its report."""
 
     verdict: Verdict
-    """`unexplained` where structure remains that no effect fits; `not-judged` where residuals are
-    larger than the noise and too few set-ups were made to say why"""
+    """`effects-found`; `nothing-found`; `unexplained`: structure remains that no effect fits;
+    `not-judged`: residuals are larger than the noise, but there are too few set-ups to say why"""
 
     summary: str
-    """Two plain sentences"""
+    """The answer in plain sentences"""
 
     kinds: tuple[str, ...] | None
-    """Kinds of effects that were looked for; null: all of them"""
+    """Kinds of effects that were looked for; null for all"""
 
     unit: UnitSymbol
-    """Of the figures over all values: µm, or that of the angles where no length was measured"""
+    """Unit of the overall figures: µm, or that of the angles where no length was measured"""
 
     noise: Annotated[float | None, Field(alias="noise_um")]
     """Standard deviation of one observation [µm]; see `unit`"""
 
     floor: Annotated[float | None, Field(alias="floor_um")]
-    """What noise alone would leave, as repeats and the scatter of set-ups show it [µm]; null where
-    a component has too few repeats; see `unit`"""
+    """What noise alone would leave, judged by repeats and the scatter of set-ups [µm]; null where a
+    component has too few repeats; see `unit`"""
 
     before: Figures
     """Residuals of the model as it was"""
@@ -679,10 +683,10 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """Residuals with the effects as they would be adopted"""
 
     after_with_maps_refitted: Figures | None
-    """The same where maps are also corrected within their own uncertainty"""
+    """The same with the maps also corrected within their own uncertainty"""
 
     p_global: float
-    """Probability that noise alone surprises as much as the strongest candidate"""
+    """Probability that noise alone gives as strong a candidate as the strongest one here"""
 
     visits: int
     """Visits that took part"""
@@ -691,28 +695,28 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """Values that took part"""
 
     components: tuple[ComponentFigures, ...]
-    """By component, largest first"""
+    """Figures by component, largest first"""
 
     effects: tuple[FoundEffect, ...]
     """Effects that the model lacks; numbered from 0, as adoption, report and terminal do"""
 
     refitted: tuple[RefittedEffect, ...]
-    """Effects that it has already, and what becomes of them when those that help are adopted"""
+    """Effects that the model already has, and what adopting those that help does to them"""
 
     unexplained: tuple[UnexplainedPart, ...]
     """What no effect explains"""
 
     excluded: tuple[LeftOut, ...]
-    """What took no part"""
+    """Values that took no part"""
 
     not_testable: tuple[NotTested, ...]
     """What could not be tested"""
 
     detectable: tuple[SmallestSeen, ...]
-    """What would have been seen"""
+    """The smallest effects that would have been seen"""
 
     what_next: tuple[str, ...]
-    """What to measure or to do"""
+    """What to measure or to do next, the most useful first"""
 
     plots: Plots
     """Arrays of the report's plots"""
@@ -721,10 +725,11 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """Why there is no floor; null where there is one"""
 
     next_visit: NextVisit | None = None
-    """The visit that would tell most next; null where none can be proposed"""
+    """The most informative visit to make next; null where none can be proposed"""
 
     assignments: tuple[TriedAssignment, ...] = ()
-    """Whether components should follow other sensors, proposals first; empty in older results"""
+    """Whether each component should follow another sensor, proposals first; empty in older
+    results"""
 
     @property
     def proposals(self) -> tuple[TriedAssignment, ...]:

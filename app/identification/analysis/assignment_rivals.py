@@ -181,5 +181,5 @@ def _explained(fitted: list[_Fitted]) -> float:
 
 def _words(one: Hypothesis) -> str:
     drivers = [*one.sensors, *one.states]
-    by = f" over {list_names(drivers, 3)}" if drivers else ""
+    by = f" driven by {list_names(drivers, 3)}" if drivers else ""
     return f"{one.kind} of {list_names(one.components, 4)}{by}"

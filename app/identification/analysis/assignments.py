@@ -121,9 +121,10 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     moved = {one.component for one in proposals}
     pairs = " ".join(f"{one.component}={one.proposed_sensor}" for one in proposals)
     what = (
-        f"Change the assignment first: `thermap sensors assign {pairs} --machine {machine_id}` "
-        "makes the next model version; then analyse again, as effects of "
-        f"{list_names([one.component for one in proposals], 4)} were looked for on the present one."
+        f"Change the sensor assignment first: `thermap sensors assign {pairs} --machine "
+        f"{machine_id}` makes the next model version. Then analyse again, because effects of "
+        f"{list_names([one.component for one in proposals], 4)} were looked for with the present "
+        "assignment."
     )
     return replace(
         answer,
@@ -358,11 +359,11 @@ def _why_not_judged(campaign: Campaign, set_ups: SetUps, one: _Reading) -> str:
     """Say why nothing can be said of a component, empty where something can."""
     count = np.unique(set_ups.place[one.view.rows]).size
     if any(one.code in effect.components for effect in campaign.effects):
-        return f"the model has effects on it, which were learnt on {one.own}"
+        return f"the model has effects on it that were learnt with {one.own}"
     if count < FEWEST_BLOCKS:
-        return f"needs {FEWEST_BLOCKS} set-ups in which it shows, came {count}"
+        return f"needs at least {FEWEST_BLOCKS} set-ups in which it shows, got {count}"
     if not one.sensors:
-        return "no other sensor is known there and tells its maps apart"
+        return "no other sensor has readings there and can tell its maps apart"
     return ""
 
 
@@ -429,7 +430,7 @@ def _answer(trial: _Trial, chance: float, rivals: Rivals) -> TriedAssignment:
         words = f"{reading.code} stays on {reading.own}: {why}"
         return replace(found, why_not=why, sentence=words)
     also = f"; {list_names(found.as_good, 4)} would do as well" if found.as_good else ""
-    words = f"{_over(found)}; no set-up gets markedly worse{also}"
+    words = f"{_over(found)}; no set-up would get markedly worse{also}"
     return replace(found, sentence=words)
 
 
@@ -437,11 +438,14 @@ def _why_not(trial: _Trial, found: TriedAssignment, chance: float, rivals: Rival
     """Say why the other sensor is not proposed, empty where it is."""
     before, after = found.before_rms, found.after_rms
     if after is None or after > (1.0 - LEAST_GAIN) * before:
-        return f"{_over(found)}, which is not markedly less"
+        return f"{_over(found)}, not markedly less"
     if chance > SURE:
-        return f"{_over(found)}, which some sensor does by chance with probability {chance:.2g}"
+        return (
+            f"{_over(found)}, but some sensor would gain as evenly by chance with probability "
+            f"{chance:.2g}"
+        )
     if trial.harmed is not None:
-        return f"{_over(found)}, but set-up {trial.set_ups.label(trial.harmed)!r} gets worse"
+        return f"{_over(found)}, but set-up {trial.set_ups.label(trial.harmed)!r} would get worse"
     rival = rivals.explaining_as_much(
         trial.set_ups, trial.reading.code, trial.shows, trial.scale, trial.gain
     )
@@ -457,9 +461,9 @@ def _over(found: TriedAssignment) -> str:
     """
     where = " at points" if found.at_points else ""
     return (
-        f"{found.component} over {found.other_sensor} instead of {found.present_sensor} would "
-        f"leave {found.after_rms:.3g} instead of {found.before_rms:.3g} {found.unit}{where} in "
-        "set-ups held out"
+        f"{found.component} with {found.other_sensor} instead of {found.present_sensor} would "
+        f"leave {found.after_rms:.3g} instead of {found.before_rms:.3g} {found.unit}{where} on "
+        "held-out set-ups"
     )
 
 
@@ -481,7 +485,7 @@ def _not_judged(one: _Reading, set_ups: SetUps, why: str) -> TriedAssignment:
         worst_after_rms=None,
         p_global=None,
         why_not=why,
-        sentence=f"{one.code} over another sensor than {one.own} was not judged: {why}",
+        sentence=f"{one.code} was not tried with a sensor other than {one.own}: {why}",
     )
 
 

@@ -18,8 +18,8 @@ from app.search.rows import Datum, Rows
 from app.units import Unit
 
 NO_REPEATS: Final = (
-    "too few observations were repeated at one place within two minutes: what noise alone would "
-    "leave was not measured"
+    "too few observations were repeated at one place within two minutes to measure what noise "
+    "alone would leave"
 )
 """Why there is no floor."""
 

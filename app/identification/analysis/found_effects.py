@@ -25,7 +25,7 @@ from app.units import Unit, utc_time
 HIGH_LEVERAGE: Final = 0.6
 """From this share of the evidence on two visits on, a warning is given."""
 
-PROXY: Final = "Stands for something unexplained: "
+PROXY: Final = "Proxy for something unexplained: "
 """Before the sentence of an effect that was found beside structure that no effect explains."""
 
 MOST_ALTERNATIVES: Final = 12
@@ -125,7 +125,7 @@ def _other_course(found: FinishedSearch, term: FoundTerm) -> str:
     keys = {form.key for form in own.forms}
     tied = (rival for rival in term.rivals if rival.key in keys and rival.tied)
     return "".join(
-        f"; as well {in_turn(own.nonlinear, rival.theta)}"
+        f"; a lag {in_turn(own.nonlinear, rival.theta)} fits as well"
         for rival in tied
         if own.nonlinear is not None and rival.theta is not None
     )
@@ -198,6 +198,6 @@ def _leverage_warning(found: FinishedSearch, term: FoundTerm) -> str | None:
         return None
     labels = " and ".join(repr(_visit(found, v).label) for v in term.strongest_visits)
     return (
-        f"{term.leverage:.0%} of the evidence stands on two visits ({labels}): "
-        "repeat such conditions before relying on it"
+        f"two visits ({labels}) carry {term.leverage:.0%} of the evidence: repeat such conditions "
+        "before relying on it"
     )

@@ -100,7 +100,7 @@ def _question(
             return _Question(effect.components, None, words)
     for part in unexplained:
         named = (part.component,) if part.component in COMPONENTS else ()
-        return _Question(named, None, f"for what is not explained in {part.component}")
+        return _Question(named, None, f"to explore what is unexplained in {part.component}")
     if visits < FEWEST_BLOCKS:
         return _Question((), None, "to see what changes from visit to visit")
     return None
@@ -153,9 +153,10 @@ def _apart(
         if found is None:
             return None
         never = (
-            f"in {days:.2g} days of readings {first} and {second} never left the course that they "
-            "had together in the visits, so as the machine is used these explanations cannot be "
-            "told apart; it does not matter which is adopted as long as it is used so"
+            f"in {days:.2g} days of readings {first} and {second} never departed from the "
+            "relation that they had in the visits, so these explanations cannot be told apart "
+            "while the machine is used as it is; until that changes, it does not matter which is "
+            "adopted"
         )
         return replace(found, sentence=f"{never[0].upper()}{never[1:]}. {found.sentence}")
     best = int(np.nanargmax(np.abs(off)))
@@ -165,9 +166,9 @@ def _apart(
     unit = " K" if first in there.temperatures_c else ""
     much, most = (f"{size:.2g}{unit}" for size in (abs(off[best]), largest))
     sentence = (
-        f"Measure {_named(question, places)} {question.words}, when {first} is far {side} what it "
-        f"was with {second} in the visits: as on {date_text(time_s)}, by {much} where the visits "
-        f"reached {most}."
+        f"Measure {_named(question, places)} {question.words}, when {first} is far {side} the "
+        f"value that it had beside {second} in the visits, as on {date_text(time_s)}: by {much}, "
+        f"where the visits reached {most}."
     )
     return _visit(campaign, time_s, sentence, places)
 
@@ -212,7 +213,7 @@ def _unlike(
     if not added:
         return None
     sentence = (
-        f"Measure {_named(question, places)} {question.words}, with {added[0].words}: as on "
+        f"Measure {_named(question, places)} {question.words}, with {added[0].words}, as on "
         f"{date_text(added[0].time_s)}."
     )
     return _visit(campaign, added[0].time_s, sentence, places)

@@ -48,8 +48,8 @@ class TooLarge(NamedTuple):
         """Say it."""
         setups = "one set-up" if self.setups == 1 else f"{self.setups} set-ups"
         return (
-            f"{self.name} is {self.rms:.2g} {self.unit} (root mean square) in {setups}, where "
-            f"repeatability and maps explain {self.expected:.2g} {self.unit}"
+            f"{self.name} has residuals of {self.rms:.2g} {self.unit} (root mean square) in "
+            f"{setups}, where repeatability and maps explain {self.expected:.2g} {self.unit}"
         )
 
 
@@ -207,9 +207,11 @@ def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarg
     if answer.effects and answer.verdict == "effects-found" and left:
         return replace(
             answer,
-            summary=f"{answer.summary} Of {list_names([one.name for one in left], 4)} nothing more "
-            f"can be said: {_told(left)}. So few set-ups do not tell what is the machine's and "
-            "what is the set-up's.",
+            summary=(
+                f"{answer.summary} Nothing more can be said about "
+                f"{list_names([one.name for one in left], 4)}: {_told(left)}. So few set-ups "
+                "cannot show what comes from the machine and what from the set-up."
+            ),
             what_next=(*answer.what_next, _again(left)),
         )
     if not large or answer.effects or not (answer.verdict == "nothing-found" or is_open):
@@ -217,8 +219,10 @@ def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarg
     return replace(
         answer,
         verdict="not-judged",
-        summary=f"Nothing can be said of the machine: {_told(large)}. So few set-ups do "
-        "not tell what is the machine's and what is the set-up's.",
+        summary=(
+            f"Nothing can be said about the machine: {_told(large)}. So few set-ups cannot show "
+            "what comes from the machine and what from the set-up."
+        ),
         what_next=(_again(large), *answer.what_next),
     )
 
@@ -230,8 +234,8 @@ def _told(large: Sequence[TooLarge]) -> str:
 
 def _again(large: Sequence[TooLarge]) -> str:
     return (
-        f"Measure {list_names([one.name for one in large], 4)} again in {FEWEST_BLOCKS} "
-        "set-ups or more, the instrument mounted anew each time, at different temperatures."
+        f"Measure {list_names([one.name for one in large], 4)} again in at least {FEWEST_BLOCKS} "
+        "set-ups at different temperatures, mounting the instrument afresh each time."
     )
 
 

@@ -33,7 +33,7 @@ CHANGED: Final = 0.01
 UNKNOWN: Final = "it is not known in which measurements it was found"
 NOT_TESTED: Final = "these observations, or the kinds that were looked for, cannot test it"
 NOT_SHOWN: Final = "these observations do not show it"
-BESIDE_OTHERS: Final = "fitted anew it would make set-ups that were held out worse"
+BESIDE_OTHERS: Final = "refitting it would make held-out set-ups worse"
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +149,10 @@ def refitted_effects(
                     becomes=None,
                     outcome="dropped",
                     is_changed=True,
-                    explanation=f"{_named(one.effect)} is dropped: beside the other effects it no "
-                    f"longer pays ({explain(one.effect)})",
+                    explanation=(
+                        f"{_named(one.effect)} is dropped: with the other effects beside it, it "
+                        f"is no longer worth its place ({explain(one.effect)})"
+                    ),
                 )
             )
         else:

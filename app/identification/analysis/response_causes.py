@@ -43,8 +43,8 @@ UNLIKE: Final = 1.2
 """Two levels of a state are compared if they differ by this factor."""
 
 KINDS: Final = {
-    LATE: "the temperatures, now and late",
-    START: "what the sensors differed by at the start",
+    LATE: "the temperatures, present and delayed",
+    START: "how far the sensors differed at the start",
     LEVEL: "how warm the machine is as a whole",
 }
 
@@ -140,7 +140,7 @@ def _drivers(rows: ResponseRows, prior: Prior) -> list[Cause]:
         Cause(
             "driver",
             (name,),
-            f"nothing stands in for {name} (2 ln B {alone[name]:.0f})",
+            f"nothing else can stand in for {name} (2 ln B {alone[name]:.0f})",
             alone[name],
         )
         for name in needed
@@ -148,8 +148,10 @@ def _drivers(rows: ResponseRows, prior: Prior) -> list[Cause]:
     ties = _ties([name for name in names if name not in needed], loses)
     found += ties
     if len(needed) < len(names) and not ties:
-        of_which = "of the other drivers" if needed else "of all drivers"
-        found.append(Cause("tie", (), f"{of_which} none can be named: others stand in for any two"))
+        of_which = "none of the other drivers" if needed else "no driver"
+        found.append(
+            Cause("tie", (), f"{of_which} can be named: the rest can stand in for any two of them")
+        )
     return found
 
 
@@ -166,7 +168,7 @@ def _ties(names: list[str], loses: Callable[..., float]) -> list[Cause]:
             with_a.sort(key=lambda n: -pairs[frozenset((a, n))])
             group = (a, b, *with_a)
             named = list_names(group, MOST_TIED)
-            words = f"{named}: one of these takes part, and each stands in for another"
+            words = f"{named}: one of these takes part, but they can stand in for one another"
             found.append(Cause("tie", group, words, value))
     return found
 
@@ -253,7 +255,7 @@ def _asked(rows: ResponseRows, columns: Sequence[Column], sensor: str) -> list[_
     present = rows.columns.index(Column(LATE, sensor, 0.0))
     span_k = float(np.ptp(np.concatenate([one.found.values[:, present] for one in rows.set_ups])))
     warmer_k = min(WARMER_K, float(f"{span_k:.1g}"))
-    words = f"{sensor}, with the states what explains most, {warmer_k:g} K warmer"
+    words = f"{sensor} (the sensor that explains most beside the states) {warmer_k:g} K warmer"
     for minutes in times:
         row = np.array(
             [warmer_k * _risen(c.minutes, minutes) if c.form == LATE else 0.0 for c in columns]

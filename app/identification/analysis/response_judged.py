@@ -136,13 +136,13 @@ class Judged:
         before, after = self.each
         if self.is_by_chance:
             return (
-                f"set-ups held out go from {self.before_rms:.3g} to {self.after_rms:.3g} "
-                "(root mean square), which chance does as well"
+                f"held-out set-ups go from {self.before_rms:.3g} to {self.after_rms:.3g} (root "
+                "mean square), which may be chance"
             )
         if self.is_worse.any():
             at = self.worst
             return (
-                f"set-up {self.rows.set_ups[at].label!r}, held out, would go from "
+                f"the held-out set-up {self.rows.set_ups[at].label!r} would get worse, from "
                 f"{before[at]:.3g} to {after[at]:.3g}"
             )
         return ""

@@ -50,8 +50,8 @@ MOST_NAMED: Final = 3
 """So many set-ups are named in a sentence."""
 
 NOT_HELD_OUT: Final = (
-    "the response that its component has was learnt from the same set-ups, none of which is held "
-    "out of what it leaves"
+    "its component already has a response that was learnt from these same set-ups, so none of "
+    "them is held out of what that response leaves"
 )
 
 
@@ -89,19 +89,21 @@ class Offered:
         parts = [explain(self.effect)]
         if self.judged.care > 1.0:
             parts.append(
-                f"so that none of them gets markedly worse, what is not sure counts "
-                f"{self.judged.care:g} times in how much of it is corrected"
+                "so that no set-up gets markedly worse, uncertainty is weighted "
+                f"{self.judged.care:g} times in deciding how much to correct"
             )
         if self.judged.rows.maps and self.judged.spares_maps:
             parts.append(
-                "what is not sure goes back to the maps alone, or one of them would get worse"
+                "where the response is not sure, the maps alone are used, or else a set-up "
+                "would get worse"
             )
         if self.judged.is_worse_than_none.any():
             parts.append(self._worse_than_none)
         if self.instead_of is not None:
             parts.append(
-                f"it takes the place of what was named there ({list_names(self.instead_kinds)}), "
-                f"which leaves {self.instead_of:.3g} {self._symbol}"
+                "it replaces the effects that were named there "
+                f"({list_names(self.instead_kinds)}), which would leave {self.instead_of:.3g} "
+                f"{self._symbol}"
             )
         return FoundEffect(
             effect=self.effect,
@@ -134,7 +136,10 @@ class Offered:
             )
             if self.judged.is_worse_than_none[i]
         ]
-        return f"worse than without any correction, maps included: {list_names(said, MOST_NAMED)}"
+        return (
+            "worse than with no correction at all, not even the maps: "
+            f"{list_names(said, MOST_NAMED)}"
+        )
 
     @property
     def _symbol(self) -> str:
@@ -183,15 +188,15 @@ def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offere
     if any(_has_learnt_from(effect, residuals.rows.times_s[own]) for effect in before):
         return ""
     if np.ptp(np.nan_to_num(residuals.projection.view(code).places.positions_mm)) > 0.0:
-        return "needs observations at one position, through hours in which temperatures change"
+        return "needs observations at one position over hours in which temperatures change"
     count = courses(residuals.rows, code)
     if count >= FEWEST:
         rows = response_rows(residuals, code)
         count = len(rows.set_ups)
     if count < FEWEST:
         return (
-            f"needs {FEWEST} set-ups with an hour's course each, in which the record of sensors is "
-            f"known, came {count}"
+            f"needs at least {FEWEST} set-ups that each cover an hour with sensor readings, got "
+            f"{count}"
         )
     judged = judge(rows)
     if judged.why_not:

@@ -1,4 +1,4 @@
-"""A given effect, found elsewhere, held against a machine's own observations.
+"""A given effect, found elsewhere, compared with a machine's own observations.
 
 Nothing is fitted: form, parameters and size are stated before anybody looks. So every set-up of
 this machine is held out, and the question is one test, not one of a library. What is estimated
@@ -43,17 +43,18 @@ class TriedEffect(Answer, published_as="TriedEffectAnswer"):
     """Whether a machine shows an effect that was found on another one."""
 
     verdict: CanTell
-    """`yes`: it leaves less on this machine too, surely; `no`: the machine shows less than half of
-    it, surely; `cannot-be-told`; `adopted`: this machine's model has such an effect already"""
+    """`yes`: it certainly reduces this machine's residuals too; `no`: the machine certainly shows
+    less than half of it; `cannot-be-told`; `adopted`: this machine's model already has such an
+    effect"""
 
     reason: str
     """One plain sentence"""
 
     setups: int
-    """Set-ups that took part, none of which had a part in finding it"""
+    """Set-ups that took part; none of them was used in finding it"""
 
     unit: UnitSymbol | None
-    """Unit of the figures, that in which the effect shows best; null where there are none"""
+    """Unit of the figures: the one in which the effect shows best; null where there are none"""
 
     before_rms: Annotated[float | None, Field(alias="before_rms_um")]
     """Root mean square of residuals where it acts [µm]; see `unit`"""
@@ -62,13 +63,13 @@ class TriedEffect(Answer, published_as="TriedEffectAnswer"):
     """The same with the effect as it was found [µm]; see `unit`"""
 
     gain_ci95: Annotated[Range | None, Field(alias="gain_ci95_um")]
-    """95 % interval of how much less that is, over set-ups [µm]; see `unit`"""
+    """95 % interval of the reduction, over set-ups [µm]; see `unit`"""
 
     share: float | None
     """How much of the effect this machine shows: 1 is all of it, 0 nothing"""
 
     share_interval: Range | None
-    """Interval of `share`; the wider the more machines are tried together"""
+    """Interval of `share`; it widens with the number of machines tried together"""
 
     @property
     def gain(self) -> float | None:
@@ -89,7 +90,9 @@ def try_effect(campaign: Campaign, effect: Effect, tried_together: int = 1) -> T
         On how many machines effects are tried in all, for the threshold.
     """
     if any(is_alike(effect, own) for own in campaign.effects):
-        return _untold("adopted", "its model has an effect of this kind, on the same, already")
+        return _untold(
+            "adopted", "its model already has an effect of this kind on the same components"
+        )
     sensors = campaign.model.machine.sensors
     if lacking := [name for name in effect.sensors if name not in sensors]:
         return _untold("cannot-be-told", f"it has no sensor {list_names(lacking)}")
@@ -167,13 +170,13 @@ def _judged(shown: _Shown, channel: IntArray, tried_together: int) -> TriedEffec
         return told("cannot-be-told", few, None, None)
     interval = _interval(agree.astype(np.float64), full.astype(np.float64), tried_together)
     gain = _gain(residuals, left, shown.visit[own])
-    shows = f"it shows {share:.2f} of it ({interval[0]:.2f} to {interval[1]:.2f})"
+    shows = f"this machine shows {share:.2f} of the effect ({interval[0]:.2f} to {interval[1]:.2f})"
     if interval[0] > 0.0 and gain[0] > 0.0:
-        return told("yes", f"{shows}, and is left with less", interval, gain)
+        return told("yes", f"{shows}, and its residuals fall", interval, gain)
     if interval[1] < HALF:
         return told("no", f"{shows}: less than half", interval, gain)
-    why = "something moves alike, and less is not surely left"
-    why = why if interval[0] > 0.0 else "its set-ups do not tell"
+    why = "something moves alike, but it is not certain that residuals would fall"
+    why = why if interval[0] > 0.0 else "its set-ups cannot decide"
     return told("cannot-be-told", f"{shows}: {why}", interval, gain)
 
 

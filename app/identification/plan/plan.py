@@ -1,4 +1,4 @@
-"""The answer of a planning: what a plan of measurements could see, and which visit to add."""
+"""What planning answers: what a plan of measurements could see, and which visit to add."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.identification.residuals.residuals import LeftOut
 
 @dataclass(frozen=True, slots=True)
 class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
-    """What imitates an effect best."""
+    """The effect that imitates another one best."""
 
     kind: str
     """Kind of effect"""
@@ -31,7 +31,7 @@ class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
     """Driven by which states"""
 
     overlap: float
-    """Share of the effect that it reproduces"""
+    """Share of the effect that it can reproduce"""
 
     separating_measurement: str | None
     """What would tell them apart"""
@@ -61,13 +61,13 @@ class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
 
     smallest_rms: Annotated[
         float,
-        Field(description=f"Its root mean square over the rows in which it shows {IN_ITS_UNIT}"),
+        Field(description=f"Its root mean square over the values on which it acts {IN_ITS_UNIT}"),
     ]
     distinguishable_rms: Annotated[
         float | None,
         Field(
-            description="The same to be told from its closest rival; null where nothing in this "
-            f"plan tells them apart {IN_ITS_UNIT}"
+            description="The size from which it can be told from its closest rival; null where "
+            f"nothing in this plan tells them apart {IN_ITS_UNIT}"
         ),
     ]
     rival: PlannedRival | None
@@ -94,9 +94,12 @@ class ImprovedEffect(Answer, published_as="HelpedAnswer"):
     """Unit of its numbers"""
 
     before_rms: Annotated[
-        float, Field(description=f"Smallest that is seen without it {IN_ITS_UNIT}")
+        float,
+        Field(description=f"Smallest size that is seen without the added visit {IN_ITS_UNIT}"),
     ]
-    after_rms: Annotated[float, Field(description=f"Smallest that is seen with it {IN_ITS_UNIT}")]
+    after_rms: Annotated[
+        float, Field(description=f"Smallest size that is seen with it {IN_ITS_UNIT}")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,19 +107,19 @@ class Suggestion(Answer, published_as="SuggestionAnswer"):
     """A visit to add."""
 
     sentence: str
-    """Which, and what it helps"""
+    """What to add, and what it improves"""
 
     like_time: datetime
-    """When the machine was like that, UTC"""
+    """When the machine was last recorded in such conditions, UTC"""
 
     temperatures_c: Mapping[str, float]
-    """Its sensors' temperatures then [°C]"""
+    """The sensors' temperatures at that time [°C]"""
 
     states: Mapping[str, float]
-    """Its state then"""
+    """The machine's state at that time"""
 
     helped: tuple[ImprovedEffect, ...]
-    """The effects that gain most"""
+    """The effects whose smallest visible size falls most"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +130,7 @@ class Plan(Answer, published_as="PlanAnswer"):
     """Version that would be analysed"""
 
     summary: str
-    """Two plain sentences"""
+    """The answer in plain sentences"""
 
     visits: int
     """Planned visits"""
@@ -136,16 +139,16 @@ class Plan(Answer, published_as="PlanAnswer"):
     """Planned values"""
 
     notes: tuple[str, ...]
-    """What was assumed"""
+    """Assumptions that were made"""
 
     effects: tuple[PlannedEffect, ...]
     """The hardest to tell apart first"""
 
     not_testable: tuple[NotTested, ...]
-    """What could not be seen"""
+    """Effects that the plan could not show, with the reasons"""
 
     excluded: tuple[LeftOut, ...]
-    """What cannot be held against the model"""
+    """Values that cannot be compared with the model"""
 
     suggestions: tuple[Suggestion, ...]
     """Visits to add, most useful first"""

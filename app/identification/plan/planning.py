@@ -123,8 +123,9 @@ def _on_recorded_days(campaign: Campaign) -> tuple[Campaign, list[str]]:
     notes = []
     if shifted:
         notes.append(
-            f"{shifted} of {len(moved)} planned visits lie outside the record; they were planned "
-            "on recorded days at the same hour, as if the machine were used alike"
+            f"{shifted} of {len(moved)} planned visits lie outside the recorded period; they were "
+            "placed on recorded days at the same hour, as if the machine were used in the same "
+            "way"
         )
     return replace(campaign, verifications=moved), notes
 
@@ -154,7 +155,9 @@ def _with_declared_noise(residuals: Residuals) -> tuple[Rows, list[str]]:
     notes = []
     if lacking:
         names = list_names([residuals.rows.channels[c] for c in lacking], 6)
-        notes.append(f"a repeatability of {assumed:g} in its own unit was assumed for {names}")
+        notes.append(
+            f"a repeatability of {assumed:g} (in each component's own unit) was assumed for {names}"
+        )
     return replace(rows, noise=noise), notes
 
 
@@ -301,8 +304,8 @@ def _suggestion(visit: AddedVisit, helped: Sequence[ImprovedEffect]) -> Suggesti
     driven = list_names((*one.sensors, *one.states), 2)
     by = f" by {driven}" if one.sensors or one.states else ""
     sentence = (
-        f"One more visit with {visit.words} lowers the smallest {one.kind} of "
-        f"{list_names(one.components, 3)}{by} that would be seen from {one.before_rms:.2g} to "
+        f"One more visit with {visit.words} would lower the smallest {one.kind} of "
+        f"{list_names(one.components, 3)}{by} that can be seen from {one.before_rms:.2g} to "
         f"{one.after_rms:.2g} {one.unit}."
     )
     return Suggestion(
@@ -346,7 +349,7 @@ def _summary(
     tied = sum(e.distinguishable_rms is None for e in effects)
     seen = (
         f"{counted(visits, 'visit')} with {counted(values, 'value')} would show "
-        f"{counted(len(effects), 'effect')}, "
-        f"{len(effects) - tied} of which could be told from every rival."
+        f"{counted(len(effects), 'effect')}; {len(effects) - tied} of them could be told from "
+        "every rival."
     )
     return f"{seen} {suggestions[0].sentence}" if suggestions else seen

@@ -152,7 +152,9 @@ def compute_residuals(
     if effects:
         added = contributions(Projection(model, rows, conditions), effects)
         own = own + added.errors
-        reasons[(reasons == "") & added.is_lacking] = "an adopted effect's condition is not known"
+        reasons[(reasons == "") & added.is_lacking] = (
+            "an adopted effect lacks a reading or a state that it needs"
+        )
     kept = reasons == ""
     left_out = tuple(
         LeftOut(str(reason), int((reasons == reason).sum())) for reason in np.unique(reasons[~kept])
@@ -256,7 +258,7 @@ def _reasons(
     if readings is not None and silent.any():
         at = np.flatnonzero(silent)
         reasons[at] = _why_silent(model, rows.times_s[at], readings)
-    reasons[(reasons == "") & repeated_rows(rows)] = "repeated word for word"
+    reasons[(reasons == "") & repeated_rows(rows)] = "an exact copy of another observation"
     reasons[(reasons == "") & frozen_rows(rows, conditions)] = FROZEN
     return reasons
 
@@ -272,7 +274,7 @@ def _why_silent(model: CompiledModel, times_s: FloatArray, readings: Temperature
         known = ~np.isnan(readings.at(name, times_s, age_s))
         lost = known & np.isnan(trusted.at(name, times_s, age_s))
         frozen = known & np.isnan(without_frozen.at(name, times_s, age_s))
-        reasons[lost] = f"{name} could not be believed"
+        reasons[lost] = f"readings of {name} were not credible"
         reasons[frozen] = "frozen"
     first = readings.times_s[0] if readings.times_s.size else np.inf
     reasons[times_s < first] = "before the first reading"

@@ -163,10 +163,10 @@ class Followed(Answer, published_as="FollowedNumber"):
     deviation: Annotated[float, Field(description=f"Latest measured minus predicted {IN_ITS_UNIT}")]
     expected_sd: Annotated[
         float,
-        Field(description=f"Standard deviation that was to be expected of it {IN_ITS_UNIT}"),
+        Field(description=f"Standard deviation that was expected of it {IN_ITS_UNIT}"),
     ]
     evidence: float
-    """Its e-value"""
+    """Evidence that it has changed, as an e-value"""
 
 
 @dataclass(frozen=True)
@@ -225,14 +225,14 @@ class Judgement(Answer, published_as="JudgementAnswer"):
     """That version; null where there was none"""
 
     status: Literal["within", "beyond", "not-judged"]
-    """`within` or `beyond` its limits by a sequential test, with all before it; `not-judged` with
-    the reason in `summary`"""
+    """`within` or `beyond` the limits of a sequential test over this and all earlier verifications;
+    `not-judged`, with the reason in `summary`"""
 
     evidence: float | None
-    """E-value of all verifications so far"""
+    """Evidence from all verifications so far, as an e-value"""
 
     limit: float | None
-    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+    """Evidence that an unchanged machine ever reaches only with probability `false_alarm`"""
 
     false_alarm: float | None
     """Probability that an unchanged machine is ever called changed"""
@@ -244,7 +244,7 @@ class Judgement(Answer, published_as="JudgementAnswer"):
     """What has changed since the model was made, the clearest first"""
 
     visits: int
-    """Visits of the verification that were looked at"""
+    """Number of visits in the verification that were looked at"""
 
 
 def not_judged(model_version: int | None, reason: str) -> Judgement:
@@ -440,29 +440,31 @@ def _judgement(state: WatchState, judged: bool, visits: int, model_version: int)
 def _sentence(changed: Sequence[Followed], judged: bool, *, is_first: bool) -> str:
     if not changed and not judged:
         return (
-            "It could not be judged: nothing is known yet of how much these measurements scatter. "
-            "State repeatability_um, or measure more."
+            "It could not be judged: the scatter of these measurements is not known yet. State "
+            "repeatability_um, or measure more."
         )
     if not changed and is_first:
         return (
-            "The watch begins here: nothing is so far off that a first visit shows it, and there "
-            "is nothing yet to compare it with."
+            "The watch starts here: no deviation is large enough for a first visit to show it, "
+            "and there are no earlier visits to compare with."
         )
     if not changed:
         return (
-            "The machine is as its model says, within the scatter of measurement, set-up and maps."
+            "The machine agrees with its model within the scatter of measurement, set-up and maps."
         )
     one = changed[0]
     latest = f"{one.deviation:.2g} {one.unit}"
     expected = f"±{one.expected_sd:.2g} {one.unit}"
     # The evidence is of all visits: the latest alone may be where one visit was expected.
     how = (
-        f"is off by {latest}, where {expected} were expected"
+        f"is off by {latest}, where {expected} was expected"
         if abs(one.deviation) > PLAINLY * one.expected_sd
-        else f"has changed, as several visits together show (in the latest it is off by {latest}, "
-        f"and {expected} were expected of one visit)"
+        else (
+            f"has changed, as several visits together show (in the latest it is off by {latest}, "
+            f"where {expected} was expected of a single visit)"
+        )
     )
     return (
-        f"The machine is no longer as its model says: the {one.what} of {one.component} {how} "
-        f"(by chance in at most {FALSE_ALARM:.0%} of all unchanged machines, ever)."
+        f"The machine no longer agrees with its model: the {one.what} of {one.component} {how}. A "
+        f"false alarm ever happens on at most {FALSE_ALARM:.0%} of unchanged machines."
     )

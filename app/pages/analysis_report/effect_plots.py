@@ -68,8 +68,9 @@ def caption(effect: FoundEffect) -> str:
     )
     note = kind_of(effect.kind).driver_note
     return (
-        f"{shapes}: measured minus predicted without this effect, all others taken off. Crosses: "
-        "what this effect says. Filled: what is left with it." + (f" {note}" if note else "")
+        f"{shapes}: measured minus predicted, with all other effects but without this one. "
+        "Crosses: what this effect predicts. Filled: what is left with it."
+        + (f" {note}" if note else "")
     )
 
 

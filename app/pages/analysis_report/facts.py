@@ -77,19 +77,26 @@ def _sureness(evidence: Evidence) -> dict[str, str]:
 
 
 def _by_chance(probability: float | None) -> str:
-    return "" if probability is None else f"{chance_text(probability)} anywhere in the library"
+    return (
+        ""
+        if probability is None
+        else (
+            f"{chance_text(probability)}, that noise gives as strong a candidate anywhere in the "
+            "library"
+        )
+    )
 
 
 def _held_out(evidence: Evidence) -> str:
     """Say what visits say that took no part in finding it."""
     slope, error = evidence.calibration_slope, evidence.calibration_slope_error
-    words = "could not say anything"
+    words = "say nothing about it"
     if slope is not None:
         size = figure_text(slope, 2) + (f" ± {figure_text(error, 2)}" if error else "")
         words = f"show {size} of what it predicts (1 is right, 0 is nothing)"
     forward, again = evidence.forward_slope, evidence.found_again_share
     if forward is not None:
-        words += f"; the last visits, from the earlier ones: {figure_text(forward, 2)}"
+        words += f"; foretold from the earlier visits, the last ones show {figure_text(forward, 2)}"
     if again is not None:
         words += f"; found again in {100.0 * again:.0f} % of the splits"
     return words

@@ -228,7 +228,7 @@ def _found_sentence(result: Analysis, decimals: int) -> list[str]:
     found = [f"{where}, the residuals {verb} from {before} to {after} {unit} RMS{one_of_many}."]
     if result.floor is not None:
         floor = figure_text(result.floor, decimals)
-        found.append(f"Repeatability and set-up alone leave {floor} {unit}.")
+        found.append(f"Repeatability and set-ups alone would leave {floor} {unit}.")
     else:
         found.append(f"The floor is unknown: {result.floor_unknown or 'it was not measured'}.")
     if result.verdict == "unexplained":
@@ -250,7 +250,8 @@ def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
     warnings = [w for w in (one.doubt, one.leverage_warning, one.measure_again) if w]
     if one.is_proxy:
         warnings.append(
-            "something unexplained remains beside it: it may stand for what moves alike"
+            "something unexplained remains beside it, so it may be a proxy for something "
+            "that varies alike"
         )
     return {
         "number": number,
@@ -279,7 +280,7 @@ def _slope_words(one: FoundEffect) -> str:
     """Say what held-out visits show of it."""
     slope, error = one.evidence.calibration_slope, one.evidence.calibration_slope_error
     if slope is None:
-        return "held-out visits could not say anything"
+        return "held-out visits say nothing about it"
     unsure = "" if error is None else f" ± {figure_text(error, 2)}"
     return f"held-out slope {figure_text(slope, 2)}{unsure} (1 is right)"
 

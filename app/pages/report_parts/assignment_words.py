@@ -18,9 +18,9 @@ def proposal_words(one: TriedAssignment) -> str:
     sizes = (one.before_rms, one.after_rms, one.worst_before_rms, one.worst_after_rms)
     before, after, worst_before, worst_after = (figure_text(size, DECIMALS) for size in sizes)
     return (
-        f"{one.component} on {one.other_sensor} instead of {one.present_sensor}: {before} → "
-        f"{after} {one.unit} in {one.setups} set-ups, each held out; {one.worst_setup}, which "
-        f"fares worst with it, {worst_before} → {worst_after} {one.unit}."
+        f"{one.component} with {one.other_sensor} instead of {one.present_sensor}: {before} → "
+        f"{after} {one.unit} over {one.setups} set-ups, each held out in turn; the one that fares "
+        f"worst, {one.worst_setup}, goes {worst_before} → {worst_after} {one.unit}."
     )
 
 
@@ -30,11 +30,11 @@ def staying_words(tried: Sequence[TriedAssignment]) -> list[str]:
     found = []
     if stay:
         found.append(
-            f"{list_names(stay, 8)}: no other sensor would leave markedly less of set-ups held out."
+            f"{list_names(stay, 8)}: no other sensor would leave markedly less on held-out set-ups."
         )
     reasons: dict[str, list[str]] = defaultdict(list)
     for one in tried:
         if one.why_not and one.other_sensor is None:
             reasons[one.why_not].append(one.component)
-    found += [f"{list_names(codes, 8)}: not judged, {why}." for why, codes in reasons.items()]
+    found += [f"{list_names(codes, 8)}: not judged: {why}." for why, codes in reasons.items()]
     return found

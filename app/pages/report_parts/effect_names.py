@@ -23,8 +23,10 @@ VERDICTS: Final = {
 }
 STATUSES: Final = {
     "confirmed": "confirmed on held-out visits",
-    "suspected": "suspected: held-out visits, what it leaves, or a tie do not confirm its name",
-    "not-confirmable": "not confirmable: the held-out visits do not show it",
+    "suspected": (
+        "suspected: held-out visits, an unexplained remainder or a tie leave its name open"
+    ),
+    "not-confirmable": "not confirmable: the held-out visits cannot show it",
 }
 MARKS: Final = {
     **{"effects-found": "✓", "nothing-found": "–", "unexplained": "?", "not-judged": "?"},
@@ -33,14 +35,16 @@ MARKS: Final = {
 """So that neither a verdict nor a status is told by colour alone."""
 
 TESTS: Final = {
-    "generic": "it moves with something smoothly",
-    "lack-of-fit": "residuals at one place differ by more than repeats there do",
+    "generic": "it varies smoothly with something that was recorded",
+    "lack-of-fit": "residuals at one place differ more than repeats made there",
     "visit-variance": "visits differ by more than the declared set-up scatter",
     "held-out": "held-out residuals are well above the floor",
-    "many-of-one-family": "several terms of one kind on one component: an imitation",
-    "far-off": "further from the model than set-ups are, in too few visits to say why",
-    "many-at-one-place": "several effects at one place: whatever fits a bit",
-    "flexible": "a found effect that goes otherwise than the library has it",
+    "many-of-one-family": (
+        "several effects of one kind on one component: they imitate something else"
+    ),
+    "far-off": "further from the model than set-ups scatter, in too few visits to say why",
+    "many-at-one-place": "several effects in one place: each fits only partly",
+    "flexible": "a found effect whose course differs from the library's",
 }
 """Which test says that structure is left."""
 
@@ -132,10 +136,12 @@ def adoption_text(effect: FoundEffect) -> str:
         what_to_do = advice.what_to_do(effect)
         if kind_of(effect.kind).never_sure:
             return f"It is never adopted: {reason}. {what_to_do}"
-        return f"It is never adopted, but put right where it was made: {reason}. {what_to_do}"
+        return f"It is never adopted; correct it at its source: {reason}. {what_to_do}"
     if effect.helps:
-        return "It helps visits that were held out, and is adopted unless effects are named."
-    return f"It is not adopted unless it is named: {effect.why_not}."
+        if effect.evidence.seen_in_readings:
+            return "It is adopted by default."
+        return "It helps on held-out visits, and is adopted by default."
+    return f"It is not adopted by default, only if you name it: {effect.why_not}."
 
 
 def learnt_text(effect: FoundEffect) -> str:

@@ -14,8 +14,8 @@ MOST_DECIMALS: Final = 4
 
 ORIGINS: Final = {
     "declared": "what the verifications state, adjusted where the residuals say otherwise",
-    "replicates": "from what was read again at the same place in the same visit",
-    "residuals": "from what is left within the visits",
+    "replicates": "from repeats at the same place in the same visit",
+    "residuals": "from the residuals within each visit",
 }
 """Where the scatter of one observation comes from."""
 
@@ -48,7 +48,7 @@ ZEROS: Final = {
     "absolute": "Figures count from the model's own zero.",
     "first": "Figures count from each set-up's first observation, at which the instrument was "
     "zeroed.",
-    "removed": "The mean of whatever shares a zero that nobody knows is taken off.",
+    "removed": "Where the zero is not known, the mean of the values that share it is taken off.",
 }
 
 

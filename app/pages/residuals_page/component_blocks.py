@@ -63,7 +63,7 @@ class Block:
         text = f"{counted(size.count, 'value')}: RMS {rms} {size.unit}, mean {mean}"
         text += f", repeatability {noise}." if size.repeatability else "."
         if not any(trace["name"] == "single values" for d in self.drawings for trace in d.data):
-            return f"{text} They are too many to be drawn one by one."
+            return f"{text} There are too many to draw them one by one."
         outside = f"{counted(self.beyond, 'value')} outside the plots." if self.beyond else ""
         return f"{text} {outside}".rstrip()
 

@@ -19,7 +19,7 @@ BY_NOISE: Final = 0.32
 
 DATUMS: Final = {
     "absolute": "absolute (the instrument's zero is the model's zero)",
-    "first": "first (zeroed at the first observation: what was left there is taken off)",
+    "first": "first (zeroed at the first observation: the residual there is taken off)",
     "free": "free (the zero is not known: the mean of each component is taken off)",
 }
 
@@ -50,7 +50,7 @@ def size_sentence(figures: ResidualFigures) -> str:
     size = figures.overall
     if size is None:
         measured = counted(figures.count, "value")
-        return f"{measured}, none of them a length: each component stands in its own unit below."
+        return f"{measured}, none of them a length: each component is shown in its own unit below."
     decimals, unit = decimals_for(size.repeatability), size.unit
     rms, p95 = (figure_text(one, decimals) for one in (size.rms, size.p95))
     if size.count == 1:
