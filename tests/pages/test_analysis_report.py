@@ -208,7 +208,7 @@ def test_a_mistake_is_to_be_put_right_and_nothing_is_said_of_adopting_it():
     mistake, lag = told.split("0. x-middle and bed")[1].split("1. EZZ follows")
     assert "It is never adopted; correct it at its source: it is a mistake" in mistake
     assert "Swap the plugs of x-middle and bed" in mistake
-    for absent in ("unless", "learnt in", "°C"):
+    for absent in ("by default", "learnt in", "°C"):
         assert absent not in mistake
     assert "is adopted by default" in lag
 

@@ -39,7 +39,7 @@ def summary(
     unit: str,
     kinds: Collection[str] | None,
 ) -> str:
-    """Say the answer in two sentences.
+    """Say the answer in two or three sentences.
 
     Parameters
     ----------
@@ -70,9 +70,10 @@ def summary(
             f"are {size:.3g} {unit} (root mean square){scatter}."
         )
     found = "; ".join([*(_how_sure(effect) for effect in effects), *moved])
-    moves = "fall" if left < size else "do not fall but rise" if left > size else "stay"
+    moves = f"{'fall' if left < size else 'do not fall but rise'} from {size:.3g} to {left:.3g}"
+    moves = f"stay at {size:.3g}" if left == size else moves
     held = "" if after.holdout_rms is None else " on held-out visits"
-    changed = f"The residuals {moves} from {size:.3g} to {left:.3g} {unit}{held}{scatter}"
+    changed = f"The residuals {moves} {unit}{held}{scatter}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
     return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
 
