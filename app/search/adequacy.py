@@ -193,7 +193,7 @@ def _allowance(problem: Problem, use: BoolArray, channel: int) -> float:
 
 
 def _imitation(terms: Sequence[Term]) -> list[Unexplained]:
-    """Many terms on the same channels: one family's, or whatever fits a bit."""
+    """Many terms on the same channels: of one family, or of several that each fit a little."""
     families = Counter((t.candidate.family, c) for t in terms for c in t.channels)
     places = Counter(t.channels for t in terms)
     twice = Counter((t.candidate.family, t.channels) for t in terms if t.candidate.only_once)

@@ -29,7 +29,7 @@ class Part(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """How large an amplitude is where it is what it is called: a sign is reversed whole or not.
+    """How large an amplitude must be if its name is right: a sign is reversed wholly or not at all.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ OFFSET: Final = "offset"
 
 
 class Flexible(NamedTuple):
-    """What a candidate would add if it were only about right, and in what it then differs."""
+    """What would be added if a candidate were only roughly right, and how the truth differs."""
 
     words: str
     parts: Sequence[Part]
@@ -115,21 +115,22 @@ class Candidate:
         Whether it is a smooth shape without a physical meaning: it is never found, but
         says that something is left.
     expected
-        What its one amplitude is, where that is known beforehand: it costs no parameter, and
-        one that is found to be another is evidence against it.
+        What its one amplitude is, where that is known beforehand: it then costs no parameter,
+        and an estimate that differs is evidence against the candidate.
     flexible
-        Gives for the value of the nonlinear parameter what it would add if it were only about
-        right; None: nothing can be said.
+        Gives, for a value of the nonlinear parameter, what would be added if the candidate were
+        only roughly right; None: it is not known.
     forms
-        The same cause with another course and as many parameters: never chosen, and held beside
-        it where it is.
+        The same cause with another course in time and as many parameters: never chosen itself,
+        but compared with the candidate where that is chosen.
     apart
-        The same with an amplitude for each of its places, where it is the claim that they are
-        one: nothing of its family is chosen where these explain more for their price.
+        Of a candidate that claims one amplitude for several places: the same with an amplitude for
+        each place. Nothing of its family is chosen where these explain more, their extra
+        parameters paid for.
     follows
-        Of what its amplitudes are the response, such as a place's to a sensor, to 1, or −1 where
-        it enters with a minus: what is known of two candidates that follow the same is used by
-        `app.search.same_course`. Those who do have their amplitudes in the same order.
+        What its amplitudes respond to, such as a sensor, mapped to 1, or to −1 where it enters
+        with a minus. `app.search.same_course` compares candidates that follow the same; these
+        have their amplitudes in the same order.
     """
 
     key: str
@@ -167,10 +168,11 @@ class Candidate:
         return int(bool(self.grid))
 
     def around(self, theta: float) -> tuple[float, float]:
-        """Give the stretch between the neighbours of the grid's value nearest to one, in bounds.
+        """Give the interval, within bounds, in which a value may be refined.
 
-        Not between the value's own neighbours: one that was refined to just above a value of the
-        grid could never get below it again, whatever has been found beside it since.
+        It lies between the neighbours of the nearest value of the grid. Between the value's own
+        neighbours, one that was refined to just above a value of the grid could never get below
+        it again, whatever has been found beside it since.
 
         >>> Candidate("k", "f", lambda _: [], (1.0, 2.0, 4.0), (0.5, 8.0)).around(2.0)
         (1.0, 4.0)

@@ -85,7 +85,7 @@ class FoundTerm:
     evidence
         2 ln B against its absence.
     global_p
-        Probability that noise surprises as much anywhere in the library.
+        Probability that noise alone gives as strong a candidate anywhere in the library.
     rivals
         The best of every other family, and members of its own that come close.
     slope
@@ -97,7 +97,7 @@ class FoundTerm:
     strongest_visits, leverage
         The two visits that carry most of the evidence, and their share of it.
     doubts
-        In what the values differ from it, so that its name is not sure; empty: in nothing.
+        How the values depart from it, which leaves its name open; empty: they do not.
     place
         Its number among all chosen terms.
     origin
@@ -138,7 +138,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Residuals on visits that took no part in what predicts them.
+    """Residuals on held-out visits: each is predicted by what was learnt without it.
 
     Parameters
     ----------
@@ -178,8 +178,8 @@ class Unexplained:
     ----------
     test
         `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family`,
-        `many-at-one-place`, `far-off`, or `flexible`: what the values hold of a flexible version
-        of a found term is not in the term.
+        `many-at-one-place`, `far-off`, or `flexible`: a flexible version of a found term explains
+        something that the term itself does not.
     channel
         Where; None: everywhere.
     moves_with
@@ -247,23 +247,24 @@ class Findings:
     verdict
         In a word; `unexplained` may still hold terms: they are proxies then.
     global_p
-        Probability that noise alone surprises as much as the strongest candidate did.
+        Probability that noise alone gives a candidate as strong as the strongest one here.
     excluded, untested
         What took no part, and what could not be tested.
     predicted, adopted : ndarray, shape (n,)
-        Predicted part of each row by a model that did not see its visit, with refitted maps
-        and by the terms alone, those that are refitted included; nan: excluded.
+        What a model that did not see a row's visit predicts of it: with refitted maps, and by the
+        terms alone, those that are refitted included; nan: excluded.
     is_cut
-        Whether more terms pay, and were not taken because there are so many already.
+        Whether more terms would pay for their parameters, but were not taken because there are so
+        many already.
     refitted
         Terms that the model has already, as they are beside those that were found.
     dropped
-        Numbers of such terms that no longer pay.
+        Numbers of such terms that no longer pay for their parameters.
     known : ndarray, shape (n,), or None
-        As `adopted`, of what is refitted or dropped alone.
+        As `adopted`, but by the refitted and dropped terms only.
     beside
-        Fits what is refitted and some of the found terms, by their places, again without the
-        other found terms; gives the found ones and the refitted ones.
+        Fits the model's own terms again with only some of the found terms, given by their places;
+        gives those found terms and the model's own.
     """
 
     verdict: Verdict

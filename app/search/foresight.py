@@ -1,4 +1,4 @@
-"""What a model learned on some visits says of others: residuals, and a slope for each term."""
+"""What a model learned on some visits predicts of others: residuals, and a slope per term."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Whether a found term is what it is called, or only about so: flexible versions beside it.
+"""Whether a found term's name is right, or only roughly so: a test of its flexible versions.
 
-Beside a right name its flexible versions explain nothing more than noise does. They are few, so
-that this test sees what the general ones, with all smooth shapes there are, cannot.
+If the name is right, flexible versions of the term explain no more than noise does. They are few,
+so that this test sees what the generic one, over all smooth shapes there are, cannot.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ WALKS: Final = "its set-ups look as if their zero shifted at random from one to 
 
 
 def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list[tuple[str, ...]]:
-    """Say of each term in what the values differ from it, beyond what noise would do.
+    """Say how the values depart from each term, beyond what noise would do.
 
-    By chance anything is said in one campaign of a hundred at the search's usual level.
+    By chance, anything at all is said in one campaign of a hundred at the search's usual level.
 
     Parameters
     ----------
@@ -88,10 +88,10 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
 
 
 def _odd_wanderers(selector: Selector, terms: Sequence[Term]) -> set[int]:
-    """Name the channels that wander beside the terms as the other channels make improbable.
+    """Name the channels whose residuals wander in a way that the others make improbable.
 
-    Who wanders alone does so for a cause of its own. A term that imitates part of it, through one
-    record, stretches that are held out confirm.
+    A channel that wanders alone has a cause of its own. Within one record, held-out stretches would
+    confirm a term that only imitates part of that wander.
     """
     found = set()
     for c, state in selector.given(terms).items():
@@ -107,9 +107,9 @@ def _odd_wanderers(selector: Selector, terms: Sequence[Term]) -> set[int]:
 
 
 def _walking(selector: Selector, terms: Sequence[Term]) -> list[int]:
-    """Name the terms that grow or begin with time and may be zeros that walk.
+    """Name the terms that grow or begin with time but may be zeros that walk at random.
 
-    Zeros of different channels walk each by itself: one channel that is sure is enough.
+    Zeros of different channels walk independently: one channel that rules it out is enough.
     """
     trends = [n for n, t in enumerate(terms) if t.origin is None and t.candidate.trending]
     if not trends:
@@ -145,7 +145,7 @@ def offset_of(selector: Selector, term: Term) -> Term | None:
 
 
 def _unlike(problem: Problem, term: Term, parts: Sequence[Part]) -> Sequence[Part]:
-    """Take off a flexible version what it has of the term itself, where several channels share it.
+    """Take from a flexible version its share of the term itself, where several channels share that.
 
     Shared amplitudes stand at their joint estimate while anything beside them is tested. A second
     time constant is nearly the first one again: it would show by moving that amplitude alone.

@@ -117,7 +117,7 @@ class Predicted(NamedTuple):
 
     @property
     def factor(self) -> FloatArray:
-        """How much of it may be corrected: less where it is not large against what is unsure."""
+        """How much of it to correct: the less, the larger the uncertainty beside it."""
         return caution(self.mean, self.learnt, self.wander)
 
 
@@ -137,11 +137,11 @@ def caution(mean: FloatArray, learnt: FloatArray, wander: FloatArray) -> FloatAr
 def cautious(
     mean: FloatArray, maps: FloatArray, learnt: FloatArray, wander: FloatArray
 ) -> FloatArray:
-    """Say what to correct beside maps: what is not sure goes half back to them, half to nothing.
+    """Say what to correct beside the maps: what is unsure goes half back to them, half to nothing.
 
-    Neither is to be harmed: who corrects nothing, and who corrects what the maps say. One caution
-    is for what is to be corrected beside the maps, the other for all that is corrected since the
-    start, maps included; this is their mean.
+    The result should harm neither a user who corrects nothing nor one who corrects by the maps
+    alone. One caution applies to what is corrected beside the maps, the other to all that is
+    corrected since the start, maps included; this is their mean.
 
     Parameters
     ----------

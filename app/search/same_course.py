@@ -1,9 +1,9 @@
-"""Terms that follow the same course, one of them late: which may stand beside each other.
+"""Terms that follow the same course in time, at least one of them late: which may be combined.
 
-Low-passes of one course with neighbouring time constants are nearly equal, so that two of them with
-amplitudes that nearly cancel each other imitate whatever is left, at any size. What a place
-does in answer to one course is therefore told by one late term at most; beside it a part may come
-at once, of the same sign, as of two bodies that one source warms.
+Low-passes of one course with neighbouring time constants are nearly equal. Two of them, with
+amplitudes that nearly cancel, imitate whatever is left, at any size. The response of a place to one
+course is therefore described by one late term at most; beside it a part may follow at once, with
+the same sign, as when one source warms two bodies.
 """
 
 from __future__ import annotations

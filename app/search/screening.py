@@ -26,7 +26,7 @@ MOST_OUTLIERS: Final = 0.05
 """If more than this share is far, it is structure, not outliers."""
 
 SLIP_RATIO: Final = 3.0
-"""A visit must be so many times further than the next to be a slip: effects come in series.
+"""A visit must be so many times further away than the next one to be a slip: effects last longer.
 
 The last visit is none: what has just changed looks the same.
 """

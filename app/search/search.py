@@ -54,7 +54,7 @@ DRAWS: Final = 200
 """Draws of noise behind the threshold."""
 
 MOST_TERMS: Final = 24
-"""So many are named at most, so that an analysis ends: it says where that is why it did."""
+"""At most so many terms are named, so that an analysis ends; it says where this limit ended it."""
 
 NOT_ZERO: Final = 0.05
 """Probability with which a size that is zero is still taken for one that is not."""
@@ -286,7 +286,7 @@ def _beside(
 
 
 def _status(judged: Status, doubts: Sequence[str], *, is_sized: bool) -> Status:
-    """Confirm no name of which a flexible version explains more, nor one without a size."""
+    """Confirm no name where a flexible version explains more, or where the size is not known."""
     is_open = bool(doubts) or not is_sized
     return Status.SUSPECTED if is_open and judged is Status.CONFIRMED else judged
 

@@ -1,6 +1,6 @@
 """Which terms are real: the best first, refined, exchanged for rivals, the weak taken out.
 
-The threshold says whether anything is there at all, the evidence which of many it is.
+The threshold decides whether anything is there at all, the evidence which of many it is.
 
 G. Schwarz, Ann. Statist. 6 (1978) 461: approximation of the evidence.
 J. Chen, Z. Chen, Biometrika 95 (2008) 759: its prior in large sets of candidates.
@@ -200,7 +200,7 @@ class Selector:
         return Stage(limit, limit.global_p(_only(found, allowed)), found.ratio, found.rank)
 
     def _unexpected(self, found: Scan, limit: Threshold) -> BoolArray:
-        """Say which entries surprise by an amplitude that is not what they are expected to have.
+        """Say which entries stand out by an amplitude other than the one that they should have.
 
         Tables have errors, and residuals contain them: a few per cent of what a mistake would do
         surprise, and are none.

@@ -1,7 +1,7 @@
-"""Whether a term's one size holds wherever it is said to: the same with a size for each place.
+"""Whether a term's one size holds at all its places: a test against a size for each place.
 
-A fingerprint of one parameter is cheap. Several causes that are nearly alike, with something else
-for what they differ by, would pass for it.
+A fingerprint with one parameter is cheap. Several causes that are nearly alike could pass for it,
+with another term to explain how they differ.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from app.search.selection import Selector
 
 
 def not_shared(selector: Selector, terms: Sequence[Term]) -> set[str]:
-    """Name the families of terms that are not one size: apart, they explain more for their price.
+    """Name the families of terms that have no common size: a size for each place explains more.
 
-    What was chosen beside such a term may only stand for what its places differ by, so whatever
-    no longer pays beside the sizes apart is taken out.
+    Sizes of their own must pay for their extra parameters. What was chosen beside such a term may
+    only explain how its places differ, so whatever no longer pays beside separate sizes goes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The whole search again without each fold of visits: honest figures, slopes, how often found.
+"""The whole search repeated without each fold of visits: honest figures, slopes, recurrence.
 
 M. Stone, J. R. Stat. Soc. B 36 (1974) 111: cross-validation.
 C. Ambroise, G. McLachlan, Proc. Natl. Acad. Sci. 99 (2002) 6562: the choice of terms is
@@ -91,12 +91,12 @@ class Validation:
         return often and slope is not None and bool(holds(slope, np.inf))
 
     def settled(self, terms: Sequence[Term], doubts: Sequence[Collection[str]]) -> set[int]:
-        """List the channels in which terms act, and all that do are sure.
+        """List the channels in which terms act and all of these terms are sure.
 
         Parameters
         ----------
         doubts
-            For each term, in what the values differ from it.
+            For each term, how the values depart from it.
         """
         sure = [not said and self.confirms(i) for i, said in enumerate(doubts)]
         acting = {c for term in terms for c in term.channels}

@@ -1,8 +1,8 @@
 """Whether what grows or begins with time is more than a zero that walks from set-up to set-up.
 
 Set-ups that scatter independently average out, and a small trend of their levels is soon sure.
-Levels that add up, each a little off the one before, make trends and steps of themselves, and
-visits held out among the others foretell them. Both happen: a laser is set up anew each time, an
+Levels that add up, each a little off the one before, make trends and steps by themselves, and
+held-out visits between the others confirm them. Both happen: a laser is set up anew each time, an
 inductive sensor's zero or a foundation stays where it went.
 """
 
