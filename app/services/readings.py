@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from itertools import chain
+from operator import attrgetter, lt
 from typing import Final
 
 from app.errors import (
@@ -24,10 +27,12 @@ from app.live.registry import Arrived
 from app.services.context import CLOCKS_DIFFER, Context, repeated
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine, restore_past
+from app.services.together import Wanted
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.readings import (
     AddedReadings,
+    HeldMachine,
     find_readings,
     insert_readings,
     readings_inserted,
@@ -39,6 +44,8 @@ from app.thermal.sensor_health import are_in_range, check_temperatures
 
 MOST_AHEAD_OF_CLOCK: Final = timedelta(days=1)
 """Wrong clocks and zones put a reading less far ahead; what lies further is refused."""
+
+_time: Final = attrgetter("time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +94,17 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     return batch.outcome or _store_alone(context, machine_id, readings)
 
 
-Written = dict[str, tuple[list[Reading], AddedReadings, int]]
+def begin_to_store(context: Context, wanted: Wanted[ReadingBatch]) -> None:
+    """Let a batch be stored if it is right and all new, and hold up nobody.
+
+    At its end it has an outcome if it was stored, an error if the database is away, and neither
+    where `store_readings` has to look closer.
+    """
+    together = _Together(context)
+    context.reading_batches.begin(wanted, together.store, together.follow)
+
+
+Written = dict[str, tuple[Sequence[Reading], AddedReadings, int]]
 """By machine: its readings, which of them are new, and how often it had had some withdrawn."""
 
 
@@ -108,6 +125,7 @@ class _Together:
 
     def store(self, batches: Sequence[ReadingBatch]) -> None:
         """Store batches in one transaction; those that are left have no outcome."""
+        self._written = {}
         try:
             outcomes, self._written = _store_new(self._context, batches)
         except StorageOvertaken:
@@ -142,41 +160,59 @@ def _store_new(
     now = context.now()
     machines = {b.machine_id: context.live.get(b.machine_id) for b in batches}
     current = {m: live.current for m, live in machines.items() if live is not None}
-    taken: dict[str, dict[datetime, Reading]] = defaultdict(dict)
-    plain: dict[ReadingBatch, list[Reading]] = {}
+    taken: dict[str, list[Sequence[Reading]]] = defaultdict(list)
+    plain: dict[ReadingBatch, Sequence[Reading]] = {}
     for batch in batches:
         known = current.get(batch.machine_id)
         once = None if known is None else _plainly_right(now, known.model.machine, batch.readings)
-        if once and taken[batch.machine_id].keys().isdisjoint(r.time for r in once):
-            taken[batch.machine_id].update((r.time, r) for r in once)
+        if once and all(_are_apart(once, others) for others in taken[batch.machine_id]):
+            taken[batch.machine_id].append(once)
             plain[batch] = once
-    wanted = {m: _in_order(by_time.values()) for m, by_time in taken.items() if by_time}
+    wanted = {m: _in_order(chain.from_iterable(parts)) for m, parts in taken.items() if parts}
     if not wanted:
         return {}, {}
     with readings_inserted(context.database, wanted) as held:
         for machine_id, found in held.items():
             if current[machine_id].stamp != (found.created_at, found.revision):
                 raise _MachineChangedError
-        for batch, once in list(plain.items()):
-            times = held[batch.machine_id].added.times if batch.machine_id in held else ()
-            if not all(r.time in times for r in once):
-                if any(r.time in times for r in once):
-                    raise _PartlyKnownError
-                del plain[batch]
+        stored = {b: o for b, o in plain.items() if _is_new(o, held.get(b.machine_id))}
     until = context.usable_until()
-    outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in plain.items()}
+    outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in stored.items()}
     return outcomes, {m: (wanted[m], h.added, h.withdrawals) for m, h in held.items()}
 
 
 def _plainly_right(
     now: datetime, machine: Machine, readings: Sequence[Reading]
-) -> list[Reading] | None:
-    """Give readings as they are stored; None where something is wrong with them."""
+) -> Sequence[Reading] | None:
+    """Give readings as they are stored, in order of time; None where something is wrong."""
     try:
         _check(now, machine, readings)
-        return [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
+        return _as_they_arrived(_each_time_once(readings), now)
     except (InvalidContent, Conflict):
         return None
+
+
+def _are_apart(once: Sequence[Reading], others: Sequence[Reading]) -> bool:
+    """Whether two batches, each in order of time, have no time in common."""
+    if once[-1].time < others[0].time or others[-1].time < once[0].time:
+        return True
+    return {r.time for r in once}.isdisjoint(r.time for r in others)
+
+
+def _is_new(once: Sequence[Reading], held: HeldMachine | None) -> bool:
+    """Whether a batch was stored: all of it, or nothing, because it was there or its machine not.
+
+    Raises
+    ------
+    _PartlyKnownError
+        If a part of it was.
+    """
+    if held is None or held.added.are_all:
+        return held is not None
+    new = [r.time in held.added.times for r in once]
+    if any(new) and not all(new):
+        raise _PartlyKnownError
+    return all(new)
 
 
 @repeated
@@ -185,7 +221,7 @@ def _store_alone(context: Context, machine_id: str, readings: Sequence[Reading])
     with context.database.writing() as session:
         row = find_machine(session, machine_id, RowLock.KEPT)
         _check(now, stored_machine(row).machine, readings)
-        once = [_as_it_arrived(reading, now) for reading in _each_time_once(readings)]
+        once = _as_they_arrived(_each_time_once(readings), now)
         added = insert_readings(session, {machine_id: once})[machine_id]
         repeated = [r for r in once if r.time not in added.times]
         known = find_readings(session, machine_id, [r.time for r in repeated])
@@ -207,25 +243,31 @@ def _follow(
     """Let memory follow what was stored; what goes wrong now is put right later."""
     with suppress(StorageUnavailable, UnknownThing):
         live = context.live.get(machine_id) or load_machine(context, machine_id)
-        new = [r for r in readings if r.time in added.times]
+        new = readings if added.are_all else [r for r in readings if r.time in added.times]
         live.add(Arrived(new, withdrawals), context.usable_until())
         context.live.stored_here.note(added.numbers)
         restore_past(context, live)
 
 
 def _outcome(stored: int, stated: int, once: Sequence[Reading], until: datetime) -> StoreOutcome:
-    ahead = [reading for reading in once if reading.time > until]
+    first = bisect_right(once, until, key=_time)
+    ahead = once[first:]
     return StoreOutcome(stored, stated - stored, len(ahead), ahead_warnings(ahead))
 
 
-def _as_it_arrived(reading: Reading, now: datetime) -> Reading:
-    """Note on a reading that it came before its time."""
-    ahead = reading.time - now
-    return replace(reading, early_s=ahead.total_seconds()) if ahead > CLOCKS_DIFFER else reading
+def _as_they_arrived(once: Sequence[Reading], now: datetime) -> Sequence[Reading]:
+    """Note on readings, which are in order of time, that they came before it."""
+    first = bisect_right(once, now + CLOCKS_DIFFER, key=_time)
+    early = [replace(r, early_s=(r.time - now).total_seconds()) for r in once[first:]]
+    return [*once[:first], *early] if early else once
 
 
 def _check(now: datetime, machine: Machine, readings: Sequence[Reading]) -> None:
     latest = now + MOST_AHEAD_OF_CLOCK
+    if max(map(_time, readings), default=latest) <= latest and are_in_range(
+        machine, [reading.temperatures_c for reading in readings]
+    ):
+        return
     for i, reading in enumerate(readings):
         if reading.time > latest:
             message = (
@@ -234,15 +276,17 @@ def _check(now: datetime, machine: Machine, readings: Sequence[Reading]) -> None
                 "wrong, or the time's zone"
             )
             raise InvalidContent(message, [FieldError(f"{i}.time", message)])
-        if are_in_range(machine, reading.temperatures_c):
-            continue
         try:
             check_temperatures(machine, reading.temperatures_c)
         except InvalidContent as error:
             raise error.inside(str(i)) from None
 
 
-def _each_time_once(readings: Sequence[Reading]) -> list[Reading]:
+def _each_time_once(readings: Sequence[Reading]) -> Sequence[Reading]:
+    """Set readings in order of time, each time once; they mostly come like that."""
+    times = [*map(_time, readings)]
+    if all(map(lt, times, times[1:])):
+        return readings
     by_time: dict[datetime, Reading] = {}
     for reading in readings:
         first = by_time.setdefault(reading.time, reading)
@@ -253,7 +297,7 @@ def _each_time_once(readings: Sequence[Reading]) -> list[Reading]:
 
 def _in_order(readings: Iterable[Reading]) -> list[Reading]:
     """Sort by time, so that two writers of overlapping batches queue in one direction."""
-    return sorted(readings, key=lambda reading: reading.time)
+    return sorted(readings, key=_time)
 
 
 def _other_content(known: Reading, got: Reading) -> Conflict:

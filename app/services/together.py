@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from threading import Event, Lock, Semaphore
 from typing import Final, Generic, TypeVar
 
 from app.errors import StorageBusy, StorageUnavailable
+
+log = logging.getLogger("thermap")
 
 Work = TypeVar("Work")
 
@@ -16,16 +20,22 @@ MOST_TOGETHER: Final = 50
 
 
 @dataclass(eq=False, slots=True)
-class _Wanted(Generic[Work]):
+class Wanted(Generic[Work]):
+    """A piece of work; `end` is called, in whatever thread, once nothing more becomes of it.
+
+    `error` is what kept it from being done, if the database was away.
+    """
+
     work: Work
-    is_done: Event = field(default_factory=Event)
-    error: StorageUnavailable | None = None
+    end: Callable[[], None]
+    error: StorageUnavailable | None = field(default=None, init=False)
 
 
 class Together(Generic[Work]):
     """Gathers what is wanted while something is being done, and has it done together next.
 
-    Nobody waits for others to come: what comes alone is done at once.
+    Nobody waits for others to come: what comes alone is done at once, by the thread that wants it
+    or, for who cannot wait, by one of its own.
 
     Parameters
     ----------
@@ -35,8 +45,28 @@ class Together(Generic[Work]):
 
     def __init__(self, at_once: int = 1) -> None:
         self._turn = Semaphore(at_once)
-        self._waiting: list[_Wanted[Work]] = []
+        self._waiting: list[Wanted[Work]] = []
         self._guard = Lock()
+        self._threads = ThreadPoolExecutor(at_once, "together")  # none before one is needed
+
+    @property
+    def has_room(self) -> bool:
+        """Whether what comes now is among those that are done next."""
+        return len(self._waiting) < MOST_TOGETHER
+
+    def begin(
+        self,
+        wanted: Wanted[Work],
+        do: Callable[[Sequence[Work]], None],
+        after: Callable[[Sequence[Work]], None],
+    ) -> None:
+        """Have a piece of work done as `run` does, by another thread; who asks waits for nothing.
+
+        What goes wrong otherwise than because the database is away stands in the log.
+        """
+        with self._guard:
+            self._waiting.append(wanted)
+        self._threads.submit(self._begun, wanted, do, after)
 
     def run(
         self,
@@ -59,25 +89,50 @@ class Together(Generic[Work]):
         StorageUnavailable
             If the database was away, for those that were done and those that waited.
         """
-        wanted = _Wanted(work)
+        is_done = Event()
+        wanted = Wanted(work, is_done.set)
         with self._guard:
             self._waiting.append(wanted)
-        while not wanted.is_done.is_set():
-            with self._turn:
-                group = self._take(wanted)
-                is_done = self._do(group, do)
+        self._work_off(wanted, do, after)
+        is_done.wait()
+        if wanted.error is not None:
+            raise type(wanted.error)(wanted.error.detail) from wanted.error
+
+    def _begun(
+        self,
+        wanted: Wanted[Work],
+        do: Callable[[Sequence[Work]], None],
+        after: Callable[[Sequence[Work]], None],
+    ) -> None:
+        try:
+            self._work_off(wanted, do, after)
+        except Exception:
+            log.exception("what was to be done together failed")
+
+    def _work_off(
+        self,
+        wanted: Wanted[Work],
+        do: Callable[[Sequence[Work]], None],
+        after: Callable[[Sequence[Work]], None],
+    ) -> None:
+        """Do what has waited longest, until a thread has taken this one."""
+        while self._waits(wanted):
+            group: list[Wanted[Work]] = []
             try:
+                with self._turn:
+                    group += self._take(wanted)
+                    is_done = self._do(group, do)
                 if is_done:
                     after([one.work for one in group])
             finally:
                 for one in group:
-                    one.is_done.set()
-            if not group:
-                wanted.is_done.wait()
-        if wanted.error is not None:
-            raise type(wanted.error)(wanted.error.detail) from wanted.error
+                    one.end()
 
-    def _take(self, wanted: _Wanted[Work]) -> list[_Wanted[Work]]:
+    def _waits(self, wanted: Wanted[Work]) -> bool:
+        with self._guard:
+            return wanted in self._waiting
+
+    def _take(self, wanted: Wanted[Work]) -> list[Wanted[Work]]:
         """Take those that have waited longest; none when another thread has taken this one."""
         with self._guard:
             if wanted not in self._waiting:
@@ -85,7 +140,7 @@ class Together(Generic[Work]):
             group, self._waiting = self._waiting[:MOST_TOGETHER], self._waiting[MOST_TOGETHER:]
         return group
 
-    def _do(self, group: list[_Wanted[Work]], do: Callable[[Sequence[Work]], None]) -> bool:
+    def _do(self, group: list[Wanted[Work]], do: Callable[[Sequence[Work]], None]) -> bool:
         """Do some; where the database is away, send away who waits for it as well."""
         if not group:
             return False

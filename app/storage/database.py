@@ -35,7 +35,7 @@ from app.storage.news import send_pending
 from app.storage.sqlite import SqliteConnections
 
 if TYPE_CHECKING:
-    from app.storage.postgresql import Duty, Listener, PostgresqlConnections
+    from app.storage.postgresql import Duty, ImpatientConnection, Listener, PostgresqlConnections
 
 MOMENT: Final = Limits(lock_s=0.2)
 """To see whether something can be written at all."""
@@ -117,8 +117,10 @@ class Database:
         self.log_mark = object()
 
     @contextmanager
-    def appending(self) -> Iterator[Connection]:
+    def appending(self) -> Iterator[ImpatientConnection]:
         """Open a write transaction on PostgreSQL for what many want to have stored at a time.
+
+        It is the driver's own.
 
         `appends_at_once` of a process at a time; it waits for a lock for a second at most.
         """

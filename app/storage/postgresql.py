@@ -15,8 +15,8 @@ from typing import Any, Final
 from weakref import WeakSet
 
 import psycopg
-from sqlalchemy import URL, Connection, Engine, create_engine, event
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import URL, Connection, Engine, PoolProxiedConnection, create_engine, event
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from app.errors import StorageUnavailable
 from app.storage.limits import QUESTION, Limits
@@ -211,21 +211,31 @@ class KeptConnections:
     To lend one of a pool, and to ask it first whether it lives, costs as much as a statement.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, answer_s: float | None) -> None:
         self._engine = engine
-        self._idle: list[tuple[Connection, float]] = []
+        self._answer_s = answer_s
+        self._idle: list[tuple[PoolProxiedConnection, float]] = []
 
     @contextmanager
-    def writing(self) -> Iterator[Connection]:
-        """Open a transaction that is committed at the end, or rolled back whole."""
-        connection = self._take()
+    def writing(self) -> Iterator[ImpatientConnection]:
+        """Open a transaction that is committed at the end, or rolled back whole.
+
+        On the driver's own connection: what SQLAlchemy does around a statement takes longer than
+        the statement. Errors are SQLAlchemy's.
+        """
+        lent = self._take()
+        connection: Any = lent.driver_connection
+        connection.answer_s = self._answer_s
         try:
-            with connection.begin():
-                yield connection
+            yield connection
+            connection.commit()
+        except psycopg.Error as error:
+            _give_back(lent)
+            raise DBAPIError.instance(None, None, error, psycopg.Error) from error
         except BaseException:
-            _give_back(connection)
+            _give_back(lent)
             raise
-        self._idle.append((connection, monotonic()))
+        self._idle.append((lent, monotonic()))
 
     def close(self) -> None:
         """Give those up that nobody uses."""
@@ -233,21 +243,22 @@ class KeptConnections:
             _give_back(self._idle.pop()[0])
         self._engine.dispose()
 
-    def _take(self) -> Connection:
+    def _take(self) -> PoolProxiedConnection:
         """Take the one that was used last, if that was just now, else one of the pool."""
         try:
-            connection, used_s = self._idle.pop()
+            lent, used_s = self._idle.pop()
         except IndexError:
-            return self._engine.connect()
+            return self._engine.raw_connection()
         if monotonic() - used_s <= KEPT_FOR_S:
-            return connection
-        _give_back(connection)
-        return self._engine.connect()
+            return lent
+        _give_back(lent)
+        return self._engine.raw_connection()
 
 
-def _give_back(connection: Connection) -> None:
-    with suppress(SQLAlchemyError):
-        connection.close()
+def _give_back(lent: PoolProxiedConnection) -> None:
+    """Let the pool have a connection again, which rolls back what was not committed."""
+    with suppress(SQLAlchemyError, psycopg.Error):
+        lent.close()
 
 
 class PostgresqlConnections:
@@ -264,7 +275,9 @@ class PostgresqlConnections:
         self._apart = _connect_args(url, limits)
         self.engine = self._engine(url, limits, POOL_SIZE, MOST_CONNECTIONS - POOL_SIZE)
         lock_s = TOGETHER_S if limits.lock_s is None else min(TOGETHER_S, limits.lock_s)
-        self.kept = KeptConnections(self._engine(url, replace(limits, lock_s=lock_s), AT_ONCE, 0))
+        self.kept = KeptConnections(
+            self._engine(url, replace(limits, lock_s=lock_s), AT_ONCE, 0), _answer_s(limits)
+        )
 
     def _engine(self, url: URL, limits: Limits, lent: int, more: int) -> Engine:
         """Make an engine whose transactions have these limits where they state no others."""
@@ -322,10 +335,15 @@ def _connect_args(url: URL, limits: Limits) -> dict[str, Any]:
 def _begin(usual: Limits, connection: Connection) -> None:
     limits: Limits = connection.get_execution_options().get("thermap_limits", usual)
     driver: Any = connection.connection.driver_connection
-    driver.answer_s = None if limits.statement_s is None else limits.statement_s + MARGIN_S
+    driver.answer_s = _answer_s(limits)
     if limits is not usual:
         stated = "; ".join(f"SET LOCAL {name} = {ms}" for name, ms in _stated_ms(limits))
         connection.exec_driver_sql(stated)
+
+
+def _answer_s(limits: Limits) -> float | None:
+    """How long this end waits for an answer [s]; None for any time."""
+    return None if limits.statement_s is None else limits.statement_s + MARGIN_S
 
 
 def _checkin(connection: ImpatientConnection | None, _record: Any) -> None:

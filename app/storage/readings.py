@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
@@ -69,10 +69,17 @@ class WithdrawnReading(NamedTuple):
 
 
 class AddedReadings(NamedTuple):
-    """Readings that were not there before: their times, and the numbers that they were given."""
+    """Readings that were not there before: their times, and the numbers that they were given.
 
-    times: set[datetime]
+    `are_all` says that none of those that were to be added was there.
+    """
+
+    times: Set[datetime]
     numbers: list[int]
+    are_all: bool = False
+
+
+_NOTHING = AddedReadings(frozenset(), [])
 
 
 class HeldMachine(NamedTuple):
@@ -94,17 +101,16 @@ def insert_readings(
     readings
         By machine; what is returned is too, with nothing added for some.
     """
-    added = {machine_id: AddedReadings(set(), []) for machine_id in readings}
     if not any(readings.values()):
-        return added
+        return dict.fromkeys(readings, _NOTHING)
     if session.get_bind().dialect.name == "sqlite":
-        _insert_one_by_one(session, readings, added)
+        added = _insert_one_by_one(session, readings)
     else:
-        found = session.connection().exec_driver_sql(_ADD, _stated(readings))
-        for machine_id, numbers, times in found:
-            added[machine_id] = _added(readings[machine_id], numbers, times)
-    for machine_id, new in added.items():
-        if new.numbers:
+        found = session.connection().exec_driver_sql(_ADD, _stated(readings)).all()
+        new = {machine_id: (numbers, times) for machine_id, numbers, times in found}
+        added = {m: _added(readings[m], *new.get(m, (None, None))) for m in readings}
+    for machine_id, came in added.items():
+        if came.numbers:
             tell(session, NewsKind.READINGS, machine_id)
     return added
 
@@ -130,7 +136,7 @@ def readings_inserted(
         return
     stated = _stated(readings) | told_of(NewsKind.READINGS, database.sender)
     with database.appending() as connection:
-        held = connection.exec_driver_sql(_HOLD_AND_ADD, stated).all()
+        held = connection.execute(_HOLD_AND_ADD, stated).fetchall()
         yield {
             m: HeldMachine(born, revision, withdrawals, _added(readings[m], numbers, times))
             for m, born, revision, withdrawals, numbers, times, _ in held
@@ -138,20 +144,27 @@ def readings_inserted(
 
 
 def _insert_one_by_one(
-    session: Session,
-    readings: Mapping[str, Sequence[Reading]],
-    added: Mapping[str, AddedReadings],
-) -> None:
+    session: Session, readings: Mapping[str, Sequence[Reading]]
+) -> dict[str, AddedReadings]:
     statement = (
         sqlite.insert(ReadingRow)
         .on_conflict_do_nothing(index_elements=_ONE_TIME)
         .returning(ReadingRow.machine_id, ReadingRow.time, ReadingRow.id)
     )
-    rows = [_row(m, reading, reading.time) for m in sorted(readings) for reading in readings[m]]
+    rows = [
+        _row(m, reading)
+        | {"temperatures_c": dict(reading.temperatures_c), "state": dict(reading.state)}
+        for m in sorted(readings)
+        for reading in readings[m]
+    ]
+    new: dict[str, dict[datetime, int]] = {machine_id: {} for machine_id in readings}
     # On the connection rather than the session: one statement for many rows, written once.
     for machine_id, time, number in session.connection().execute(statement, rows):
-        added[machine_id].times.add(time)
-        added[machine_id].numbers.append(number)
+        new[machine_id][time] = number
+    return {
+        m: AddedReadings(numbers.keys(), [*numbers.values()], len(numbers) == len(readings[m]))
+        for m, numbers in new.items()
+    }
 
 
 def _stated(readings: Mapping[str, Sequence[Reading]]) -> dict[str, Any]:
@@ -161,24 +174,27 @@ def _stated(readings: Mapping[str, Sequence[Reading]]) -> dict[str, Any]:
     is answered only where not all of them are.
     """
     ids = sorted(readings)
-    rows = [_row(m, reading, reading.time.isoformat()) for m in ids for reading in readings[m]]
-    return {"ids": ids, "document": orjson.dumps(rows).decode(), "count": len(rows)}
+    rows = [_row(m, reading) for m in ids for reading in readings[m]]
+    document = orjson.dumps(rows, default=dict).decode()
+    return {"ids": ids, "document": document, "count": len(rows)}
 
 
 def _added(
     readings: Sequence[Reading], numbers: list[int] | None, times: list[datetime] | None
 ) -> AddedReadings:
     if numbers is None:
-        return AddedReadings(set(), [])
-    return AddedReadings(set(times or [reading.time for reading in readings]), numbers)
+        return _NOTHING
+    if times is None:
+        return AddedReadings({reading.time for reading in readings}, numbers, are_all=True)
+    return AddedReadings(set(times), numbers, len(times) == len(readings))
 
 
-def _row(machine_id: str, reading: Reading, time: datetime | str) -> dict[str, Any]:
+def _row(machine_id: str, reading: Reading) -> dict[str, Any]:
     return {
         "machine_id": machine_id,
-        "time": time,
-        "temperatures_c": dict(reading.temperatures_c),
-        "state": dict(reading.state),
+        "time": reading.time,
+        "temperatures_c": reading.temperatures_c,
+        "state": reading.state,
         "early_s": reading.early_s or None,
     }
 
