@@ -48,7 +48,7 @@ from app.api.routes import (
     verification_files,
     verifications,
 )
-from app.api.short_way import ThermapService
+from app.api.short_way.service import ThermapService
 from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns
 from app.connections.config import ConnectionsFile, read_connections

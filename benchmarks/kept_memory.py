@@ -20,7 +20,7 @@ from typing import Any
 
 import httpx
 
-from app.api.short_way import ANSWERS
+from app.api.short_way.tables import ANSWERS
 from app.api.table_json import LAYOUTS
 from app.live.registry import LiveModel
 from app.main import create_app

@@ -116,6 +116,14 @@ def problem_for(
     return Page(content, scripts=0, headers=kept, status=status)
 
 
+def problem_of(scope: Scope, error: ThermapError) -> Response:
+    """Write one of our errors as the answer to a request."""
+    status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+    headers = {"Retry-After": "5"} if status in (429, 503, 507) else None
+    detail = error.detail[:_LONGEST]
+    return problem_for(scope, status, title, detail, error.errors[:_SHOWN], headers)
+
+
 def install_error_responses(app: FastAPI) -> None:
     """Let an application answer every error as a problem."""
     app.add_exception_handler(ThermapError, _thermap_error)
@@ -128,10 +136,7 @@ def install_error_responses(app: FastAPI) -> None:
 
 async def _thermap_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, ThermapError)
-    status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
-    headers = {"Retry-After": "5"} if status in (429, 503, 507) else None
-    detail = error.detail[:_LONGEST]
-    return problem_for(request.scope, status, title, detail, error.errors[:_SHOWN], headers)
+    return problem_of(request.scope, error)
 
 
 async def _invalid_request(request: Request, error: Exception) -> Response:

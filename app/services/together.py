@@ -30,6 +30,12 @@ class Wanted(Generic[Work]):
     end: Callable[[], None]
     error: StorageUnavailable | None = field(default=None, init=False)
 
+    def expect_database(self) -> None:
+        """Raise StorageUnavailable if the database was away."""
+        if self.error is not None:
+            # One of its own: several may have been kept from being done by the same.
+            raise type(self.error)(self.error.detail) from self.error
+
 
 class Together(Generic[Work]):
     """Gathers what is wanted while something is being done, and has it done together next.
@@ -95,8 +101,7 @@ class Together(Generic[Work]):
             self._waiting.append(wanted)
         self._work_off(wanted, do, after)
         is_done.wait()
-        if wanted.error is not None:
-            raise type(wanted.error)(wanted.error.detail) from wanted.error
+        wanted.expect_database()
 
     def _begun(
         self,

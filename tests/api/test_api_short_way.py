@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.api.schemas.compensation import CompensationAnswer
-from app.api.short_way import LARGEST_PLAIN_BODY, Answers, plain_answer
+from app.api.short_way.tables import LARGEST_PLAIN_BODY, Answers, plain_answer
 from app.live.database_watch import TroubleKind
 from tests.service_examples import client_of, furnish_database, running
 
@@ -99,7 +99,7 @@ async def test_a_model_is_not_held_by_what_is_remembered_of_it(app, both):
 
 async def test_what_is_remembered_has_a_bounded_size(app, both, monkeypatch):
     kept = Answers(100_000)
-    monkeypatch.setattr("app.api.short_way.ANSWERS", kept)
+    monkeypatch.setattr("app.api.short_way.tables.ANSWERS", kept)
     sizes = []
     for i in range(100):
         body = {"temperatures_c": PLAIN | {"spindle": 26.0 + 0.01 * i}}

@@ -54,12 +54,7 @@ def post_readings(
         done = store_readings(context, machine, [r.to_reading() for r in body])
     else:
         done = _store_one(context, machine, body)
-    return StoredReadings(
-        stored=done.stored,
-        duplicates=done.duplicates,
-        ahead=done.ahead,
-        warnings=list(done.warnings),
-    )
+    return StoredReadings.of(done)
 
 
 @router.get("", summary="List readings")

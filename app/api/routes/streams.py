@@ -13,7 +13,7 @@ from app.api.access import sees, stays_welcome
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
 from app.api.router import Router
-from app.api.short_way import WITHOUT_BODY
+from app.api.short_way.service import WITHOUT_BODY
 from app.api.streams import TABLES, TableStreams, Wanted
 
 router = Router(route_class=BodyRoute, prefix="/v1", tags=["live"])

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Final, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime, way_of
 from app.api.schemas.in_pieces import InPieces
+from app.services.readings import StoreOutcome
 from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading
 
@@ -56,7 +57,10 @@ def _no_wrapped_list(body: Any) -> Any:
     return body
 
 
-Readings = Annotated[list[ReadingSchema], InPieces(10_000)]
+MOST_READINGS: Final = 10_000
+"""In one list."""
+
+Readings = Annotated[list[ReadingSchema], InPieces(MOST_READINGS)]
 """One to 10,000 readings."""
 
 OneOrMoreReadings = Annotated[
@@ -80,6 +84,20 @@ class StoredReadings(Schema):
     warnings: list[str] = Field(
         [], description="What is to be said of them, in sentences; left out where nothing is"
     )
+
+    @classmethod
+    def of(cls, outcome: StoreOutcome) -> Self:
+        """Say what became of them."""
+        return cls(
+            stored=outcome.stored,
+            duplicates=outcome.duplicates,
+            ahead=outcome.ahead,
+            warnings=list(outcome.warnings),
+        )
+
+    def as_json(self) -> bytes:
+        """Write it without what is left out."""
+        return self.model_dump_json(exclude_defaults=True).encode()
 
 
 class WithdrawnReadingAnswer(ReadingSchema):
