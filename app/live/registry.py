@@ -98,6 +98,12 @@ class LiveMachine:
                 # Some of them may have been withdrawn since, or some of those here.
                 self.is_behind = True
 
+    def has_none_from(self, time: datetime) -> bool:
+        """Whether the database has no reading of this time or later, as far as is known here."""
+        held = self.readings.held
+        last = held.ahead[-1:] or held.used[-1:]
+        return not self.is_behind and not held.more_ahead and all(r.time < time for r in last)
+
     def advance_to(self, until: datetime) -> None:
         """Use what lay ahead and has come; if the clock was set back, leave what now lies ahead.
 

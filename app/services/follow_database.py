@@ -50,6 +50,9 @@ STOPS_WITHIN_S: Final = 0.25
 PAUSE_S: Final = 0.02
 """Least pause between two looks [s]: what is told meanwhile is looked at together."""
 
+OWN_PAUSE_S: Final = 0.005
+"""Least pause after it heard only its own news [s], of which there may be hundreds a second."""
+
 Stamp = tuple[datetime, int, int]
 """Birth, revision and withdrawals of a machine."""
 
@@ -256,6 +259,7 @@ class DatabaseFollower:
                     log.info("%s; listens again", error.detail)
                     return
                 if not news:
+                    self._stop.wait(OWN_PAUSE_S)
                     continue
                 answered = self.look(news)
                 self._stop.wait(PAUSE_S)

@@ -12,6 +12,8 @@ from itertools import chain
 from operator import attrgetter, lt
 from typing import Final
 
+from sqlalchemy.exc import IntegrityError
+
 from app.errors import (
     Conflict,
     FieldError,
@@ -158,8 +160,9 @@ def _store_new(
         If a machine is not what it is in memory: then neither.
     """
     now = context.now()
-    machines = {b.machine_id: context.live.get(b.machine_id) for b in batches}
-    current = {m: live.current for m, live in machines.items() if live is not None}
+    found = {b.machine_id: context.live.get(b.machine_id) for b in batches}
+    machines = {m: live for m, live in found.items() if live is not None}
+    current = {m: live.current for m, live in machines.items()}
     taken: dict[str, list[Sequence[Reading]]] = defaultdict(list)
     plain: dict[ReadingBatch, Sequence[Reading]] = {}
     for batch in batches:
@@ -171,11 +174,15 @@ def _store_new(
     wanted = {m: _in_order(chain.from_iterable(parts)) for m, parts in taken.items() if parts}
     if not wanted:
         return {}, {}
-    with readings_inserted(context.database, wanted) as held:
-        for machine_id, found in held.items():
-            if current[machine_id].stamp != (found.created_at, found.revision):
-                raise _MachineChangedError
-        stored = {b: o for b, o in plain.items() if _is_new(o, held.get(b.machine_id))}
+    are_new = all(machines[m].has_none_from(once[0].time) for m, once in wanted.items())
+    try:
+        with readings_inserted(context.database, wanted, are_new=are_new) as held:
+            for machine_id, row in held.items():
+                if current[machine_id].stamp != (row.created_at, row.revision):
+                    raise _MachineChangedError
+            stored = {b: o for b, o in plain.items() if _is_new(o, held.get(b.machine_id))}
+    except IntegrityError:
+        raise _PartlyKnownError from None  # stored elsewhere, and not heard of here yet
     until = context.usable_until()
     outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in stored.items()}
     return outcomes, {m: (wanted[m], h.added, h.withdrawals) for m, h in held.items()}

@@ -33,23 +33,35 @@ _ADDED = (
     "added AS (INSERT INTO reading (machine_id, time, temperatures_c, state, early_s) "
     "SELECT * FROM json_to_recordset(CAST(%(document)s AS json)) AS stated (machine_id varchar, "
     "time timestamptz, temperatures_c json, state json, early_s double precision) {where} "
-    "ON CONFLICT (machine_id, time) DO NOTHING RETURNING id, machine_id, time), "
+    "{unless_there} RETURNING id, machine_id, time), "
     "new AS (SELECT machine_id, array_agg(id) AS numbers, "
     "CASE WHEN sum(count(*)) OVER () < %(count)s THEN array_agg(time) END AS times "
     "FROM added GROUP BY machine_id)"
 )
+_UNLESS_THERE = "ON CONFLICT (machine_id, time) DO NOTHING"
 
-_ADD = f"WITH {_ADDED.format(where='')} SELECT machine_id, numbers, times FROM new"
-
-_HOLD_AND_ADD = (
-    "WITH held AS MATERIALIZED (SELECT id, created_at, revision, withdrawals FROM machine "
-    "WHERE id = ANY(%(ids)s) ORDER BY id FOR KEY SHARE SKIP LOCKED), "
-    f"{_ADDED.format(where='WHERE machine_id IN (SELECT id FROM held)')} "
-    "SELECT held.*, numbers, times, "
-    "CASE WHEN numbers IS NOT NULL THEN pg_notify(%(channel)s, %(told)s || id) END "
-    "FROM held LEFT JOIN new ON machine_id = id"
+_ADD = (
+    f"WITH {_ADDED.format(where='', unless_there=_UNLESS_THERE)} "
+    "SELECT machine_id, numbers, times FROM new"
 )
-"""Holds machines, adds their readings and tells the others, with one question and one answer."""
+
+
+def _hold_and_add(unless_there: str) -> str:
+    """Hold machines, add their readings and tell the others, with one question and one answer."""
+    where = "WHERE machine_id IN (SELECT id FROM held)"
+    return (
+        "WITH held AS MATERIALIZED (SELECT id, created_at, revision, withdrawals FROM machine "
+        "WHERE id = ANY(%(ids)s) ORDER BY id FOR KEY SHARE SKIP LOCKED), "
+        f"{_ADDED.format(where=where, unless_there=unless_there)} "
+        "SELECT held.*, numbers, times, "
+        "CASE WHEN numbers IS NOT NULL THEN pg_notify(%(channel)s, %(told)s || id) END "
+        "FROM held LEFT JOIN new ON machine_id = id"
+    )
+
+
+_HOLD_AND_ADD = _hold_and_add(_UNLESS_THERE)
+_HOLD_AND_ADD_NEW = _hold_and_add("")
+"""Without looking first whether they are there, which takes a sixth of the server's time."""
 
 
 class NumberedReading(NamedTuple):
@@ -117,12 +129,22 @@ def insert_readings(
 
 @contextmanager
 def readings_inserted(
-    database: Database, readings: Mapping[str, Sequence[Reading]]
+    database: Database, readings: Mapping[str, Sequence[Reading]], *, are_new: bool = False
 ) -> Iterator[dict[str, HeldMachine]]:
     """Do the same for many machines in a transaction of its own, which waits for nobody long.
 
     It is committed at the end, or rolled back whole. Machines that are not there, or that somebody
     is deleting, get nothing, and are left out of what is given.
+
+    Parameters
+    ----------
+    are_new
+        Whether all of them should be new, as far as one knows.
+
+    Raises
+    ------
+    sqlalchemy.exc.IntegrityError
+        If one of those that should be new was there: then nothing is added.
     """
     if database.is_sqlite:
         # All writers share one lock: who waits for it waits alone.
@@ -136,7 +158,9 @@ def readings_inserted(
         return
     stated = _stated(readings) | told_of(NewsKind.READINGS, database.sender)
     with database.appending() as connection:
-        held = connection.execute(_HOLD_AND_ADD, stated).fetchall()
+        held = connection.execute(
+            _HOLD_AND_ADD_NEW if are_new else _HOLD_AND_ADD, stated
+        ).fetchall()
         yield {
             m: HeldMachine(born, revision, withdrawals, _added(readings[m], numbers, times))
             for m, born, revision, withdrawals, numbers, times, _ in held
