@@ -17,6 +17,9 @@ from app.units import SECONDS_PER_MIN
 CLEARLY = 10.0
 """A movement of this many resolutions is one that a sensor must show."""
 
+BEYOND_A_STEP: Final = 1.5
+"""Changes of a sensor smaller than this many of its steps are one step."""
+
 WINDOWS = 2.0
 """A record of so many `stuck_after_s` shows a stuck sensor: half of it for the neighbours
 to move, half of it for the sensor to follow."""
@@ -159,7 +162,7 @@ def without_stuck(machine: Machine, history: TemperatureHistory) -> TemperatureH
     """Leave out of a record what proved later to have been stuck, since it stood still.
 
     At its time a value is called stuck only some while after the neighbours moved; who looks
-    back knows that it had stopped before.
+    back knows that it had stopped before, or that it went on by a single step and had not.
 
     Returns
     -------
@@ -177,9 +180,33 @@ def without_stuck(machine: Machine, history: TemperatureHistory) -> TemperatureH
             stretch = np.cumsum(np.append(True, np.diff(values[known]) != 0)) - 1
             first = np.append(True, np.diff(stretch) != 0)
             is_stuck = np.bincount(stretch, weights=stuck) > 0
+            ends = np.append(np.flatnonzero(first)[1:] - 1, len(stretch) - 1)
+            sensor, times_s = machine.sensor(name), history.times_s[known]
+            is_stuck &= [not goes_on(sensor, times_s, values[known], end) for end in ends]
             kept[known[is_stuck[stretch] & ~first]] = np.nan
         cleaned[name] = kept
     return TemperatureHistory(history.times_s, cleaned)
+
+
+def goes_on(sensor: Sensor, times_s: FloatArray, values: FloatArray, last: int) -> bool:
+    """Whether a sensor that stood still until one of its values went on from there by one step.
+
+    One that had stuck comes back to where its body is by then. A heavy body, read in coarse
+    steps, may well show one and the same value while its neighbours move.
+
+    Parameters
+    ----------
+    times_s, values
+        All that is known of it [s, °C].
+    last
+        Place of the last one of the equal values.
+    """
+    if last + 1 >= len(values) or times_s[last + 1] - times_s[last] > sensor.max_age_s:
+        return False
+    change_c = abs(values[last + 1] - values[last])
+    # Where it changed this once only, nothing but its resolution says how far one step goes.
+    step_c = min(_step_c(sensor, values[: last + 1]), _step_c(sensor, values[last + 1 :]))
+    return bool(change_c < BEYOND_A_STEP * step_c)
 
 
 def record_needed_s(sensors: Iterable[Sensor]) -> float:
@@ -325,8 +352,7 @@ def _stuck(
     stuck = np.zeros(values.shape, dtype=bool)
     if sensor.stuck_after_s is None:
         return stuck
-    steps = np.abs(np.diff(values))
-    step = max(sensor.resolution_c, steps[steps > 0].min(initial=np.inf) if steps.any() else 0.0)
+    step = _step_c(sensor, values)
     starts, ends = _runs(sensor, times, values)
     is_long = times[ends] - times[starts] >= sensor.stuck_after_s
     for first, last in zip(starts[is_long].tolist(), ends[is_long].tolist(), strict=True):
@@ -334,6 +360,12 @@ def _stuck(
         moved = _neighbours_movement(machine, sensor, history, times[first], until)
         stuck[first : last + 1] = moved >= CLEARLY * step
     return stuck
+
+
+def _step_c(sensor: Sensor, values: FloatArray) -> float:
+    """Say in what steps a sensor is read [°C]: not smaller than what it resolves."""
+    steps = np.abs(np.diff(values))
+    return max(sensor.resolution_c, steps[steps > 0].min() if steps.any() else 0.0)
 
 
 def _runs(sensor: Sensor, times: FloatArray, values: FloatArray) -> tuple[IntArray, IntArray]:

@@ -57,3 +57,14 @@ def test_another_episode_sensor_or_matter_is_found_beside_what_was_adopted():
     assert reading_faults(replace(whole, effects=(elsewhere,))).effects == (known,)
     spikes = reading_faults(replace(campaign("spikes", 0), effects=(known,)))
     assert [e.variant for e in spikes.effects] == ["spikes"]
+
+
+@pytest.mark.parametrize(("step_c", "found"), [(0.5, []), (-0.5, []), (4.0, ["stuck"])])
+def test_a_sensor_that_goes_on_by_one_of_its_steps_had_not_stopped(step_c, found):
+    whole = campaign("stuck", 1000, 1500)
+    values = whole.readings.temperatures_c[SENSOR].copy()
+    values = np.round(values * 2) / 2
+    values[1500] = values[1499] + step_c
+    others = {**whole.readings.temperatures_c, SENSOR: values}
+    record = TemperatureHistory(whole.readings.times_s, others)
+    assert [e.variant for e in reading_faults(replace(whole, readings=record)).effects] == found

@@ -328,3 +328,18 @@ def test_who_looks_back_knows_that_a_stuck_sensor_had_stopped_before():
     assert looking_back.tolist() == [i > stopped for i in range(len(readings))]
     for name in "bc":
         assert not np.isnan(without_stuck(THREE, history).temperatures_c[name]).any()
+
+
+@pytest.mark.parametrize(("next_c", "had_stopped"), [(20.5, False), (19.5, False), (25.0, True)])
+def test_a_heavy_body_read_in_half_degrees_had_not_stopped_where_it_goes_on_by_one_step(
+    next_c, had_stopped
+):
+    readings = every_ten_minutes(
+        7,
+        a=lambda h: 20.5 if h < 0.5 else 20.0 if h < 6 else next_c,
+        b=lambda h: 20.0 + 1.5 * min(h, 6.0),
+        c=lambda h: 20.0 + 1.5 * min(h, 6.0),
+    )
+    coarse = machine(Sensor("a", resolution_c=0.5), Sensor("b"), Sensor("c"))
+    looking_back = without_stuck(coarse, TemperatureHistory.of_readings("abc", readings))
+    assert np.isnan(looking_back.temperatures_c["a"]).any() == had_stopped

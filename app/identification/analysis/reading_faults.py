@@ -22,7 +22,7 @@ from app.effects.term import Term
 from app.identification.campaign import Campaign
 from app.search.noise import NORMAL
 from app.thermal.compiled_model import CompiledModel
-from app.thermal.sensor_health import CLEARLY, Health, judge_record
+from app.thermal.sensor_health import CLEARLY, Health, goes_on, judge_record
 from app.thermal.temperature_history import TemperatureHistory
 from app.units import SECONDS_PER_H
 
@@ -169,13 +169,17 @@ def _stuck(
 ) -> Sequence[tuple[Effect, str]]:
     machine = campaign.model.machine
     times_s, values = cleaned.known(sensor)
-    verdicts = judge_record(machine, machine.sensor(sensor), cleaned)
+    own = machine.sensor(sensor)
+    verdicts = judge_record(machine, own, cleaned)
     still = np.array([v is Health.STUCK for v in verdicts])
     if not still.any():
         return []
     # A run is as long as the value was the same, from before it could be called stuck.
     same = np.concatenate([[0], np.cumsum(np.diff(values) != 0)])
     runs = [np.flatnonzero(same == number) for number in np.unique(same[still])]
+    runs = [run for run in runs if not goes_on(own, times_s, values, int(run[-1]))]
+    if not runs:
+        return []
     longest = max(runs, key=lambda run: float(times_s[run[-1]] - times_s[run[0]]))
     begin_s, end_s = float(times_s[longest[0]]), float(times_s[longest[-1]])
     if end_s - begin_s <= LONG_H * SECONDS_PER_H:
