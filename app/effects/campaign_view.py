@@ -45,6 +45,9 @@ OWN_ZEROS: Final = (
 SAME: Final = 1e-9
 """A shape is constant where it changes by less than such a share of itself."""
 
+CHANGES: Final = 0.05
+"""Share of its size by which a driver must scatter about its mean to be told from a constant."""
+
 CLEARLY: Final = 3.0
 """A temperature varies where its range is above so many of the sensor's resolutions."""
 
@@ -113,6 +116,21 @@ class CampaignView:
             for name, values in sorted(self.conditions.states.items())
             if _known(values) and np.nanmax(values) > np.nanmin(values)
         )
+
+    def changes_where(self, code: str, signal: FloatArray) -> bool:
+        """Whether what drives a component at once is another in some of its rows than in others.
+
+        What is hardly ever another there is a constant of the component's own, and as well a map
+        that no longer holds, however much it changes where other components were observed.
+
+        Parameters
+        ----------
+        signal : ndarray, shape (n,)
+            For each row of the campaign, NaN where it is not known.
+        """
+        own = signal[self.projection.view(code).rows]
+        own = own[~np.isnan(own)]
+        return bool(own.size) and bool(np.var(own) > CHANGES**2 * np.mean(own**2))
 
     @cached_property
     def _has_own_zero(self) -> BoolArray:

@@ -9,6 +9,7 @@ import pytest
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Conditions, NoHistory, Signal
 from app.effects.kinds.periodic import aliases, common_step, why_no_pitch
+from app.effects.kinds.state_variable import StateVariable
 from app.effects.observations import Observation, Verification
 from app.effects.registry import KINDS, kind_of, repertoire
 from app.effects.term import term_from_json
@@ -64,6 +65,25 @@ def test_states_that_do_not_change_cannot_be_tested():
     stateless = Conditions(where.conditions.times_s, where.conditions.temperatures_c)
     bare = CampaignView(where.model, where.maps, where.rows, stateless)
     assert "needs the machine's state" in refused("state-variable", bare)[""]
+
+
+@pytest.mark.parametrize("there_rpm", [8000.0, None])
+def test_a_state_that_stood_while_a_component_was_observed_is_a_constant_of_that(there_rpm):
+    """It is as well a map that no longer holds, however the state changed elsewhere."""
+    where = example_view(verifications=observations(with_points=False))
+    rpm = where.conditions.states["spindle_rpm"].copy()
+    if there_rpm is not None:
+        rpm[where.projection.view("EYY").rows] = there_rpm
+    conditions = replace(where.conditions, states={"spindle_rpm": rpm})
+    view = CampaignView(where.model, where.maps, where.rows, conditions)
+    proposed = StateVariable().propose(view)
+    at_once = {h.components[0] for h in proposed.hypotheses if h.nonlinear is None}
+    late = {h.components[0] for h in proposed.hypotheses if h.nonlinear is not None}
+    assert "EZZ" in at_once
+    assert ("EYY" in at_once) == (there_rpm is None)
+    assert "EYY" in late
+    (still,) = proposed.not_testable
+    assert ("EYY" in still.on) == (there_rpm is not None)
 
 
 def test_without_history_nothing_is_late():

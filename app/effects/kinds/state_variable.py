@@ -17,11 +17,14 @@ from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
 from app.effects.shape import Shape
 from app.effects.term import Term
 from app.effects.words import parameter, size_along, symbol_of
+from app.errors import list_names
 from app.geometry.components import COMPONENTS
 from app.units import SECONDS_PER_MIN
 
 AT_ONCE, SQUARED = "at once", "squared at once"
 LATE, SQUARED_LATE = "late", "squared, late"
+MOST_NAMED: Final = 3
+"""So many components are named in a reason."""
 POWERS: Final = {AT_ONCE: 1, SQUARED: 2, LATE: 1, SQUARED_LATE: 2}
 
 
@@ -52,7 +55,10 @@ class StateVariable(EffectKind):
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component with every state that varied, in four forms."""
+        """Every component with every state that varied, in four forms.
+
+        At once only where it varied while that component was observed.
+        """
         found = Proposals()
         for state, values in sorted(view.conditions.states.items()):
             if state not in view.varying_states:
@@ -70,11 +76,17 @@ class StateVariable(EffectKind):
             if not grids[LATE]:
                 why = view.why_no_lag(Signal("state", state))
                 found.not_testable.append(self.refuse(f"{state}, late", why))
+            changing = [c for c in view.components if view.changes_where(c, values)]
+            if steady := [code for code in view.components if code not in changing]:
+                where = f"{state}, at once, on {list_names(steady, MOST_NAMED)}"
+                why = f"{state} did not change while this was observed, or hardly"
+                found.not_testable.append(self.refuse(where, why))
             for variant, power in POWERS.items():
                 if not (power == 2 and two_values) and grids.get(variant, (0.0,)):
                     grid = grids.get(variant, ())
                     found.hypotheses.extend(
-                        _hypothesis(view, code, state, variant, grid) for code in view.components
+                        _hypothesis(view, code, state, variant, grid)
+                        for code in (view.components if grid else changing)
                     )
         return found
 
