@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc
 
 from app.arrays import BoolArray, FloatArray
 from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
@@ -17,6 +18,12 @@ from app.search.rows import DeclaredNoise, Rows
 
 ENOUGH_REPLICATES: Final = 5
 """Degrees of freedom below which replicates say too little about the scatter."""
+
+DENIED: Final = 1.5
+"""Times the declared repeatability from which replicates deny it: less is a matter of rounding."""
+
+DENIED_BY_CHANCE: Final = 1e-3
+"""Probability that replicates which are as declared seem to deny it: there are many channels."""
 
 MOST_POOLED: Final = 20
 """So many degrees of freedom the replicates of channels that are alike count for at most."""
@@ -44,15 +51,23 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
     Returns
     -------
     Repeatability
-        Origin is `declared`, `replicates` or `residuals`.
+        Origin is `declared`, `replicates` or `residuals`. What is declared counts unless
+        replicates surely scatter by more: then it is not that of these measurements.
     """
     declared = rows.noise.get(channel, DeclaredNoise()).repeatability
-    if declared is not None:
-        return Repeatability(declared, "declared", DECLARED_WEIGHT)
     variance, freedom = pure_error(rows, channel, use)
+    if declared is not None and not _is_denied(declared, variance, freedom):
+        return Repeatability(declared, "declared", DECLARED_WEIGHT)
     if freedom >= ENOUGH_REPLICATES and variance > 0:
         return _pooled_with_alike(rows, channel, use, variance, freedom)
     return Repeatability(_within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT)
+
+
+def _is_denied(declared: float, variance: float, freedom: int) -> bool:
+    """Whether replicates scatter by more than what is declared, by a margin and surely."""
+    if freedom < ENOUGH_REPLICATES or variance <= (DENIED * declared) ** 2:
+        return False
+    return float(chdtrc(freedom, variance * freedom / declared**2)) < DENIED_BY_CHANCE
 
 
 def _pooled_with_alike(

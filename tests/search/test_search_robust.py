@@ -8,6 +8,7 @@ import pytest
 from app.errors import InvalidContent
 from app.search.candidate import Candidate, Part
 from app.search.findings import Status, Verdict
+from app.search.noise import repeatability
 from app.search.rows import Datum, DeclaredNoise, Nuisance, Rows
 from app.search.search import search
 from tests.search.search_campaigns import (
@@ -302,3 +303,17 @@ def test_zeroed_first_row_is_the_free_constant():
     zeroed = replace(campaign, rows=replace(rows, values=rows.values - rows.values[first][block]))
     assert (zeroed.rows.values[first] == 0).all()
     assert search_in(zeroed).global_p == pytest.approx(search_in(campaign).global_p)
+
+
+@pytest.mark.parametrize(("stated", "origin"), [(1.0, "declared"), (1 / 3, "replicates")])
+def test_a_repeatability_that_repeats_deny_makes_nothing_unexplained(stated, origin):
+    """Each place was measured twice, and the two differ by three times what is stated."""
+    campaign = make_campaign(65, visits=14).declaring(repeatability=stated)
+    twice = np.arange(len(campaign.rows.values)) // 2
+    rows = replace(campaign.rows, replicate=twice)
+    everything = np.ones(len(twice), dtype=bool)
+    known = repeatability(rows, 0, everything)
+    assert known.origin == origin
+    assert known.value == pytest.approx(1.0, rel=0.2)
+    found = search(rows, campaign.nuisance, make_library(campaign), holdout_fraction=0.3)
+    assert found.verdict is Verdict.NOTHING
