@@ -197,7 +197,7 @@ def make_record(
     observations: int = 24,
     **conditions: Any,
 ) -> Campaign:
-    """Simulate one continuous record: one set-up, spindle steps, the same places in each block.
+    """Simulate one continuous record: one set-up, spindle steps, a block each so many minutes.
 
     Parameters
     ----------

@@ -29,8 +29,11 @@ class Conditions:
         Size of the campaign; an observation is one component's error or one point's three. Of a
         record, `visits` counts its blocks.
     block_every_min
-        None: visits, each with a set-up of its own. Else a continuous record with one set-up, the
-        same places measured in each block, and the time from block to block [min].
+        None: visits, each with a set-up of its own. Else a continuous record with one set-up, and
+        the time from block to block [min].
+    new_places
+        Whether each block of a record has places of its own, as visits have, instead of the same
+        ones in all: at a few places what never changes there can hardly be named.
     later_visits
         Visits after all that is handed out: where a correction is judged.
     days
@@ -94,6 +97,7 @@ class Conditions:
     observations_per_visit: int = 40
     observation_interval_s: int = 20
     block_every_min: float | None = None
+    new_places: bool = False
     later_visits: int = 0
     days: int | None = None
     history_h: int = 24

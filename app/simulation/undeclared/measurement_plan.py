@@ -115,7 +115,7 @@ def plan_observations(
     rows, times, visits = [], [], []
     planned: list[_Row] = []
     for visit, start in enumerate(starts_min):
-        if not planned or not conditions.is_record:
+        if not planned or conditions.new_places or not conditions.is_record:
             planned = _visit(rng, conditions.observations_per_visit, turns)
         rows += planned
         seconds = conditions.observation_interval_s * np.arange(len(planned))

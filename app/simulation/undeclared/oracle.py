@@ -20,7 +20,12 @@ from app.simulation.undeclared.conditions import Conditions
 from app.simulation.undeclared.mapped_model import entry_weights
 from app.simulation.undeclared.maps import MeasuredMaps
 from app.simulation.undeclared.observations import Observations
-from app.simulation.undeclared.scatter import block_of_values, datum_groups, setup_shape
+from app.simulation.undeclared.scatter import (
+    GROUPS,
+    datum_groups,
+    group_of_values,
+    setup_shape,
+)
 from app.simulation.undeclared.sensors import SensorRecord
 from app.simulation.undeclared.truth import Truth
 
@@ -79,10 +84,10 @@ def fit_oracle(
     Raises
     ------
     ValueError
-        If the campaign is a record: its blocks are no visits with a set-up of their own.
+        If blocks of a record are held out: what its one set-up adds is in all of them.
     """
-    if conditions.is_record:
-        raise ValueError("expected visits with a set-up each, got a continuous record")
+    if conditions.is_record and np.size(held_out_visits):
+        raise ValueError("expected no held-out blocks of a continuous record, which is one set-up")
     sound = ~truth.scatter.is_blunder & ~truth.is_frozen
     held_out = np.isin(truth.visit, held_out_visits)
     columns = truth.contributions_um.T
@@ -150,20 +155,32 @@ def _whitened(
     conditions: Conditions,
     with_setup: bool,
 ) -> FloatArray:
-    """Divide by the scatter's standard deviation; each visit's values of a group share a set-up."""
+    """Divide by the scatter's standard deviation; values of a group share their set-up's.
+
+    That is a shift, a tilt, and what wanders while it lasts.
+    """
     noise = float(np.hypot(conditions.repeatability_um, conditions.ar1_um)) or 1.0
     if not with_setup and not _zero_by_visit(conditions):
         return rows / noise
     shift = conditions.setup_shift_um if with_setup else 0.0
     tilt = conditions.setup_tilt_um if with_setup else 0.0
+    wander_um = conditions.wander_um if with_setup else 0.0
+    wander_tilt_um = conditions.wander_tilt_um if with_setup else 0.0
     if _zero_by_visit(conditions):
         shift = UNKNOWN_ZERO_UM
-    block = block_of_values(observations)[chosen]
-    shape = np.hstack([np.ones((block.size, 1)) * shift, tilt * setup_shape(observations)[chosen]])
+    setup = conditions.setup_of(observations.value_visit)
+    block = (setup * len(GROUPS) + group_of_values(observations))[chosen]
+    along = setup_shape(observations)[chosen]
+    shape = np.hstack([np.full((block.size, 1), shift), tilt * along])
+    wander = np.hstack([np.full((block.size, 1), wander_um), wander_tilt_um * along])
+    at_min = observations.time_min[observations.of_value][chosen]
     order = np.argsort(block, kind="stable")
     found = np.empty(rows.shape)
     for here in np.split(order, np.flatnonzero(np.diff(block[order])) + 1):
         covariance = noise**2 * np.eye(here.size) + shape[here] @ shape[here].T
+        apart_min = np.abs(at_min[here, None] - at_min[here])
+        together = np.exp(-apart_min / conditions.wander_min)
+        covariance += together * (wander[here] @ wander[here].T)
         found[here] = np.linalg.solve(np.linalg.cholesky(covariance), rows[here])
     return found
 

@@ -32,6 +32,17 @@ def test_a_record_measures_the_same_places_in_every_block_with_one_set_up():
     assert setup.std() > 0.1
 
 
+def test_a_record_may_measure_other_places_in_every_block():
+    record = make_record(3, hours=5, new_places=True)
+    asked = record.truth.observations
+    codes = set(asked.component[~asked.is_point].tolist())
+    of_one = asked[asked.visit == 0]
+    assert len(codes) > 3 * len(np.unique(of_one.component[~of_one.is_point]))
+    places = asked.point_mm[asked.is_point]
+    assert len(np.unique(places, axis=0)) > 5 * len(np.unique(of_one.point_mm, axis=0)) / 2
+    assert len(record.verifications) == 1
+
+
 def test_a_record_runs_spindle_steps_on_a_machine_that_was_off():
     record = make_record(3, hours=30, every_min=5, observations=2)
     begins, ends = record.truth.observations.time_min[[0, -1]]
@@ -233,9 +244,20 @@ def test_visits_too_have_a_later_truth_that_is_not_handed_out():
     assert make_campaign(5, "backlash", visits=8, days=4).later.left_um() == 0.0
 
 
+@pytest.mark.parametrize("conditions", [{}, {"wander_um": 1.0, "wander_min": 30.0}])
+def test_the_oracle_knows_that_a_record_is_one_set_up(conditions):
+    """Blocks that were set-ups of their own would tell a constant fifteen times as well."""
+    record = make_record(5, "backlash:constant", hours=5, setup_shift_um=3.0, **conditions)
+    fit = record.oracle([])
+    assert fit.amplitudes == pytest.approx([1.0], abs=4.0 * fit.standard_errors[0])
+    far = make_record(5, "outdated-map:slope", hours=5, setup_tilt_um=5.0, **conditions)
+    near = make_record(5, "outdated-map:slope", hours=5, setup_tilt_um=0.0, **conditions)
+    assert far.oracle([]).standard_errors[0] > 3.0 * near.oracle([]).standard_errors[0]
+
+
 def test_a_record_is_no_row_of_visits_for_an_oracle():
     record = make_record(5, "backlash", hours=5, later_visits=4)
-    with pytest.raises(ValueError, match="got a continuous record"):
+    with pytest.raises(ValueError, match="of a continuous record, which is one set-up"):
         record.oracle([1])
     files = campaign_files(record)
     truth = json.loads(json.dumps(files["truth.json"], allow_nan=False))
