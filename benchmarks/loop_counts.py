@@ -29,8 +29,10 @@ from typing import Any, Final
 
 import httpx
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import beta
 
+from app.arrays import FloatArray
 from app.main import create_app
 from app.settings import Settings
 from app.simulation.undeclared import UNKNOWN, make_campaign, make_record
@@ -94,6 +96,9 @@ UNKIND: Final[Mapping[str, Mapping[str, Any]]] = {
     "outliers": {"outliers": 0.02, "state_repeatability": False},
     "zeroed at the first": {"datum": "first"},
 }
+OF_RECORDS: Final[Mapping[str, Mapping[str, Any]]] = {"new places": {"new_places": True}}
+"""Each block at places of its own, as visits are."""
+
 BY_INSTRUMENT: Final = {
     "laser warms up": frozenset({"instrument-warm-up"}),
     "instrument drifts": frozenset({"instrument-warm-up", "drift"}),
@@ -125,7 +130,7 @@ class Task:
     def made(self) -> Campaign:
         """Simulate it, of the project's own simulator."""
         planted = [self.planted] if self.planted else []
-        stated = {"later_visits": 20, **UNKIND[self.condition]}
+        stated = {"later_visits": 20, **{**UNKIND, **OF_RECORDS}[self.condition]}
         if self.hours is not None:
             stated = {k: v for k, v in stated.items() if k not in OF_VISITS}
             return make_record(self.seed, planted, self.amplitude, hours=self.hours, **stated)
@@ -135,7 +140,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Sent:
-    """What a task sends, and what is true."""
+    """What a task sends, and what is true.
+
+    `perfect_left` is what a perfect correction leaves of each later value; None: not known.
+    """
 
     machine: dict[str, Any]
     error_maps: list[dict[str, Any]]
@@ -143,6 +151,7 @@ class Sent:
     readings: list[dict[str, Any]]
     verifications: list[dict[str, Any]]
     later: dict[str, Any]
+    perfect_left: FloatArray | None = None
 
 
 def tasks_of(asked: argparse.Namespace) -> Iterator[Task]:
@@ -165,7 +174,8 @@ def _visits(asked: argparse.Namespace) -> Iterator[Task]:
 def _record(asked: argparse.Namespace) -> Iterator[Task]:
     for seed in _seeds(asked):
         for n, name in enumerate((*PLANTED, *IN_RECORD)):
-            yield Task("record", 100 * seed + 50 + n, "white", name, hours=asked.hours)
+            for condition in ("white", *OF_RECORDS):
+                yield Task("record", 100 * seed + 50 + n, condition, name, hours=asked.hours)
 
 
 def _nothing(asked: argparse.Namespace) -> Iterator[Task]:
@@ -235,7 +245,7 @@ def run(task: Task) -> dict[str, Any]:
 
 
 async def _run(task: Task, folder: Path) -> dict[str, Any]:
-    sent, truth, floor_um, oracle_um = _sent(task)
+    sent, truth, oracle_um = _sent(task)
     service = create_app(Settings(database_url=f"sqlite:///{folder / 'counts.db'}"))
     transport = httpx.ASGITransport(app=service)
     machine = sent.machine["id"]
@@ -269,6 +279,7 @@ async def _run(task: Task, folder: Path) -> dict[str, Any]:
             before, after = [
                 await _left_um(thermap, machine, later, version) for version in (first, last)
             ]
+            learnt = await _left_where_learnt(thermap, sent, last)
     finally:
         service.state.runner.stop()
         service.state.context.database.close()
@@ -279,8 +290,9 @@ async def _run(task: Task, folder: Path) -> dict[str, Any]:
         "refused": refused,
         "before_um": before,
         "after_um": after,
-        "floor_um": floor_um,
+        "floor_um": None if sent.perfect_left is None else _rms(sent.perfect_left),
         "oracle_um": oracle_um,
+        "where_learnt": learnt,
         "seconds": seconds,
     }
 
@@ -299,8 +311,8 @@ def _time(stated: str | datetime) -> datetime:
     return stated if isinstance(stated, datetime) else datetime.fromisoformat(stated)
 
 
-def _sent(task: Task) -> tuple[Sent, list[dict[str, Any]], float | None, float | None]:
-    """Make what is sent, the truth, and later errors of a perfect correction and of an oracle."""
+def _sent(task: Task) -> tuple[Sent, list[dict[str, Any]], float | None]:
+    """Make what is sent, the truth, and the later error of an oracle."""
     if task.section == "outside":
         outside = make_outside(task.seed, task.planted, task.visits)
         sent = Sent(
@@ -312,7 +324,7 @@ def _sent(task: Task) -> tuple[Sent, list[dict[str, Any]], float | None, float |
             outside.later,
         )
         right = {"kinds": sorted(outside.right), "components": sorted(outside.components)}
-        return sent, [right], None, None
+        return sent, [right], None
     made = task.made()
     effects = [dict(effect) for effect in made.truth.effects]
     asked, at = [], 0
@@ -323,14 +335,21 @@ def _sent(task: Task) -> tuple[Sent, list[dict[str, Any]], float | None, float |
         at += size
     known = set(made.maps.codes) if hasattr(made.maps, "codes") else set(COMPONENTS)
     assignment = {code: COMPONENTS[code].sensor for code in COMPONENTS if code in known}
-    floor = made.later.error_um(made.later.contribution_um)
     oracle = None
-    if not made.conditions.is_record and len(effects) == 1:
+    if len(effects) == 1:
         share = float(made.oracle([]).amplitudes[0])
         oracle = made.later.error_um(share * made.later.contribution_um)
     later = {"label": "later", "datum": "absolute", "observations": asked}
-    sent = Sent(made.machine, made.error_maps, assignment, made.readings, made.verifications, later)
-    return sent, effects, floor, oracle
+    sent = Sent(
+        made.machine,
+        made.error_maps,
+        assignment,
+        made.readings,
+        made.verifications,
+        later,
+        made.later.true_um - made.later.predicted_um - made.later.contribution_um,
+    )
+    return sent, effects, oracle
 
 
 async def _furnish(thermap: AsyncThermapClient, sent: Sent) -> None:
@@ -366,8 +385,39 @@ async def _left_um(
     answer = await thermap.verification_residuals(
         machine, later, model_version=version, rows=AT_ONCE
     )
-    left = np.array([row.measured - row.predicted for row in answer.rows])
-    return float(np.sqrt(np.mean(left**2)))
+    return _rms([row.measured - row.predicted for row in answer.rows])
+
+
+async def _left_where_learnt(
+    thermap: AsyncThermapClient, sent: Sent, version: int | None
+) -> dict[str, float] | None:
+    """Say the same of those later values alone at which no effect is held.
+
+    Elsewhere the service itself says that the effect stays what it was at the edge of what it was
+    learnt in. `share` is how many of all values they are, `floor_um` what a perfect correction
+    leaves of them.
+    """
+    if sent.perfect_left is None:
+        return None
+    asked = [{k: v for k, v in o.items() if k != "measured_um"} for o in sent.later["observations"]]
+    answer = await thermap.predict(sent.machine["id"], asked, version)
+    true = [np.atleast_1d(one["measured_um"]) for one in sent.later["observations"]]
+    is_learnt = np.repeat([said != "held" for said in answer.status], [one.size for one in true])
+    said = [
+        np.full(one.size, np.nan) if values is None else np.atleast_1d(values)
+        for one, values in zip(true, answer.predicted_um, strict=True)
+    ]
+    left = np.concatenate(true) - np.concatenate(said)
+    is_learnt &= np.isfinite(left)
+    return {
+        "share": float(is_learnt.mean()),
+        "after_um": _rms(left[is_learnt]),
+        "floor_um": _rms(sent.perfect_left[is_learnt]),
+    }
+
+
+def _rms(values: ArrayLike) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _told(effect: Any) -> dict[str, Any]:
