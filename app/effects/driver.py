@@ -56,6 +56,14 @@ class Driver(ABC):
         """What it is where that is more than one signal as it is now; else None."""
         return None
 
+    def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
+        """Widen the range of its values in which it was learnt by what the maps know of it."""
+        return learnt
+
+    def until_maps(self, learnt_c: tuple[float, float]) -> tuple[float, float]:
+        """Widen the range of its sensor's temperature likewise [°C]."""
+        return learnt_c
+
     def why_missing(self, conditions: Conditions) -> str:
         """Say which condition is missing where the driver is NaN."""
         for signal, tau_s in self.signals:
@@ -71,6 +79,10 @@ def _read(conditions: Conditions, sensor: str, time_constant_s: float | None) ->
     if time_constant_s is None:
         return conditions.temperature(sensor)
     return conditions.lagged(Signal("temperature", sensor), time_constant_s)
+
+
+def _with_zero(learnt: tuple[float, float]) -> tuple[float, float]:
+    return min(learnt[0], 0.0), max(learnt[1], 0.0)
 
 
 def _late(time_constant_s: float | None) -> str:
@@ -133,6 +145,10 @@ class Behind(Driver):
         """The sensor now, and its past."""
         signal = Signal("temperature", self.sensor)
         return ((signal, None), (signal, self.time_constant_s))
+
+    def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
+        """Include 0: in balance the maps are right."""
+        return _with_zero(learnt)
 
     @property
     def quantity(self) -> Quantity:
@@ -219,6 +235,10 @@ class BeyondMaps(Driver):
         late = ((name, self.time_constant_s) for name in (self.sensor, self.minus) if name)
         return tuple((Signal("temperature", name), tau) for name, tau in (*late, (self.own, None)))
 
+    def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
+        """Include 0: there the maps are right."""
+        return _with_zero(learnt)
+
     @property
     def quantity(self) -> Quantity:
         """How far from the maps."""
@@ -258,6 +278,21 @@ class Curvature(Driver):
         lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
         found: FloatArray = (t - scale[lower]) * (t - scale[lower + 1])
         return found
+
+    def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
+        """Include 0, which it is at every map."""
+        return _with_zero(learnt)
+
+    def until_maps(self, learnt_c: tuple[float, float]) -> tuple[float, float]:
+        """Reach to the next map on either side: it is 0 there, as every map is right.
+
+        Held at the edge of the observations, it would add to a map what is nowhere larger than
+        half way to it.
+        """
+        low, high = learnt_c
+        below = [t for t in self.temperatures_c if t <= low]
+        above = [t for t in self.temperatures_c if t >= high]
+        return max(below, default=low), min(above, default=high)
 
     @property
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:

@@ -28,7 +28,7 @@ from app.effects.driver import (
 from app.effects.effect import Effect, effect_from_json
 from app.effects.low_pass import Hold, LagState
 from app.effects.projection import sum_of_terms
-from app.effects.shape import Everywhere, Exchange, Rising, Sensitivity, Wave
+from app.effects.shape import Everywhere, Exchange, Places, Rising, Sensitivity, Wave
 from app.effects.term import Term
 from app.effects.valid import DRIVER_MARGIN, POSITION_MARGIN, Valid, valid_from_json
 from app.errors import OutsideMaps
@@ -344,6 +344,49 @@ def test_ranges_are_those_of_the_rows_that_were_used_and_of_no_others():
     assert found.positions_mm.get(code, (0.0, 0.0)) == (
         (at.min(), at.max()) if np.isfinite(at).all() else (0.0, 0.0)
     )
+
+
+def rows_with(effect, keep):
+    """Say which of the example's rows of an effect's component satisfy something."""
+    own = example()
+    view = own.projection.view(effect.components[0])
+    use = np.zeros(len(own.rows), dtype=bool)
+    use[view.rows[keep(view.conditions)]] = True
+    return use
+
+
+@pytest.mark.parametrize("variant", ["between maps", "over all maps"])
+def test_a_curvature_that_was_learnt_half_way_ends_at_the_next_map(variant):
+    """Held where it was largest, it would be added to the map itself, which is right."""
+    own = example()
+    effect = fitted(f"temperature-curvature|{variant}")
+    (sensor,) = effect.sensors
+    scale = np.array(effect.terms[0].driver.temperatures_c)
+    middle = float(scale[:2].mean())
+    use = rows_with(effect, lambda at: np.abs(at.temperature(sensor) - middle) < 1.0)
+    found = with_ranges(effect, own.projection, use)
+    low, high = found.valid.temperatures_c[sensor]
+    seen_c = own.projection.conditions.temperature(sensor)[use]
+    assert (low, high) == (scale[0], scale[1 if variant == "between maps" else -1])
+    assert low < seen_c.min()
+    assert seen_c.max() < high
+    term = found.terms[0]
+    for t, is_there in ((low, False), (low - 5.0, False), (float(np.median(seen_c)), True)):
+        moment = Conditions(np.array([START_S]), {sensor: np.array([t])})
+        values = term.at(own.model, Places(np.array([100.0]), np.zeros(1)), moment, found.valid)
+        assert bool(abs(values[0]) > 1e-9) is is_there
+
+
+@pytest.mark.parametrize("kind", ["thermal-lag", "additional-sensor|beyond the maps"])
+def test_what_is_zero_where_the_maps_are_right_is_not_held_away_from_it(kind):
+    own = example()
+    (each,) = [one for one in EACH if one == kind or one.startswith(f"{kind}|")][:1]
+    effect = fitted(each)
+    driver = effect.terms[0].driver
+    use = rows_with(effect, lambda at: driver.at(at) > 0.1)
+    low, high = with_ranges(effect, own.projection, use).terms[0].learnt
+    assert low == 0.0
+    assert high > 0.1
 
 
 RANGED = {

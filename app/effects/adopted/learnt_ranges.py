@@ -52,12 +52,13 @@ def with_ranges(effect: Effect, projection: Projection, use: BoolArray) -> Effec
     ]
     sensors = {s.name for s in signals if s.kind == "temperature"}
     sensors |= {s for term in effect.terms for s in term.sensors_of_tables(projection.model)}
+    temperatures_c = _ranges(
+        {s: [v.conditions.temperature(s) for v in views.values()] for s in sorted(sensors)}
+    )
     valid = Valid(
         from_s=float(times_s.min()),
         to_s=float(times_s.max()),
-        temperatures_c=_ranges(
-            {s: [v.conditions.temperature(s) for v in views.values()] for s in sorted(sensors)}
-        ),
+        temperatures_c=temperatures_c | _until_maps(effect, temperatures_c),
         state=_ranges(
             {
                 s.name: [v.conditions.state(s.name) for v in views.values()]
@@ -208,7 +209,19 @@ def _used(view: View, use: BoolArray) -> View:
 def _with_range(term: Term, view: View | None) -> Term:
     if view is None or not term.driver.signals or term.driver.holds_itself:
         return term
-    return replace(term, learnt=range_of(term.driver.at(view.conditions)))
+    learnt = range_of(term.driver.at(view.conditions))
+    return replace(term, learnt=None if learnt is None else term.driver.with_maps(learnt))
+
+
+def _until_maps(effect: Effect, learnt_c: Mapping[str, Range]) -> dict[str, Range]:
+    """Widen temperatures to those of maps at which a term is known to be zero."""
+    return {
+        signal.name: term.driver.until_maps(learnt_c[signal.name])
+        for term in effect.terms
+        if term.driver.is_held_by_signal
+        for signal, _ in term.driver.signals
+        if signal.kind == "temperature" and signal.name in learnt_c
+    }
 
 
 def _ranges(values: Mapping[str, Sequence[FloatArray]]) -> dict[str, Range]:
