@@ -19,7 +19,7 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.findings import Rival, Slope, Status
 from app.search.foresight import Learned, calibration_slope, learn
 from app.search.library import Library
-from app.search.problem import Term
+from app.search.problem import Problem, Term
 from app.search.selection import Selection, Selector, given_states
 from app.search.splits import Splits
 
@@ -31,6 +31,9 @@ AROUND_ONE: Final = 3.0
 
 LEAST_RATIO: Final = 10.0
 """Likelihood ratio on all visits below which no fold would choose an entry."""
+
+ALIKE: Final = 1e-9
+"""Share of themselves by which columns that are the same differ."""
 
 OFTEN_FOUND: Final = 0.5
 ON_FEW_VISITS: Final = 0.8
@@ -159,8 +162,11 @@ def validate(
     for fold in range(splits.folds):
         step(fold / (splits.folds + 1))
         held = splits.fold(fold)
-        learned = _learned(library, splits.teaching(fold), main, allowed)
-        for number, match in enumerate(_matches(learned.terms, main.terms, rivals)):
+        teaching = splits.teaching(fold)
+        learned = _learned(library, teaching, main, allowed)
+        matches = _matches(learned.terms, main.terms, rivals)
+        learned = _as_all_say(library.problem, learned, matches, main.terms, teaching)
+        for number, match in enumerate(matches):
             if match is not None:
                 slope = calibration_slope(library.problem, learned, match, held)
                 found.slopes[number].append(slope)
@@ -241,6 +247,32 @@ def _learned(library: Library, train: BoolArray, main: Selection, allowed: BoolA
     selector = Selector(library, train, allowed, 0.0, count, known)
     terms = selector.select(None, main.stages).terms
     return learn(selector.states, terms)
+
+
+def _as_all_say(
+    problem: Problem,
+    learned: Learned,
+    matches: Sequence[int | None],
+    wanted: Sequence[Term],
+    train: BoolArray,
+) -> Learned:
+    """Take of all visits which of the nonlinear parameters it is that some cannot tell apart.
+
+    Of a change that came while nobody taught, every moment in between is as good: when it came is
+    nothing that could be foretold, and at another moment its size could not be seen.
+    """
+    terms = list(learned.terms)
+    for term, match in zip(wanted, matches, strict=True):
+        if match is None or terms[match].candidate.key != term.candidate.key:
+            continue
+        known = {c: term.columns[c] * term.norms for c in term.columns}
+        own = {c: terms[match].columns[c] * terms[match].norms for c in term.columns}
+        taught = {c: problem.fixed[c].channel for c in term.columns}
+        rows = {c: train[channel.cells][channel.block] for c, channel in taught.items()}
+        if all(np.allclose(known[c][rows[c]], own[c][rows[c]], rtol=ALIKE, atol=0.0) for c in own):
+            columns = {c: known[c] / terms[match].norms for c in known}
+            terms[match] = replace(terms[match], theta=term.theta, columns=columns, _moments={})
+    return replace(learned, terms=terms)
 
 
 def _open(learned: Learned) -> dict[int, FloatArray]:

@@ -263,3 +263,26 @@ def test_the_floor_of_a_single_setup_is_what_moves_within_it():
         assert 1.0 < held.floor < 2.5, number
         assert held.after.rms < 1.3 * held.floor, number
     assert found.verdict is Verdict.NOTHING
+
+
+@pytest.mark.slow
+def test_a_change_in_what_was_held_out_is_as_large_as_what_was_foretold():
+    """Who has not seen the middle of the record cannot say when in it something changed."""
+    record, at_min = Record(9, hours=12, wander=0.0), 330.0
+    gains = np.array([2.0, -1.5, 1.0, 2.5])[record.channel]
+    effect = 3.0 * gains * (record.when > at_min)
+
+    def columns(theta):
+        after = (record.when > theta) * gains
+        here = [np.flatnonzero(record.channel == c) for c in range(Record.CHANNELS)]
+        return [Part(c, own, after[own, None]) for c, own in enumerate(here)]
+
+    moments = tuple((np.unique(record.when)[2:-2] - 10.0).tolist())
+    bounds = (moments[0], moments[-1])
+    change = Candidate("change", "change", columns, moments, bounds, log_scale=False, trending=True)
+    found = search(record.rows(effect), [], [*record.library(), change], holdout_fraction=0.3)
+    (term,) = found.terms
+    assert term.key == "change"
+    assert abs(term.theta - at_min) <= 10.0
+    assert term.slope.value == pytest.approx(1.0, abs=3.0 * term.slope.error)
+    assert term.slope.error < 0.1
