@@ -40,6 +40,7 @@ class Origin:
     model_version: int
     computed_at: datetime
     temperatures_c: Mapping[str, float]
+    axes: Sequence[str] = LINEAR_LETTERS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,8 +99,9 @@ class ErrorTable:
         ranges = {a: found for a in machine.chain.axes if (found := _range(machine, components, a))}
         curves = {one.component.code: _curve(one, ranges) for one in components}
         used = {s.sensor: s.temperature_c for s in table.states}
+        whose = (machine.id, machine.name, table.model_version, table.computed_at, used)
         return cls(
-            origin=Origin(machine.id, machine.name, table.model_version, table.computed_at, used),
+            origin=Origin(*whose, axes=tuple(machine.chain.axes)),
             curves=curves,
             statuses={one.component.code: str(one.basis.status) for one in components},
             ranges_mm=ranges,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -221,6 +222,7 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
             f"the sign is not verified for {controller.title}: the values are stated as {stated}. "
             "Make one move of the check table before parts are made",
         )
+    warnings += _counted_with_absent_axes(controller, rendered.held, table, options)
     files = [*rendered.files, _check_file(controller, table, options, checks, not_held)]
     return Export(
         files=files,
@@ -230,6 +232,33 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
         warnings=warnings,
         held=rendered.held,
     )
+
+
+def _counted_with_absent_axes(
+    controller: Format, held: Sequence[Curve], table: ErrorTable, options: Options
+) -> list[str]:
+    """Warn where an axis has the number of a three-axis machine, and this one has fewer.
+
+    A lathe's Z is LinuxCNC's joint 1 as a rule, and AX2 at Siemens: a file for joint 2 would be
+    passed over without a word, one for AX3 would be the spindle's.
+    """
+    if not options.numbering or options.numbering in options.model_fields_set:
+        return []
+    numbers: Mapping[str, int | str] = getattr(options, options.numbering)
+    own = [axis for axis in numbers if axis in table.origin.axes]
+    absent = [axis for axis in numbers if axis not in own]
+    used = {str(one.component.axis) for one in held}
+    shifted = [axis for axis in own if axis in used and any(gap < axis for gap in absent)]
+    if not shifted:
+        return []
+    written = list_names([f"{axis.upper()} as {numbers[axis]}" for axis in shifted])
+    first = dict(zip(own, numbers.values(), strict=False))
+    return [
+        f"the machine has no {list_names([axis.upper() for axis in absent])}, and {written} is "
+        f"written, as on a machine with X, Y and Z. Where {controller.title} counts only the axes "
+        f"that there are, state {options.numbering}={json.dumps(first)}: under a wrong number an "
+        "axis is not compensated, or another one is"
+    ]
 
 
 def _in_directions(controller: Format, table: ErrorTable) -> ErrorTable:

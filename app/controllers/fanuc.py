@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 from pydantic import Field
@@ -66,6 +66,8 @@ _SINGLE: Final = {
 
 class FanucOptions(SignedOptions, ReferenceOptions):
     """Options of Fanuc's tables."""
+
+    numbering: ClassVar[str] = "numbers"
 
     numbers: dict[Axis, Annotated[Count, Field(ge=1, le=32)]] = Field(
         default_factory=lambda: {"x": 1, "y": 2, "z": 3}, description="Number of each axis"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -42,6 +42,9 @@ class Options(BaseModel):
     """What every format can be told."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    numbering: ClassVar[str] = ""
+    """The option that gives each axis the controller's number, by default that of three axes."""
 
     components: Annotated[list[str], Field(max_length=100)] | None = Field(
         None, description="Codes of the components to write; every one that the format holds"

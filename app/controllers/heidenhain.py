@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
 from pydantic import Field
@@ -58,6 +58,8 @@ _NUMBER: Final = re.compile(r"\d{1,2}", re.ASCII)
 
 class HeidenhainOptions(SignedOptions):
     """Options of Heidenhain's tables."""
+
+    numbering: ClassVar[str] = "columns"
 
     name: Label = Field("thermap", description="What the files' names begin with")
     columns: dict[Axis, Annotated[Count, Field(ge=1, le=9)]] = Field(

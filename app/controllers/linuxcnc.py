@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -54,6 +54,8 @@ _SETTING: Final = re.compile(r"(COMP_FILE|COMP_FILE_TYPE)\s*=\s*(\S+)", re.IGNOR
 
 class LinuxCncOptions(Options):
     """Options of LinuxCNC."""
+
+    numbering: ClassVar[str] = "joints"
 
     type: Literal[0, 1] = Field(
         1,

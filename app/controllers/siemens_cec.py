@@ -8,7 +8,7 @@ stood there before.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from pydantic import Field
 
@@ -54,6 +54,8 @@ _KNOWN: Final = frozenset(
 
 class CecOptions(SignedOptions):
     """Options of CEC tables."""
+
+    numbering: ClassVar[str] = "axes"
 
     axes: dict[Axis, Label] = Field(
         default_factory=lambda: {"x": "AX1", "y": "AX2", "z": "AX3"},

@@ -1,5 +1,6 @@
 """What an export says beside its files, comparing, and temperature bands."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -55,6 +56,40 @@ def test_linuxcnc_holds_the_own_axis_alone():
         ("+", pytest.approx(-8.0)),
         ("-", pytest.approx(-6.0)),
     ]
+
+
+NUMBERED = [
+    ("linuxcnc", "Z as 2", 'joints={"x": 0, "z": 1}', {"joints": {"x": 0, "z": 1}}),
+    ("siemens-cec", "Z as AX3", 'axes={"x": "AX1", "z": "AX2"}', {"axes": {"x": "A1", "z": "A2"}}),
+    ("fanuc", "Z as 3", 'numbers={"x": 1, "z": 2}', {"numbers": {"x": 1, "z": 3}}),
+    ("heidenhain", "Z as 3", 'columns={"x": 1, "z": 2}', {"columns": {"x": 1, "z": 2}}),
+]
+
+
+@pytest.mark.parametrize(("name", "written", "stated", "options"), NUMBERED)
+def test_a_lathes_z_is_not_numbered_as_the_third_axis_without_a_word(
+    name, written, stated, options
+):
+    z = curve("EZZ", [-300.0, -150.0, 0.0], [-9.0, -4.0, 0.0])
+    mill = error_table(z)
+    lathe = replace(mill, origin=replace(mill.origin, axes=("z", "x")))
+
+    def told(table, **more):
+        found = export(format_named(name), table, options_for(name, **more))
+        return [w for w in found.warnings if "the machine has no Y" in w]
+
+    (warning,) = told(lathe)
+    assert written in warning
+    assert stated in warning
+    assert told(mill) == []
+    assert told(lathe, **options) == []
+
+
+def test_an_axis_before_the_absent_one_needs_no_word():
+    x = error_table(curve("EXX", [0.0, 100.0, 200.0], [0.0, 3.0, 8.0]))
+    lathe = replace(x, origin=replace(x.origin, axes=("z", "x")))
+    found = export(format_named("linuxcnc"), lathe, options_for("linuxcnc"))
+    assert not any("the machine has no" in w for w in found.warnings)
 
 
 def test_squareness_is_folded_into_straightness_over_the_whole_axis():
