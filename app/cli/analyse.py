@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications
 from app.cli.analyse_view import analysis_view, plan_view
+from app.cli.answers import shell_words
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
 from app.cli.import_checks import naming
 from app.cli.models import preview_lines, waiting_lines
@@ -204,8 +205,8 @@ def _naming_what_is_stored(machine: str, stored: Sequence[int]) -> Iterator[None
     except (ThermapError, ThermapClientError):
         if stored:
             typer.echo(
-                f"stored, and not removed: verification {list_names(map(str, stored))}; `thermap "
-                f"verifications delete {stored[-1]} --machine {machine}` deletes one",
+                f"verification {list_names(map(str, stored))} stays stored; "
+                f"`thermap verifications delete {stored[-1]} --machine {machine}` deletes it",
                 err=True,
             )
         raise
@@ -346,9 +347,10 @@ def _why_lacking(
     reasons = []
     if without:
         sensors = [sensor.name for sensor in thermap.machine(machine).sensors]
+        first = shell_words([f"{without[0]}={sensors[0] if sensors else 'SENSOR'}"])
         reasons.append(
             f"no sensor is assigned to {list_names(without)}, of {list_names(sensors)}; "
-            f"`thermap sensors assign {without[0]}={sensors[0] if sensors else 'SENSOR'} … "
+            f"`thermap sensors assign {first} … "
             f"--machine {machine}` assigns them, `thermap sensors correlate --machine {machine}` "
             "proposes which"
         )

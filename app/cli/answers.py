@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, TypeVar
 
@@ -55,6 +55,15 @@ def show_of_machine(
     """
     with connect(url) as thermap:
         show(thermap, ask(chosen_machine(thermap, machine)), view, json=json)
+
+
+def shell_words(words: Iterable[str]) -> str:
+    """Write words as a shell takes them, in the quotes that every system's shell knows.
+
+    >>> shell_words(["EXX=x-middle", "EZZ=T1 bed"])
+    'EXX=x-middle "EZZ=T1 bed"'
+    """
+    return " ".join(f'"{word}"' if " " in word else word for word in words)
 
 
 def show_view(view: RenderableType) -> None:

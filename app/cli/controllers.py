@@ -294,7 +294,8 @@ def export_view(found: ExportAnswer) -> RenderableType:
     )
     parts: list[RenderableType] = [Text(head)]
     if found.check:
-        parts.append(_checks(found.check))
+        parts += [Text("\nCheck after loading: a move, and how much further than before it ends"),
+                  _checks(found.check), Text()]  # fmt: skip
     for band in found.bands or []:
         ends = ", ".join(f"{s} {band.from_c[s]:.2f} to {t:.2f}" for s, t in band.to_c.items())
         parts += [Text(f"{band.folder}: {ends} °C"), _checks(band.check)]
@@ -313,15 +314,16 @@ def export_view(found: ExportAnswer) -> RenderableType:
 
 def _checks(checks: Iterable[CheckAnswer]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("after loading", "at [mm]", "coming", "then", "moves by [µm]"):
+    for heading in ("axis", "to [mm]", "direction", "moves", "by [µm]", "shows"):
         table.add_column(heading, justify="right" if "[" in heading else "left")
     for one in checks:
         table.add_row(
-            f"{one.component}: {one.axis}",
+            one.axis.upper(),
             f"{one.position_mm:g}",
             one.direction,
-            one.moved_axis,
+            one.moved_axis.upper(),
             f"{one.expected_movement_um:+.2f}",
+            one.component,
         )
     return table
 
@@ -337,7 +339,7 @@ def compare_view(found: CompareAnswer) -> RenderableType:
     """Lay out a comparison for a terminal."""
     head = f"{found.machine}, model version {found.model_version}: held minus wanted"
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("component", "largest", "RMS", "at [mm]", "coming", ""):
+    for heading in ("component", "largest", "RMS", "at [mm]", "direction", ""):
         numbers = heading in ("largest", "RMS", "at [mm]")
         table.add_column(heading, justify="right" if numbers else "left")
     for one in found.components:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from app.api.files.csv_comments import Stated
+from app.cli.answers import shell_words
 from app.cli.models import preview_lines, waiting_lines
 from app.errors import Conflict, ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER, parse_component
@@ -133,14 +134,12 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
                 f"{file}: it is not known by how much tables would change ({preview.not_compared})"
             )
         became = (
-            "its model version would be active at once"
+            "would be active at once"
             if preview.activated
-            else "its model version would wait, and tables stay as they are"
+            else "would wait, and tables would stay as they are"
         )
         typer.echo(
-            f"{file}: {preview.reason}: {became}; nothing was stored".replace(
-                " stored:", " not stored:"
-            )
+            f"{file}: a preview, nothing was stored; the model version that this map makes {became}"
         )
 
 
@@ -205,13 +204,13 @@ def note_unassigned_components(
         if sensor
     )
     sensors = list(described.sensors)
-    first = sensors[0] if sensors else "SENSOR"
+    first = shell_words([f"{without[0]}={sensors[0] if sensors else 'SENSOR'}"])
     typer.echo(
         f"note: no sensor is assigned to {list_names(without)}: tables will not have them, and "
         "nothing can be compared with them. Machine "
         f"{machine.id!r} has the sensors {list_names(sensors)}"
         + (f", and none that is the usual one ({names})" if names else "")
-        + f". `thermap sensors assign {without[0]}={first} … --machine {machine.id}` assigns "
+        + f". `thermap sensors assign {first} … --machine {machine.id}` assigns "
         "them; once maps are stored, `thermap sensors correlate` proposes which.",
         err=True,
     )

@@ -9,7 +9,14 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import followed_sensors, listing, or_nothing, show, show_of_machine
+from app.cli.answers import (
+    followed_sensors,
+    listing,
+    or_nothing,
+    shell_words,
+    show,
+    show_of_machine,
+)
 from app.cli.models import waiting_lines
 from app.cli.options import (
     JsonOption,
@@ -116,7 +123,7 @@ def assigned_view(
 def assignment_view(assignment: Mapping[str, str]) -> RenderableType:
     """Lay out which components follow which sensor."""
     table = followed_sensors(assignment, limit=100)
-    return or_nothing(table, "no component follows a sensor yet: no error map is stored")
+    return or_nothing(table, "no sensor is assigned to any component yet")
 
 
 def correlation_view(found: CorrelationAnswer) -> RenderableType:
@@ -136,7 +143,7 @@ def correlation_view(found: CorrelationAnswer) -> RenderableType:
     proposed = [f"{code}={sensor}" for code, sensor in found.proposal.items()]
     followed = {one.component: one.current for one in found.components}
     differs = [text for text in proposed if followed.get(text.split("=")[0]) != text.split("=")[1]]
-    advice = f"`thermap sensors assign {' '.join(differs)}` would take what differs"
+    advice = f"`thermap sensors assign {shell_words(differs)}` assigns as proposed"
     shown = or_nothing(table, "no error map is stored yet")
     return Group(shown, *reasons, *([Text(f"\n{advice}")] if differs else []))
 

@@ -196,11 +196,13 @@ class CompiledModel:
 
     def why_nothing(self) -> str:
         """Say why no component can be interpolated."""
-        reasons = list_names([f"{code}: {why}" for code, why in self.omitted.items()], 3)
-        return (
-            f"machine {self.machine.id!r} needs at least two error maps at different "
-            f"temperatures before anything can be interpolated ({reasons})"
-        )
+        if not self.omitted:
+            return (
+                f"machine {self.machine.id!r} needs at least two error maps at different "
+                "temperatures before anything can be interpolated"
+            )
+        reasons = list_names([f"{code} ({why})" for code, why in self.omitted.items()], 3)
+        return f"machine {self.machine.id!r} has no component that can be interpolated: {reasons}"
 
     def _expected_sensor(self, group: Group) -> str:
         stand_ins = [s.name for s in self.machine.with_stand_ins(group.sensor)[1:]]

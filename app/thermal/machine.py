@@ -142,17 +142,19 @@ class Machine:
                     f"axes.{axis}",
                     f"expected min_mm below max_mm, got {travel.min_mm:g} and {travel.max_mm:g} mm",
                 )
+        wrong = [name for name in self.sensors if not _SENSOR_NAME.fullmatch(name)]
+        if wrong:
+            raise InvalidContent.of_field(
+                "sensors",
+                "expected names of 1 to 64 letters A to Z or a to z, digits, spaces, dots, "
+                "hyphens or underscores, beginning with a letter or digit, got "
+                f"{list_names([repr(name) for name in wrong])}",
+            )
         for sensor in self.sensors.values():
             self._check_sensor(sensor)
 
     def _check_sensor(self, sensor: Sensor) -> None:
         where = f"sensors.{sensor.name}"
-        if not _SENSOR_NAME.fullmatch(sensor.name):
-            raise InvalidContent.of_field(
-                "sensors",
-                "expected names of 1 to 64 letters, digits, spaces, dots, hyphens or "
-                f"underscores that begin with a letter or digit, got {sensor.name!r}",
-            )
         if not sensor.min_c < sensor.max_c:
             raise InvalidContent.of_field(
                 where,

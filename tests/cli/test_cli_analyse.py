@@ -197,7 +197,7 @@ def test_a_failed_analysis_says_why(thermap, client, tmp_path):
     assert "failed: " in plain(found.stderr)
     assert "before the first reading" in plain(found.stderr)
     number = client.verifications(MACHINE_ID)[-1].id
-    assert f"stored, and not taken back: {number} of the verifications" in plain(found.stderr)
+    assert f"verification {number} stays stored" in plain(found.stderr)
     assert f"`thermap verifications delete {number} --machine {MACHINE_ID}`" in plain(found.stderr)
     assert not report.exists()
 

@@ -225,7 +225,7 @@ def test_what_is_not_read_is_said(read):
         ("EXX,,1", "column 2 (position_mm): expected a position of EXX in mm, got none"),
         ("SXY,5,1", "column 2 (position_mm): expected nothing, as SXY is one value without "
                     "position, got '5'"),
-        ("EXX,50,1", "expected EXX at 50 mm once, came again after line 6"),
+        ("EXX,50,1", "expected one value of EXX at 50 mm, got another one in line 6"),
         ("EXX,50,1,5", "expected 3 columns as in line 4, got 4; decimal commas need semicolons "
                        "between the columns"),
     ],

@@ -244,17 +244,24 @@ def test_a_preview_says_what_would_change_and_stores_nothing(thermap, client, wr
 
 def test_maps_of_a_machine_whose_sensors_nobody_assigned_are_told_of_once(thermap, write):
     """Neither sensor has the name of one that the chapter's components follow."""
-    sensors = [{"name": "bed"}, {"name": "column"}]
+    sensors = [{"name": "T1 bed"}, {"name": "column"}]
     machine = write("machine.json", MACHINE | {"id": "mill", "sensors": sensors})
     maps = write(
         "maps.json",
-        [error_map(f"m{t}", t, temperatures_c={"bed": t, "column": t + 1}) for t in (20.0, 25.0)],
+        [
+            error_map(f"m{t}", t, temperatures_c={"T1 bed": t, "column": t + 1})
+            for t in (20.0, 25.0)
+        ],
     )
     found = thermap("import", machine, maps)
     assert found.exit_code == 0, found.output
     (note,) = [line for line in found.stderr.splitlines() if "no sensor is assigned" in line]
     assert note.startswith("note: no sensor is assigned to EXX, EBX, EZZ, SXY")
-    assert "bed, column" in note
+    assert "T1 bed, column" in note
     assert "x-middle for EXX, EBX, SXY" in note
-    assert "`thermap sensors assign EXX=bed" in note
+    assert '`thermap sensors assign "EXX=T1 bed" … --machine mill`' in note
     assert "thermap sensors correlate" in note
+    shown = thermap("sensors", "show", "--machine", "mill")
+    assert shown.stdout.strip() == "no sensor is assigned to any component yet"
+    proposed = thermap("sensors", "correlate", "--machine", "mill")
+    assert '`thermap sensors assign "EXX=T1 bed" ' in " ".join(proposed.stdout.split())

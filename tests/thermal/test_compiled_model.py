@@ -743,10 +743,23 @@ def test_components_with_different_maps_stand_beside_each_other():
     assert state_of(model, "EYX", 23.0)[0].upper_map == "Run #3"
 
 
-@pytest.mark.parametrize("maps", [[], LINE[:1]])
-def test_with_fewer_than_two_maps_there_is_nothing_to_interpolate(maps):
-    with pytest.raises(NotEnoughMaps, match="'mcfv5050' needs at least two error maps"):
+@pytest.mark.parametrize(
+    ("maps", "why"),
+    [([], "'mcfv5050' needs at least two error maps"), (LINE[:1], "at least two maps are needed")],
+)
+def test_with_fewer_than_two_maps_there_is_nothing_to_interpolate(maps, why):
+    with pytest.raises(NotEnoughMaps, match=why):
         compiled(maps).errors_at({"x-middle": 25.0})
+
+
+def test_maps_that_no_sensor_is_assigned_to_are_not_said_to_be_too_few():
+    maps = [
+        error_map(f"Run #{i}", {"bed": 20.0 + 10.0 * i}, table("EXX", [i], [0])) for i in range(2)
+    ]
+    model = compile_model(machine(Sensor("bed"), Sensor("head")), maps, {})
+    with pytest.raises(NotEnoughMaps, match=r"be interpolated: EXX \(no sensor is ass") as raised:
+        model.errors_at({"bed": 25.0})
+    assert "two error maps" not in str(raised.value)
 
 
 def test_a_map_without_the_assigned_sensor_is_refused_by_name():

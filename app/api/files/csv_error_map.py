@@ -359,7 +359,8 @@ def _make_component(
         if earlier.position_mm == later.position_mm:
             at = "" if later.position_mm is None else f" at {later.position_mm:g} mm"
             text.problems.add(
-                f"expected {component.code}{at} once, came again after line {earlier.row.line}",
+                f"expected one value of {component.code}{at}, got another one in line "
+                f"{earlier.row.line}",
                 later.row.line,
             )
     for kind, words in _KINDS.items():

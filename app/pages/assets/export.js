@@ -131,7 +131,7 @@ function shown(answer) {
   head(answer);
   table(
     "Check after loading",
-    ["Axis", "to, mm", "coming", "moves", "by, µm", "shows"],
+    ["Axis", "to, mm", "direction", "moves", "by, µm", "shows"],
     [0, 2, 3, 5],
     answer.check.map((one) => [
       one.axis.toUpperCase(), `${one.position_mm}`.replace("-", "−"), one.direction.replace("-", "−"),
