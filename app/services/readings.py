@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -25,7 +25,7 @@ from app.errors import (
     counted,
 )
 from app.events.event import EventKind
-from app.live.registry import Arrived
+from app.live.registry import Arrived, LiveModel
 from app.services.context import CLOCKS_DIFFER, Context, repeated
 from app.services.live_table import ahead_warnings, exact_time
 from app.services.load_machine import load_machine, restore_past
@@ -159,36 +159,48 @@ def _store_new(
     _MachineChangedError
         If a machine is not what it is in memory: then neither.
     """
-    now = context.now()
     found = {b.machine_id: context.live.get(b.machine_id) for b in batches}
     machines = {m: live for m, live in found.items() if live is not None}
     current = {m: live.current for m, live in machines.items()}
-    taken: dict[str, list[Sequence[Reading]]] = defaultdict(list)
-    plain: dict[ReadingBatch, Sequence[Reading]] = {}
-    for batch in batches:
-        known = current.get(batch.machine_id)
-        once = None if known is None else _plainly_right(now, known.model.machine, batch.readings)
-        if once and all(_are_apart(once, others) for others in taken[batch.machine_id]):
-            taken[batch.machine_id].append(once)
-            plain[batch] = once
-    wanted = {m: _in_order(chain.from_iterable(parts)) for m, parts in taken.items() if parts}
-    if not wanted:
+    plain = _plainly_right(context.now(), current, batches)
+    if not plain:
         return {}, {}
+    wanted = {m: _in_order(chain.from_iterable(parts.values())) for m, parts in plain.items()}
     are_new = all(machines[m].has_none_from(once[0].time) for m, once in wanted.items())
     try:
         with readings_inserted(context.database, wanted, are_new=are_new) as held:
-            for machine_id, row in held.items():
-                if current[machine_id].stamp != (row.created_at, row.revision):
-                    raise _MachineChangedError
-            stored = {b: o for b, o in plain.items() if _is_new(o, held.get(b.machine_id))}
+            if any(current[m].stamp != (row.created_at, row.revision) for m, row in held.items()):
+                raise _MachineChangedError
+            stored = [
+                (batch, once)
+                for machine_id, parts in plain.items()
+                for batch, once in parts.items()
+                if _is_new(once, held.get(machine_id))
+            ]
     except IntegrityError:
         raise _PartlyKnownError from None  # stored elsewhere, and not heard of here yet
     until = context.usable_until()
-    outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in stored.items()}
+    outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in stored}
     return outcomes, {m: (wanted[m], h.added, h.withdrawals) for m, h in held.items()}
 
 
 def _plainly_right(
+    now: datetime, current: Mapping[str, LiveModel], batches: Sequence[ReadingBatch]
+) -> dict[str, dict[ReadingBatch, Sequence[Reading]]]:
+    """Choose by machine the batches that are right, each as it is stored, in order of time.
+
+    Of those with a time in common the first is taken.
+    """
+    plain: dict[str, dict[ReadingBatch, Sequence[Reading]]] = defaultdict(dict)
+    for batch in batches:
+        known = current.get(batch.machine_id)
+        once = None if known is None else _as_stored(now, known.model.machine, batch.readings)
+        if once and all(_are_apart(once, other) for other in plain[batch.machine_id].values()):
+            plain[batch.machine_id][batch] = once
+    return {machine_id: parts for machine_id, parts in plain.items() if parts}
+
+
+def _as_stored(
     now: datetime, machine: Machine, readings: Sequence[Reading]
 ) -> Sequence[Reading] | None:
     """Give readings as they are stored, in order of time; None where something is wrong."""

@@ -128,3 +128,19 @@ def test_who_read_earlier_does_not_undo_who_read_later():
     machine.reread(Arrived([], 2), [], END)
     machine.reread(Arrived([READING], 1), [], END)
     assert machine.readings.latest is None
+
+
+def test_it_knows_from_which_time_on_the_database_has_nothing():
+    registry = LiveRegistry()
+    machine = publish(registry, live(1), [READING])
+    assert not machine.has_none_from(LATER.time), "what was stored before is not known here"
+    machine.reread(Arrived([READING], 0), [], END)
+    assert machine.has_none_from(LATER.time)
+    assert not machine.has_none_from(READING.time)
+    ahead = Reading(END + timedelta(seconds=60), {"a": 21.0}, {})
+    machine.add(Arrived([LATER, ahead], 0), END)
+    assert not machine.has_none_from(LATER.time)
+    assert not machine.has_none_from(ahead.time)
+    assert machine.has_none_from(ahead.time + timedelta(microseconds=1))
+    machine.expect(1)
+    assert not machine.has_none_from(ahead.time + timedelta(days=1))

@@ -16,7 +16,7 @@ from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
 from app.services.machines import create_machine
 from app.services.readings import ReadingBatch, _Together, store_readings
-from app.services.together import MOST_TOGETHER, Together
+from app.services.together import MOST_TOGETHER, Together, Wanted
 from app.storage import postgresql
 from app.storage.database import Database
 from app.storage.limits import Limits
@@ -150,6 +150,25 @@ def test_a_connection_that_is_kept_may_be_lost(postgresql_url, monkeypatch, kept
         assert together(context, ReadingBatch("a", readings(200))) == [True]
 
 
+def test_what_must_be_new_and_is_there_all_the_same_goes_alone(postgresql_url):
+    with two_machines(postgresql_url, Limits()) as context:
+        there, free = readings(100), readings(100)
+        with another(postgresql_url) as other:
+            other.execute(
+                "INSERT INTO reading (machine_id, time, temperatures_c, state) "
+                "VALUES ('a', %s, %s, %s)",
+                [there[1].time, '{"spindle": 20.0}', '{"rpm": 8000.0}'],
+            )
+        assert context.live.get("a").has_none_from(there[0].time)
+        done = together(context, ReadingBatch("a", there), ReadingBatch("b", free))
+        assert done == [False, False]
+        outcome = store_readings(context, "a", there)
+        assert (outcome.stored, outcome.duplicates) == (2, 1)
+        assert store_readings(context, "b", free).stored == 3
+        assert not context.live.get("b").has_none_from(free[-1].time)
+        assert context.live.get("b").has_none_from(free[-1].time + timedelta(microseconds=1))
+
+
 def test_all_that_is_wanted_at_once_is_stored_once_and_in_memory(app):
     context = app.state.context
     wanted = [readings(10 * (i % 20)) for i in range(24)]
@@ -203,7 +222,7 @@ def run_many(work, count):
         try:
             gathered.run(i, work, lambda _: None)
             results[i] = "done"
-        except StorageUnavailable as error:
+        except (StorageUnavailable, ZeroDivisionError) as error:
             results[i] = type(error)
 
     threads = [threading.Thread(target=run, args=(i,)) for i in range(count + 1)]
@@ -224,6 +243,48 @@ def test_what_comes_meanwhile_is_done_together():
     work = Slow()
     assert set(run_many(work, MOST_TOGETHER + 7).values()) == {"done"}
     assert [len(group) for group in work.groups] == [1, MOST_TOGETHER, 7]
+
+
+def begin_many(work, count):
+    """Have one thing done, and meanwhile as many more, without waiting; give how each ended."""
+    gathered, ends = Together(), []
+    done = threading.Semaphore(0)
+    for i in range(count + 1):
+        wanted = Wanted(i, done.release)
+        ends.append(wanted)
+        gathered.begin(wanted, work, lambda _: None)
+        assert work.began.wait(PATIENCE_S)
+    assert gathered.has_room == (count < MOST_TOGETHER)
+    work.goes_on.set()
+    for _ in ends:
+        assert done.acquire(timeout=PATIENCE_S)
+    assert not done.acquire(blocking=False), "one has ended twice"
+    assert gathered.has_room
+    return ends
+
+
+def test_who_does_not_wait_is_told_of_the_end():
+    work = Slow()
+    for one in begin_many(work, MOST_TOGETHER + 7):
+        one.expect_database()
+    assert [len(group) for group in work.groups] == [1, MOST_TOGETHER, 7]
+
+
+def test_who_does_not_wait_is_told_that_the_database_is_away():
+    work = Slow(StorageUnavailable("away"))
+    for one in begin_many(work, 5):
+        with pytest.raises(StorageUnavailable, match="away"):
+            one.expect_database()
+    assert len(work.groups) == 1
+
+
+@pytest.mark.parametrize("many", [run_many, begin_many])
+def test_what_goes_wrong_unexpectedly_leaves_nobody_waiting(many, caplog):
+    work = Slow(ZeroDivisionError("nobody expects it"))
+    many(work, 3)
+    assert sum(len(group) for group in work.groups) == 4
+    if many is begin_many:
+        assert "nobody expects it" in caplog.text
 
 
 @pytest.mark.parametrize(

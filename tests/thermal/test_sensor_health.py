@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.errors import InvalidContent
 from app.thermal.machine import Sensor
 from app.thermal.sensor_health import (
     Health,
+    are_in_range,
     assess_sensors,
     believed,
     check_temperatures,
@@ -118,6 +121,28 @@ def test_a_value_outside_the_range_is_the_sensors_failure(value):
 def test_back_in_range_it_is_well_again():
     readings = [(0.0, {"a": 20.0}), (60.0, {"a": -999.0}), (120.0, {"a": 20.5})]
     assert assessed(readings)["a"].health is Health.OK
+
+
+RANGES = machine(Sensor("a", min_c=-10.0, max_c=80.0), Sensor("b", min_c=0.0, max_c=50.0))
+READINGS_C = st.lists(
+    st.dictionaries(
+        st.sampled_from(["a", "a", "b", "b", "nose"]),
+        st.sampled_from([-10.1, -10.0, -0.1, 0.0, 20.0, 50.0, 50.1, 80.0, 80.1, 295.0]),
+    ),
+    max_size=4,
+)
+
+
+@given(READINGS_C)
+def test_the_short_form_says_of_many_what_the_long_one_says_of_each(readings_c):
+    def is_well(temperatures_c):
+        try:
+            states = check_temperatures(RANGES, temperatures_c)
+        except InvalidContent:
+            return False
+        return all(state.health is Health.OK for state in states)
+
+    assert are_in_range(RANGES, readings_c) == all(map(is_well, readings_c))
 
 
 # --- kelvin ------------------------------------------------------------------------------
