@@ -1,8 +1,9 @@
-"""The tables themselves no longer hold: a shift, a slope or a profile, constant in time."""
+"""The tables no longer hold: a shift, a slope, both, or a profile, constant in time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -14,10 +15,10 @@ from app.effects.hypothesis import Amplitude, Hypothesis
 from app.effects.kind import DrawnOver, EffectKind, Proposals
 from app.effects.shape import Everywhere, Profile, Shape
 from app.effects.term import Term
-from app.effects.words import parameter, symbol_of
+from app.effects.words import parameter, size_along, symbol_of
 from app.geometry.components import COMPONENTS
 
-SHIFT, SLOPE, PROFILE = "shift", "slope", "profile"
+SHIFT, SLOPE, LINE, PROFILE = "shift", "slope", "straight line", "profile"
 MOST_CORNERS: Final = 9
 
 
@@ -25,7 +26,7 @@ class OutdatedMap(EffectKind):
     """The same deviation from all maps, whatever the temperatures and the time."""
 
     kind: ClassVar[str] = "outdated-map"
-    text: ClassVar[str] = "the tables no longer hold: a shift, a slope or a profile"
+    text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, or a profile"
     drawn_over: ClassVar[DrawnOver] = "position"
     remedy: ClassVar[str] = (
         "Measure a new map of {components}; until then the correction may be adopted."
@@ -38,13 +39,20 @@ class OutdatedMap(EffectKind):
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component in three forms; a single value can only shift."""
+        """Every component in four forms; a single value can only shift.
+
+        What drives a component along a straight line, and hardly changes in the campaign, is this
+        as well: without a form for both, it would be called after what drives it.
+        """
         found = Proposals()
         for code in view.components:
             found.hypotheses.append(_hypothesis(code, SHIFT, [Everywhere()], ["shift"]))
             rising = view.shapes(code)[1:]
             if rising:
                 found.hypotheses.append(_hypothesis(code, SLOPE, rising, ["slope_at_end"]))
+            if rising and not view.rows.has_own_zero[view.projection.view(code).rows].all():
+                line = _hypothesis(code, LINE, [Everywhere(), *rising], ["shift", "shift_rise"])
+                found.hypotheses.append(replace(line, is_within_visit=False))
             corners = _corners(view, code)
             if rising and len(corners) > 2:
                 names = [f"profile_at_{x:g}_mm" for x in corners]
@@ -59,6 +67,9 @@ class OutdatedMap(EffectKind):
             return f"the maps of {code} no longer hold: they are off by up to {off:.2g} " + (
                 symbol_of(code)
             )
+        if effect.variant == LINE:
+            how = size_along(effect, "shift", symbol_of(code))
+            return f"the maps of {code} no longer hold: they are shifted by {how}"
         (name,) = effect.parameters
         how = parameter(effect, name, symbol_of(code))
         by = (
