@@ -86,6 +86,16 @@ def test_a_state_that_stood_while_a_component_was_observed_is_a_constant_of_that
     assert ("EYY" in still.on) == (there_rpm is not None)
 
 
+@pytest.mark.parametrize(("datum", "is_tested"), [("absolute", True), ("free", False)])
+def test_maps_may_be_off_by_a_straight_line_where_a_shift_shows(datum, is_tested):
+    """With a zero of their own in every visit, a slope says the same with one number less."""
+    shown = [replace(one, datum=Datum(datum)) for one in observations(with_points=False)]
+    proposed = KINDS["outdated-map"].candidates(example_view(verifications=shown)).hypotheses
+    lines = {h.components[0]: h for h in proposed if h.variant == "straight line"}
+    assert set(lines) == ({"EXX", "EYY", "EZZ"} if is_tested else set())
+    assert all(len(line.unit_terms(None)) == 2 for line in lines.values())
+
+
 def test_without_history_nothing_is_late():
     where = example_view()
     bare = CampaignView(
