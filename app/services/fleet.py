@@ -224,7 +224,7 @@ def _member(session: Session, one: StoredMachine, question: FleetQuestion) -> Fl
         return FleetMember(machine.id, machine.name, (), None, "it has no model yet")
     numbers = [v.id for v in list_verifications(session, machine.id)]
     if not numbers:
-        why_not = "nothing was measured to judge it by"
+        why_not = "no check of it is stored"
         return FleetMember(machine.id, machine.name, (), None, why_not)
     asked = _task(one.active_version, numbers, question)
     same = [job for job in list_analyses(session, machine.id) if _is_same(job.task, asked)]

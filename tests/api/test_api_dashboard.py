@@ -170,7 +170,7 @@ async def test_the_log_of_a_machine_on_a_page(client):
 async def test_the_fleet_says_why_a_machine_is_not_judged(client):
     page = await shown(client, "/fleet")
     assert "No machine can be analysed" in page.text
-    assert "nothing was measured to judge it by" in page.text
+    assert "no check of it is stored" in page.text
     assert "Fleet" in (await shown(client, "/")).text
     problem(await client.get("/fleet?effects=guess"), 422)
 

@@ -156,7 +156,7 @@ def test_a_fleet_is_analysed_and_says_what_sisters_share(chromium, shop):
         page.get_by_role("button", name="Analyse 2 machines").click()
         expect(page.locator("#effects")).to_contain_text("EZX has a reversal value")
         expect(page.locator("#effects")).to_contain_text("found on 2 of 3")
-        expect(page.locator("#every")).to_contain_text("nothing was measured to judge it by")
+        expect(page.locator("#every")).to_contain_text("no check of it is stored")
         assert barriers(page) == []
         page.set_viewport_size({"width": 390, "height": 844})
         assert page.locator("html").evaluate("e => e.scrollWidth") <= 390

@@ -413,7 +413,7 @@ def test_a_fleet_is_judged_and_asked_again_it_serves(thermap, service_url, tmp_p
         found = thermap("analyse", "--fleet", *QUICK, "--json", "-o", report)
         judged = json.loads(found.stdout)
         by_id = {one["machine"]: one for one in judged["machines"]}
-        assert by_id["unmeasured"]["why_not"] == "nothing was measured to judge it by"
+        assert by_id["unmeasured"]["why_not"] == "no check of it is stored"
         assert by_id[MACHINE_ID]["sisters"] == ["sister", "unmeasured"]
         (effect,) = judged["effects"]
         assert (effect["kind"], effect["components"]) == ("backlash", ["EZX"])

@@ -91,7 +91,7 @@ def _title(view: FleetView, to_ask: int) -> str:
     if view.is_going_on:
         return "The machines are being analysed."
     if to_ask:
-        return f"{counted(to_ask, 'machine')} can be analysed by what was measured."
+        return f"{counted(to_ask, 'machine')} can be analysed: checks are stored."
     return "No machine can be analysed: none has a model and a check."
 
 

@@ -105,8 +105,8 @@ def later_words(later: LaterVisits) -> str:
 def _steps(view: LoopView) -> list[dict[str, Any]]:
     """Say where we are: checks, analysis, decide, later visits."""
     one, later = view.chosen, view.later
-    values = sum(v.observations for v in view.verifications)
-    checks = f"{counted(len(view.verifications), 'check')}, {counted(values, 'value')}"
+    observations = sum(v.observations for v in view.verifications)
+    checks = f"{counted(len(view.verifications), 'check')}, {counted(observations, 'observation')}"
     decided = "nothing yet"
     at = 1 if view.verifications else 0
     if one is not None and one.status is AnalysisStatus.DONE:

@@ -254,7 +254,7 @@ def _picture(preview: Preview) -> dict[str, Any] | None:
     name = f"{component.code} compensation in {component.unit.symbol}: faint now, strong afterwards"
     lost_mm = _lost_mm(lost, ends)
     return {
-        "title": f"{component.code} compensation at the temperatures of now, "
+        "title": f"{component.code} compensation at the latest temperatures, "
         f"{component.unit.symbol}",
         "svg": before_after_svg(before, after, scale, ends, lost_mm, name),
         "ticks": [
