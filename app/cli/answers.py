@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console, RenderableType
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -83,7 +84,8 @@ def listing(*headings: str, right: str = "") -> Table:
     """
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if right[i : i + 1] == "r" else "left")
+        # Unescaped, a unit such as [mm] is taken for a style, and not shown.
+        table.add_column(escape(heading), justify="right" if right[i : i + 1] == "r" else "left")
     return table
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.api.files.decimal_text import read_number
+from app.cli.answers import listing
 from app.cli.options import (
     JsonOption,
     MachineArgument,
@@ -313,9 +314,7 @@ def export_view(found: ExportAnswer) -> RenderableType:
 
 
 def _checks(checks: Iterable[CheckAnswer]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("axis", "to [mm]", "direction", "moves", "by [µm]", "shows"):
-        table.add_column(heading, justify="right" if "[" in heading else "left")
+    table = listing("axis", "to [mm]", "direction", "moves", "by [µm]", "shows", right="lrllrl")
     for one in checks:
         table.add_row(
             one.axis.upper(),
@@ -338,10 +337,7 @@ _STATES = {
 def compare_view(found: CompareAnswer) -> RenderableType:
     """Lay out a comparison for a terminal."""
     head = f"{found.machine}, model version {found.model_version}: held minus wanted"
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("component", "largest", "RMS", "at [mm]", "direction", ""):
-        numbers = heading in ("largest", "RMS", "at [mm]")
-        table.add_column(heading, justify="right" if numbers else "left")
+    table = listing("component", "largest", "RMS", "at [mm]", "direction", "", right="lrrrll")
     for one in found.components:
         table.add_row(
             one.component,

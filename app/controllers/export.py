@@ -251,13 +251,13 @@ def _counted_with_absent_axes(
     shifted = [axis for axis in own if axis in used and any(gap < axis for gap in absent)]
     if not shifted:
         return []
-    written = list_names([f"{axis.upper()} as {numbers[axis]}" for axis in shifted])
+    written = list_names([f"{axis.upper()} is written as {numbers[axis]}" for axis in shifted])
     first = dict(zip(own, numbers.values(), strict=False))
     return [
-        f"the machine has no {list_names([axis.upper() for axis in absent])}, and {written} is "
-        f"written, as on a machine with X, Y and Z. Where {controller.title} counts only the axes "
-        f"that there are, state {options.numbering}={json.dumps(first)}: under a wrong number an "
-        "axis is not compensated, or another one is"
+        f"the machine has no {list_names([axis.upper() for axis in absent])}, but {written}, as on "
+        "a machine with X, Y and Z. Where the controller counts only the axes that there are, "
+        f"state {options.numbering}={json.dumps(first)}: under a wrong number an axis is not "
+        "compensated, or another one is"
     ]
 
 

@@ -37,6 +37,7 @@ def test_files_are_written_and_found_right(thermap, tmp_path):
         "z.comp",
     ]
     assert (folder / "x.comp").read_bytes() == b"0 0 0\n100 -0.0055 -0.0055\n500 -0.0275 -0.0275\n"
+    assert lines_with(found.stdout, "axis", "to [mm]", "by [µm]", "shows")
     assert lines_with(found.stdout, "500", "-27.50", "EXX")
     assert lines_with(found.stdout, "! not held: SXY, up to 12.75 µm")
     files = [str(folder / name) for name in ("x.comp", "z.comp", "thermap.ini")]

@@ -137,6 +137,33 @@ def test_rows_of_a_workbook_keep_their_numbers_and_comments_their_cells(tmp_path
     assert (found.label, found.temperatures_c) == ("Run #1", {"x-middle": 20.1})
 
 
+def test_what_stands_above_the_columns_without_a_hash_is_told_how_to_be_written(tmp_path):
+    rows = [["label", "Warm"], ["temperature bed", 31.2], [], *READERS["map"][0]]
+    file = workbook(tmp_path / "warm.xlsx", rows)
+    with pytest.raises(UnreadableFile) as refusal:
+        read_csv_error_map(file, STATED)
+    assert str(refusal.value) == (
+        f"{file}, line 1: expected # before each line above the column names, such as "
+        "`# label: Warm`, got 'label Warm'"
+    )
+
+
+def test_a_recording_may_begin_with_a_column_named_as_a_statement(tmp_path):
+    file = tmp_path / "recording.csv"
+    file.write_text("temperature bed,time_s\n20.5,0\n20.7,60\n")
+    found = read_recording(file, ["temperature bed"], {}, None)
+    assert [values["temperature bed"] for values in found.temperatures_c] == [20.5, 20.7]
+
+
+def test_a_column_that_lacks_is_told_of_once_with_those_that_came(tmp_path):
+    file = tmp_path / "map.csv"
+    file.write_text("component,position,error_um\nEXX,0,0\nEXX,650,12\n")
+    with pytest.raises(UnreadableFile) as refusal:
+        read_csv_error_map(file, STATED)
+    (line,) = str(refusal.value).splitlines()
+    assert line.endswith("a column position_mm for EXX, got component, position, error_um")
+
+
 def test_times_of_a_workbook_have_no_zone_and_that_is_said(tmp_path):
     rows = [["time", "component", "measured_um"], [datetime(2026, 3, 1, 6), "SXY", 1.5]]
     with pytest.raises(UnreadableFile, match=r"its zone, such as 2026-03-01T06:00:00Z"):

@@ -59,10 +59,15 @@ def test_linuxcnc_holds_the_own_axis_alone():
 
 
 NUMBERED = [
-    ("linuxcnc", "Z as 2", 'joints={"x": 0, "z": 1}', {"joints": {"x": 0, "z": 1}}),
-    ("siemens-cec", "Z as AX3", 'axes={"x": "AX1", "z": "AX2"}', {"axes": {"x": "A1", "z": "A2"}}),
-    ("fanuc", "Z as 3", 'numbers={"x": 1, "z": 2}', {"numbers": {"x": 1, "z": 3}}),
-    ("heidenhain", "Z as 3", 'columns={"x": 1, "z": 2}', {"columns": {"x": 1, "z": 2}}),
+    ("linuxcnc", "Z is written as 2", 'joints={"x": 0, "z": 1}', {"joints": {"x": 0, "z": 1}}),
+    (
+        "siemens-cec",
+        "Z is written as AX3",
+        'axes={"x": "AX1", "z": "AX2"}',
+        {"axes": {"x": "A1", "z": "A2"}},
+    ),
+    ("fanuc", "Z is written as 3", 'numbers={"x": 1, "z": 2}', {"numbers": {"x": 1, "z": 3}}),
+    ("heidenhain", "Z is written as 3", 'columns={"x": 1, "z": 2}', {"columns": {"x": 1, "z": 2}}),
 ]
 
 

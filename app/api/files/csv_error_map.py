@@ -263,8 +263,9 @@ def _read_point(table: _Table, row: Row, component: Component) -> _Point | None:
 
 def _complain_of_position(columns: Columns, row: Row, component: Component) -> None:
     if "position" not in columns:
-        columns.text.problems.add(
-            f"expected a column position_mm for {component.code}, got none",
+        columns.text.problems.add_once(
+            f"expected a column position_mm for {component.code}, "
+            f"got {list_names(columns.text.headings)}",
             columns.text.heading_line,
         )
     elif component.is_table:

@@ -28,6 +28,9 @@ _QUOTED: Final = re.compile('"[^"]*"')
 _STATED_DELIMITER: Final = re.compile(r'"?sep=(.)"?[\s;,]*', re.I)
 """Excel's first line, which says what parts the columns."""
 
+_STATEMENT: Final = re.compile(r"(label|measured[_ ]at|machine|temperature .+)", re.I)
+"""What stands above the columns, in a comment line."""
+
 _BYTE_ORDER_MARK: Final = "\N{ZERO WIDTH NO-BREAK SPACE}"
 
 WORKBOOK: Final = b"PK\x03\x04"
@@ -81,6 +84,11 @@ class Problems:
             (str(self.file), f", line {line}" if line else "", f", {column}" if column else "")
         )
         self.found.append(f"{place}: {message}")
+
+    def add_once(self, message: str, line: int) -> None:
+        """Note a problem of a line that every line below it would come upon."""
+        if not any(text.endswith(f", line {line}: {message}") for text in self.found):
+            self.add(message, line)
 
     def lack(self, field: str, message: str, how: str = "", line: int | None = None) -> None:
         """Note what the file does not say; `how` tells at the command line where it is stated."""
@@ -191,6 +199,7 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
     while headings and not headings[-1]:
         headings.pop()
     rows = [Row(line, _split(written, delimiter)) for line, written in contents[1:]]
+    _expect_comments(heading_line, headings, rows, problems)
     decimal_comma = delimiter != ","
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
     return DelimitedText(problems, comments, headings, heading_line, evened, decimal_comma)
@@ -246,6 +255,23 @@ def _split(text: str, delimiter: str) -> list[str]:
         return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
     except csv.Error:  # a field of more than 128 KiB: no number, no name
         return [text[:80]]
+
+
+def _expect_comments(
+    line: int, headings: Sequence[str], rows: Sequence[Row], problems: Problems
+) -> None:
+    """Refuse what is stated above the columns without #, instead of taking it for columns."""
+    said, *values = [heading for heading in headings if heading]
+    key, _, rest = said.partition(":")
+    wider = any(sum(map(bool, row.cells)) > len(headings) for row in rows)
+    if wider and len(values) <= 1 and _STATEMENT.fullmatch(key.strip()):
+        value = " ".join([rest.strip(), *values]).strip()
+        problems.add(
+            "expected # before each line above the column names, such as "
+            f"`# {key.strip()}: {value}`, got {' '.join([said, *values])!r}",
+            line,
+        )
+        problems.raise_if_any()
 
 
 def _evened(
