@@ -79,13 +79,13 @@ class AnalysisHead(Shape):
     """`queued`, `running`, `done`, `failed` or `cancelled`"""
 
     progress: float
-    """Share of the work that is done, 0 to 1"""
+    """Share of the work that is done, from 0 to 1"""
 
     message: str
     """What is being done, or why it failed"""
 
     model_version: int
-    """Version that is held against the verifications"""
+    """Version that is compared with the verifications"""
 
     verifications: list[int]
     """Numbers of the verifications"""
@@ -94,10 +94,10 @@ class AnalysisHead(Shape):
     """Share of the visits held out"""
 
     effects: list[str] | None
-    """Kinds that are looked for; null: all"""
+    """Kinds that are looked for; null for all"""
 
     seed: int
-    """Of all that is drawn"""
+    """Seed of all random draws"""
 
     created_at: AwareDatetime
     """When it was asked for, UTC"""
@@ -109,7 +109,7 @@ class AnalysisHead(Shape):
     """When it ended, UTC"""
 
     adopted_version: int | None
-    """Model version that was made of it; null as long as there is none"""
+    """Model version that was made from it; null as long as there is none"""
 
 
 class AngularSpreadAnswer(Shape):
@@ -935,7 +935,7 @@ class JudgedVerification(Shape):
     """`within`, `beyond` or `not-judged`"""
 
     evidence: float | None
-    """E-value of all verifications up to it"""
+    """Evidence from all verifications up to it, as an e-value"""
 
 
 class JudgementAnswer(Shape):
@@ -1464,7 +1464,7 @@ class ResamplingAnswer(Shape):
 
 
 class ResidualRow(Shape):
-    """One number that was measured, held against the model."""
+    """One measured number, compared with the model."""
 
     verification: int
     """Number of the verification"""
@@ -1500,8 +1500,9 @@ class ResidualRow(Shape):
     """Predicted, adopted effects included [µm; angular components µrad, squareness µm/m]"""
 
     residual: float
-    """Measured minus predicted: from its set-up's first observation where the instrument was zeroed
-    there, less the mean of a zero that nobody knows [µm; angular components µrad, squareness µm/m]
+    """Measured minus predicted. Where the instrument was zeroed, less the residual of its set-up's
+    first observation; where the zero is not known, less the mean [µm; angular components µrad,
+    squareness µm/m]
     """
 
 
@@ -2072,10 +2073,10 @@ class WatchAnswer(Shape):
     """Time of the visit that first exceeded the limit, UTC; null: none did"""
 
     evidence: float
-    """E-value of all verifications so far; 1 without any"""
+    """Evidence from all verifications so far, as an e-value; 1 without any"""
 
     limit: float
-    """What the evidence ever reaches by chance with probability `false_alarm` only"""
+    """Evidence that an unchanged machine ever reaches only with probability `false_alarm`"""
 
     false_alarm: float
     """Probability that an unchanged machine is ever called changed"""
@@ -2371,7 +2372,7 @@ class CompareAnswer(Shape):
 
 
 class ComparedVersionAnswer(Shape):
-    """One version, on what all of them can be held against."""
+    """One version, on the values that can be compared with all of them."""
 
     version: int
     """Number of the version"""
@@ -3009,7 +3010,7 @@ class ModelComparisonAnswer(Shape):
     """Numbers of the verifications"""
 
     values: int
-    """Values that all versions can be held against"""
+    """Values that can be compared with all versions"""
 
     versions: list[ComparedVersionAnswer]
     """The versions"""
@@ -3149,7 +3150,7 @@ class ResidualsAnswer(Shape):
     """What a model version leaves of verifications."""
 
     model_version: int
-    """Version that was held against them"""
+    """Version that they were compared with"""
 
     verifications: list[int]
     """Numbers of the verifications"""
@@ -3164,7 +3165,7 @@ class ResidualsAnswer(Shape):
     """Components, and lengths along everything that they may depend on"""
 
     excluded: list[ExcludedAnswer]
-    """What cannot be held against the model"""
+    """What cannot be compared with the model"""
 
     counted_as_zero: list[str]
     """Components that residuals at points need, that no two maps have and that count as zero: these

@@ -31,7 +31,7 @@ class AdoptionRequest(Shape):
 
 
 class AnalysisRequest(Shape):
-    """What the active model is held against, and which effects are looked for."""
+    """What the active model is compared with, and which effects are looked for."""
 
     verifications: list[int]
     """Numbers of the verifications"""
@@ -40,10 +40,10 @@ class AnalysisRequest(Shape):
     """Share of the visits that take no part in the search, below 0.9"""
 
     effects: list[str] | None = None
-    """Kinds of effects that are looked for; all of them where it is left out"""
+    """Kinds of effects to look for; all of them where it is left out"""
 
     seed: int = 0
-    """Of all that is drawn: the same data and seed give the same answer"""
+    """Seed of all random draws: the same data and seed give the same answer"""
 
 
 class BallSchema(Shape):
@@ -70,7 +70,7 @@ class BandsRequest(Shape):
 
 
 class ComparisonRequest(Shape):
-    """Versions to be held against the same verifications."""
+    """Versions to be compared with the same verifications."""
 
     verifications: list[int]
     """Numbers of the verifications"""
@@ -227,10 +227,10 @@ class ExportRequest(Shape):
 
 
 class FleetRequest(Shape):
-    """What every machine's analysis is asked."""
+    """What the analysis of every machine is asked."""
 
     effects: list[str] | None = None
-    """Kinds of effects that are looked for; all of them where it is left out"""
+    """Kinds of effects to look for; all of them where it is left out"""
 
     holdout_fraction: float = 0.3
     """Share of the visits that take no part in the search, below 0.9"""
@@ -412,14 +412,14 @@ class PlannedVerification(Shape):
     """Observations that are to be taken with one set-up."""
 
     label: str = "planned"
-    """What the answer calls it"""
+    """Its name in the answer"""
 
     datum: Literal["absolute", "first", "free"] = "absolute"
     """`absolute`, `first` or `free`"""
 
     repeatability_um: float | None = None
-    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
-    nothing
+    """Standard deviation of one length [µm], where it is known; it does not apply to angles and
+    squareness
     """
 
     observations: list[PlannedObservation]
@@ -474,7 +474,7 @@ class PredictionRequest(Shape):
 
 
 class ResidualsRequest(Shape):
-    """Which verifications are held against which version."""
+    """Which verifications are compared with which version."""
 
     verifications: list[int]
     """Numbers of the verifications"""
@@ -782,13 +782,13 @@ class TriedEffectRequest(Shape):
     """Which of its effects, from 0"""
 
     on: str
-    """The machine on which it is tried; its active model serves"""
+    """The machine on which it is tried, with its active model"""
 
     verifications: list[int]
     """Numbers of that machine's verifications"""
 
     tried_together: int = 1
-    """On how many machines effects are tried in all: thresholds rise with it"""
+    """Number of machines on which effects are tried in all: thresholds rise with it"""
 
 
 class VerificationRequest(Shape):

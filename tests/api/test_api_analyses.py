@@ -307,7 +307,7 @@ async def test_more_than_may_wait_is_refused_until_there_is_room(databases):
 
     await ask(202)
     await ask(202)
-    assert "at most 2 analyses of machine 'campaign'" in await ask(429)
+    assert "at most 2 waiting analyses of machine 'campaign'" in await ask(429)
     assert "at most 2 waiting analyses" in await ask(503, waiting_analyses_of_machine=20)
     with running(url, Clock(LATER), analyses=False) as service:
         async with client_of(service) as client:

@@ -174,5 +174,5 @@ async def test_what_was_found_on_another_version_is_not_adopted_unasked(client, 
     done(app, ALL["found"] | {"effects": [SHIFT | {"effect": BACKLASH["effect"]}]})
     await client.post(f"{ROOM}/analyses/{number}/adopt")
     page = await shown(client, PAGE)
-    assert "v4 is active, the analysis was made of v3." in page.text
+    assert "v4 is active, but the analysis was made with v3." in page.text
     assert "Analyse again on v4" in page.text

@@ -401,7 +401,7 @@ async def test_effects_that_cannot_be_evaluated_are_refused(client, app):
     with pytest.raises(InvalidContent, match="got nose"):
         adopt(app, OUTDATED, nowhere)
     adopt(app, OUTDATED)
-    with pytest.raises(Conflict, match="has this effect already"):
+    with pytest.raises(Conflict, match="already has this effect"):
         adopt(app, OUTDATED)
     with pytest.raises(UnknownThing):
         adopt(app, OUTDATED, machine_id="nowhere")

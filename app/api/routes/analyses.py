@@ -54,7 +54,7 @@ def post_analysis(
     body: AnalysisRequest,
     response: Response,
 ) -> AnalysisHead:
-    """Hold the active model against verifications, as a job: look at it until it is done."""
+    """Compare the active model with verifications, as a job: ask for it until it is done."""
     queued = request_analysis(
         context,
         machine,
@@ -72,9 +72,9 @@ def post_analysis(
     "/plan", summary="Say what planned observations could see", openapi_extra=body_of_at_most(32)
 )
 def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> Plan:
-    """Tell, before anyone measures, which effects could be seen and told apart at what size.
+    """Say, before anything is measured, how small an effect could be seen and told from others.
 
-    Times to come are planned on recorded days; visits that would help most are suggested.
+    Future times are planned on recorded days; the visits that would help most are suggested.
     """
     return plan_analysis(context, machine, body.to_verifications(), body.verifications)
 
@@ -97,7 +97,7 @@ def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: Analysi
 
 @router.get("/{analysis_id}/report", summary="Report of an analysis", response_class=HTMLResponse)
 def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
-    """Show what was found as a page that a person reads; it needs no other file, and prints."""
+    """Show what was found as a page for people to read; it needs no other file, and prints."""
     return Page(analysis_report(*report_analysis(context, machine, analysis_id)), scripts=2)
 
 
@@ -105,7 +105,7 @@ def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisP
 def post_cancel(
     context: ContextDep, runner: RunnerDep, machine: MachinePath, analysis_id: AnalysisPath
 ) -> AnalysisHead:
-    """Cancel an analysis that waits or runs; cancelling again changes nothing."""
+    """Cancel a waiting or running analysis; cancelling again changes nothing."""
     cancelled = cancel_analysis(context, machine, analysis_id)
     runner.wake()
     return AnalysisHead.of(cancelled)
@@ -120,9 +120,9 @@ def post_adopt(
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
 ) -> ChangedModelAnswer | PreviewAnswer:
-    """Make the next, active model version with these effects: whole, and once.
+    """Make the next, active model version with these effects: all of them or none, and only once.
 
-    Tables, predictions and all that is made of them contain them from then on; activating
+    From then on tables, predictions and everything made from them contain the effects; activating
     the version before takes them back. Where tables would no longer be complete, because an
     effect needs a state that readings do not state, the version is stored and waits.
     """

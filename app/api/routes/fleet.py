@@ -16,7 +16,7 @@ router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the lo
 
 @router.get("", summary="Show what all machines' analyses say together")
 def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> FleetAnswer:
-    """Say of every machine how far its analysis is, and of all what they say together.
+    """Say how far the analysis of every machine is, and what they all say together.
 
     An analysis serves that asked the same of the active model and all stored verifications. What
     helps where it was found is tried on sisters: for two seconds at most in one answer, so ask
@@ -42,7 +42,7 @@ def post_analyses(
 def post_cancel(
     context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
 ) -> FleetAnswer:
-    """Cancel those that wait or run of the ones that asked this; what is done stays."""
+    """Cancel the waiting and running analyses that asked this; finished ones stay."""
     view = cancel_fleet(context, (body or FleetRequest()).to_question())
     runner.wake()
     return FleetAnswer.of(view)
@@ -50,7 +50,7 @@ def post_cancel(
 
 @router.post("/tried-effects", summary="Try an effect of one machine on another")
 def post_tried_effect(context: ContextDep, body: TriedEffectRequest) -> TriedEffect:
-    """Hold an effect that was found on one machine, as it stands, against another one.
+    """Try an effect that was found on one machine, unchanged, on another one.
 
     Nothing is fitted and nothing is stored: every set-up of the other machine is held out.
     """

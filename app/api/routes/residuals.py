@@ -82,7 +82,7 @@ def post_residuals(
     response_model=ModelComparisonAnswer,
 )
 def post_comparison(context: ContextDep, machine: MachinePath, body: ComparisonRequest) -> Response:
-    """Show versions side by side, on the observations that all can be held against."""
+    """Show versions side by side, on the observations that can be compared with all of them."""
     compared = compare_models(context, machine, body.verifications, body.versions)
     answer = ModelComparisonAnswer.of(body.verifications, compared).model_dump(mode="json")
     return Response(orjson.dumps(to_digits_in(answer)), media_type=JSON)

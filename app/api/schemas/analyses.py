@@ -20,7 +20,7 @@ VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000
 
 
 class AnalysisRequest(Schema):
-    """What the active model is held against, and which effects are looked for."""
+    """What the active model is compared with, and which effects are looked for."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"verifications": [1, 2, 3], "holdout_fraction": 0.3}}
@@ -32,23 +32,23 @@ class AnalysisRequest(Schema):
     )
     effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
         None,
-        description="Kinds of effects that are looked for; all of them where it is left out",
+        description="Kinds of effects to look for; all of them where it is left out",
         examples=[["thermal-lag", "backlash"]],
     )
     seed: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(
-        0, description="Of all that is drawn: the same data and seed give the same answer"
+        0, description="Seed of all random draws: the same data and seed give the same answer"
     )
 
 
 class PlannedVerification(Schema):
     """Observations that are to be taken with one set-up."""
 
-    label: Name = Field("planned", description="What the answer calls it", examples=["Monday"])
+    label: Name = Field("planned", description="Its name in the answer", examples=["Monday"])
     datum: Datum = Field(Datum.ABSOLUTE, description="`absolute`, `first` or `free`")
     repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
         None,
-        description="Standard deviation of one length [µm], where it is known; of angles and "
-        "squareness it says nothing",
+        description="Standard deviation of one length [µm], where it is known; it does not "
+        "apply to angles and squareness",
     )
     observations: Annotated[list[PlannedObservation], InPieces(20_000)] = Field(
         description="What is to be measured"
@@ -121,10 +121,11 @@ class TriedEffectRequest(Schema):
     effect: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(
         description="Which of its effects, from 0"
     )
-    on: Name = Field(description="The machine on which it is tried; its active model serves")
+    on: Name = Field(description="The machine on which it is tried, with its active model")
     verifications: VerificationIds = Field(description="Numbers of that machine's verifications")
     tried_together: Annotated[Integer, Field(ge=1, le=LARGEST_INTEGER)] = Field(
-        1, description="On how many machines effects are tried in all: thresholds rise with it"
+        1,
+        description="Number of machines on which effects are tried in all: thresholds rise with it",
     )
 
 
@@ -135,18 +136,18 @@ class AnalysisHead(Schema):
     status: AnalysisStatus = Field(
         description="`queued`, `running`, `done`, `failed` or `cancelled`"
     )
-    progress: Number = Field(description="Share of the work that is done, 0 to 1")
+    progress: Number = Field(description="Share of the work that is done, from 0 to 1")
     message: str = Field(description="What is being done, or why it failed")
-    model_version: int = Field(description="Version that is held against the verifications")
+    model_version: int = Field(description="Version that is compared with the verifications")
     verifications: list[int] = Field(description="Numbers of the verifications")
     holdout_fraction: Number = Field(description="Share of the visits held out")
-    effects: list[str] | None = Field(description="Kinds that are looked for; null: all")
-    seed: int = Field(description="Of all that is drawn")
+    effects: list[str] | None = Field(description="Kinds that are looked for; null for all")
+    seed: int = Field(description="Seed of all random draws")
     created_at: UtcTime = Field(description="When it was asked for, UTC")
     started_at: UtcTime | None = Field(description="When it began, UTC")
     finished_at: UtcTime | None = Field(description="When it ended, UTC")
     adopted_version: int | None = Field(
-        description="Model version that was made of it; null as long as there is none"
+        description="Model version that was made from it; null as long as there is none"
     )
 
     @classmethod

@@ -14,13 +14,13 @@ from app.services.fleet import HOLDOUT, FleetMember, FleetQuestion, FleetView
 
 
 class FleetRequest(Schema):
-    """What every machine's analysis is asked."""
+    """What the analysis of every machine is asked."""
 
     model_config = ConfigDict(json_schema_extra={"example": {"effects": ["thermal-lag"]}})
 
     effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
         None,
-        description="Kinds of effects that are looked for; all of them where it is left out",
+        description="Kinds of effects to look for; all of them where it is left out",
         examples=[["thermal-lag", "backlash"]],
     )
     holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(

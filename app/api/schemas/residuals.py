@@ -22,7 +22,7 @@ MOST_ROWS: Final = 10_000
 
 
 class ResidualsRequest(Schema):
-    """Which verifications are held against which version."""
+    """Which verifications are compared with which version."""
 
     model_config = ConfigDict(json_schema_extra={"example": {"verifications": [1, 2], "rows": 100}})
 
@@ -34,7 +34,7 @@ class ResidualsRequest(Schema):
 
 
 class ResidualRow(Schema):
-    """One number that was measured, held against the model."""
+    """One measured number, compared with the model."""
 
     verification: int = Field(description="Number of the verification")
     observation: int = Field(description="Place of the observation in it, from 0")
@@ -51,8 +51,8 @@ class ResidualRow(Schema):
     measured: Number = Field(description=f"Measured {IN_ITS_UNIT}")
     predicted: Micro = Field(description=f"Predicted, adopted effects included {IN_ITS_UNIT}")
     residual: Micro = Field(
-        description="Measured minus predicted: from its set-up's first observation where the "
-        "instrument was zeroed there, less the mean of a zero that nobody knows "
+        description="Measured minus predicted. Where the instrument was zeroed, less the residual "
+        "of its set-up's first observation; where the zero is not known, less the mean "
         f"{IN_ITS_UNIT}"
     )
 
@@ -60,14 +60,14 @@ class ResidualRow(Schema):
 class ResidualsAnswer(Schema):
     """What a model version leaves of verifications."""
 
-    model_version: int = Field(description="Version that was held against them")
+    model_version: int = Field(description="Version that they were compared with")
     verifications: list[int] = Field(description="Numbers of the verifications")
     overall: Size | None = Field(description="All lengths; null where nothing is one")
     components: list[Size] = Field(description="Each component in its own unit")
     summaries: list[Summary] = Field(
         description="Components, and lengths along everything that they may depend on"
     )
-    excluded: list[LeftOut] = Field(description="What cannot be held against the model")
+    excluded: list[LeftOut] = Field(description="What cannot be compared with the model")
     counted_as_zero: list[str] = Field(
         description="Components that residuals at points need, that no two maps have and that "
         "count as zero: these residuals contain them whole",
@@ -90,7 +90,7 @@ class ResidualsAnswer(Schema):
 
 
 class ComparisonRequest(Schema):
-    """Versions to be held against the same verifications."""
+    """Versions to be compared with the same verifications."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"verifications": [1, 2], "versions": [3, 4]}}
@@ -103,7 +103,7 @@ class ComparisonRequest(Schema):
 
 
 class ComparedVersionAnswer(Schema):
-    """One version, on what all of them can be held against."""
+    """One version, on the values that can be compared with all of them."""
 
     version: int = Field(description="Number of the version")
     reason: str = Field(description="What made it")
@@ -116,7 +116,7 @@ class ModelComparisonAnswer(Schema):
     """Versions side by side, in the order in which they were named."""
 
     verifications: list[int] = Field(description="Numbers of the verifications")
-    values: int = Field(description="Values that all versions can be held against")
+    values: int = Field(description="Values that can be compared with all versions")
     versions: list[ComparedVersionAnswer] = Field(description="The versions")
 
     @classmethod

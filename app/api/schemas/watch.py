@@ -20,7 +20,9 @@ class JudgedVerification(Schema):
     label: str = Field(description="Its name", examples=["night shift"])
     last_at: UtcTime = Field(description="Time of its last observation, UTC")
     status: str = Field(description="`within`, `beyond` or `not-judged`")
-    evidence: Number | None = Field(description="E-value of all verifications up to it")
+    evidence: Number | None = Field(
+        description="Evidence from all verifications up to it, as an e-value"
+    )
 
 
 class WatchAnswer(Schema):
@@ -33,9 +35,12 @@ class WatchAnswer(Schema):
     beyond_since: UtcTime | None = Field(
         description="Time of the visit that first exceeded the limit, UTC; null: none did"
     )
-    evidence: Number = Field(description="E-value of all verifications so far; 1 without any")
+    evidence: Number = Field(
+        description="Evidence from all verifications so far, as an e-value; 1 without any"
+    )
     limit: Number = Field(
-        description="What the evidence ever reaches by chance with probability `false_alarm` only"
+        description="Evidence that an unchanged machine ever reaches only with probability "
+        "`false_alarm`"
     )
     false_alarm: Number = Field(
         description="Probability that an unchanged machine is ever called changed"

@@ -28,7 +28,7 @@ async function look() {
   try {
     one = await send("GET", analysis);
   } catch (error) {
-    refused(by("cancel-said"), "How far it is cannot be said.", error);
+    refused(by("cancel-said"), "Its progress is not known.", error);
     return;
   }
   if (one.status !== "queued" && one.status !== "running") {
