@@ -35,7 +35,7 @@ def test_a_mistake_that_is_sure_comes_first():
 def test_nobody_swaps_plugs_on_a_suspicion():
     suspected = EXCHANGED | {"status": "suspected"}
     first, second = advised(suspected)
-    assert first.startswith("To confirm the exchanged-sensors of EXX, EYX, now suspected: ")
+    assert first.startswith("To confirm the exchanged-sensors effect on EXX, EYX, now suspected: ")
     assert second.startswith(f"If it is confirmed, s{SWAP}")
     (effect,) = read(suspected).effects
     assert f". If it is confirmed, s{SWAP}" in adoption_text(effect)

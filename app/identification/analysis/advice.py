@@ -205,8 +205,8 @@ def _of_effect(effect: FoundEffect) -> list[str]:
     if effect.status != "confirmed":
         shown_by = kind.separating_measurement(effect.effect, effect.effect)
         found.append(
-            f"To confirm the {effect.effect.kind} of {list_names(effect.effect.components, 3)}, "
-            f"now {effect.status}: {shown_by}."
+            f"To confirm the {effect.effect.kind} effect on "
+            f"{list_names(effect.effect.components, 3)}, now {effect.status}: {shown_by}."
         )
     if effect.doubt:
         found.append(

@@ -25,7 +25,7 @@ from app.units import Unit, utc_time
 HIGH_LEVERAGE: Final = 0.6
 """From this share of the evidence on two visits on, a warning is given."""
 
-PROXY: Final = "Proxy for something unexplained: "
+PROXY: Final = "proxy for something unexplained: "
 """Before the sentence of an effect that was found beside structure that no effect explains."""
 
 MOST_ALTERNATIVES: Final = 12

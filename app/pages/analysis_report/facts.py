@@ -77,14 +77,9 @@ def _sureness(evidence: Evidence) -> dict[str, str]:
 
 
 def _by_chance(probability: float | None) -> str:
-    return (
-        ""
-        if probability is None
-        else (
-            f"{chance_text(probability)}, that noise gives as strong a candidate anywhere in the "
-            "library"
-        )
-    )
+    if probability is None:
+        return ""
+    return f"{chance_text(probability)} for noise to give as strong a candidate in the library"
 
 
 def _held_out(evidence: Evidence) -> str:
