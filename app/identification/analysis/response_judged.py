@@ -25,7 +25,7 @@ LEAST_SCALE: Final = 1e-9
 SURE: Final = 0.01
 """Probability that as many set-ups get better by chance."""
 
-CARES: Final = (1.0, 2.0, 4.0, 8.0)
+CARES: Final = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 """Factors by which caution counts variances, tried in turn until no set-up held out gets markedly
 worse, what is not sure going half back to the maps; then the same, going back to the maps alone."""
 
