@@ -3,6 +3,7 @@
 import json
 
 from app.identification.analysis.advice import summary, what_next
+from app.identification.analysis.analysis import UnexplainedPart
 from app.pages.report_parts.effect_names import adoption_text
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, STEP, rival
@@ -53,3 +54,19 @@ def test_two_of_one_kind_are_told_apart_by_what_they_act_on():
     other = rival("thermal-lag", 208.0, tied=True, sensors=["bed"])
     (step, *_) = advised(LAG | {"alternatives": [other]})
     assert "(this separates thermal-lag of EZZ with z-column from that of EZZ with bed)" in step
+
+
+def test_a_proxy_that_is_named_second_goes_on_in_the_sentence():
+    proxy = LAG | {"is_proxy": True, "explanation": "Stands for something unexplained: EZZ is late"}
+    said = summed_up(proxy, proxy)
+    assert said.startswith("Stands for something unexplained: EZZ is late; stands for something")
+
+
+def test_what_nobody_knows_more_of_is_looked_at_together():
+    unknown = [
+        UnexplainedPart(code, 2.0, 1.0, "µm", moves_with, ("held-out",))
+        for code, moves_with in (("EXX", ()), ("EYY", ("feed",)), ("EZZ", ()))
+    ]
+    first, second = what_next((), unknown, (), visits=30)
+    assert first.startswith("Look at EYY: it moves with feed. Record")
+    assert second.startswith("Look at EXX, EZZ. Record")

@@ -93,7 +93,10 @@ def left_out_visits(apart: Sequence[str]) -> str:
 
 def _how_sure(effect: FoundEffect) -> str:
     """Say what was found, and where its name is not sure; a proxy says so itself."""
-    sure = effect.is_proxy or effect.status == Status.CONFIRMED
+    if effect.is_proxy:
+        # Inside a sentence that names several.
+        return f"{effect.explanation[:1].lower()}{effect.explanation[1:]}"
+    sure = effect.status == Status.CONFIRMED
     return effect.explanation if sure else f"{effect.explanation} ({effect.status})"
 
 
@@ -129,12 +132,7 @@ def what_next(
     ]
     for effect in effects:
         found += _of_effect(effect)
-    for part in unexplained:
-        moves = f": it moves with {list_names(part.moves_with, 3)}" if part.moves_with else ""
-        found.append(
-            f"Look at {part.component}{moves}. Record what else changes there (coolant, doors, "
-            "clamping, other machines), and measure it again together with that record."
-        )
+    found += _look_at(unexplained)
     asked = any("visits" in one.reason for one in not_testable)
     if visits < (ENOUGH_VISITS if asked else FEWEST_BLOCKS):
         found.append(
@@ -144,6 +142,19 @@ def what_next(
     if not found:
         found.append("Nothing needs to be done. Measure again once the machine may have worn.")
     return tuple(dict.fromkeys(found))
+
+
+def _look_at(unexplained: Sequence[UnexplainedPart]) -> list[str]:
+    """Send people to what is unexplained: those together of which nobody knows more."""
+    alone = [p for p in unexplained if p.moves_with]
+    together = [p.component for p in unexplained if not p.moves_with]
+    where = [f"{p.component}: it moves with {list_names(p.moves_with, 3)}" for p in alone]
+    where += [list_names(together)] if together else []
+    return [
+        f"Look at {one}. Record what else changes there (coolant, doors, clamping, other "
+        "machines), and measure it again together with that record."
+        for one in where
+    ]
 
 
 def mistakes_first(effects: Sequence[FoundEffect]) -> list[str]:
