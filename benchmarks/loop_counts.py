@@ -46,6 +46,9 @@ from thermap.answers import AnalysisResult
 HARM: Final = 1.1
 """An adoption does harm that makes later truth worse by more than a tenth."""
 
+NEAR: Final = 1.1
+"""Later truth is near to a perfect correction's within so many times it."""
+
 WITHIN: Final = 1.96
 STEMS: Final = ("slope", "reversal", "drift", "step", "curvature", "angle")
 """What answers call amplitudes that the simulator states in mid-travel and from there on."""
@@ -520,6 +523,7 @@ def show(outcomes: Sequence[Mapping[str, Any]]) -> None:
     over = [o.ratio for o in counted if o.ratio is not None]
     if over:
         print(f"\nerror after adoption / oracle's: median {np.median(over):.2f} of {len(over)}")
+    _show_later_truth([one for one in counted if one.outcome["floor_um"] and one.outcome["truth"]])
     _show_intervals(counted)
     _show_watch([one for one in outcomes if one["task"]["section"] == "watch"])
     harmed, tried = sum(o.harms for o in counted), len(counted)
@@ -668,6 +672,44 @@ def _truths(true: Mapping[str, Any]) -> dict[str, float]:
         if key.startswith("slope_"):
             found["rise"] = value / per
     return found
+
+
+def _show_later_truth(planted: Sequence[Judged]) -> None:
+    """Say how near later truth comes to a perfect correction's, and where that was to be had.
+
+    Outside where an effect was learnt it is held, and nobody claims that it is right there: those
+    values are counted apart. An oracle knows the effect, and fits its size to the same rows.
+    """
+    groups: dict[tuple[str, str], list[Judged]] = defaultdict(list)
+    for one in planted:
+        groups[one.section, one.task["condition"]].append(one)
+    for (section, condition), group in groups.items():
+        ratios = [_of_floor(one.outcome) for one in group]
+        near = [
+            sum(ratio is not None and ratio <= NEAR for ratio in own)
+            for own in zip(*ratios, strict=True)
+        ]
+        print(
+            f"\n{section}, {condition}: later truth within {NEAR} of the floor in {near[0]} of "
+            f"{len(group)}, where all was learnt in {near[1]}; an oracle's in {near[2]}"
+        )
+        for one, (whole, learnt, oracle) in zip(group, ratios, strict=True):
+            told = ", ".join(
+                f"{name} {ratio:.2f}"
+                for name, ratio in (("", whole), ("where learnt", learnt), ("oracle", oracle))
+                if ratio is not None
+            )
+            print(f"    {one.task['planted']:30} {one.judgement}:{told}")
+
+
+def _of_floor(outcome: Mapping[str, Any]) -> tuple[float, float | None, float | None]:
+    """Divide by the floor: later truth, that where effects were learnt, and an oracle's."""
+    learnt, oracle = outcome.get("where_learnt"), outcome["oracle_um"]
+    return (
+        outcome["after_um"] / outcome["floor_um"],
+        learnt["after_um"] / learnt["floor_um"] if learnt else None,
+        oracle / outcome["floor_um"] if oracle else None,
+    )
 
 
 def _show_intervals(counted: Sequence[Judged]) -> None:
