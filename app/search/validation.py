@@ -265,6 +265,8 @@ def _as_all_say(
     for term, match in zip(wanted, matches, strict=True):
         if match is None or terms[match].candidate.key != term.candidate.key:
             continue
+        if terms[match].theta == term.theta:
+            continue
         known = {c: term.columns[c] * term.norms for c in term.columns}
         own = {c: terms[match].columns[c] * terms[match].norms for c in term.columns}
         taught = {c: problem.fixed[c].channel for c in term.columns}
