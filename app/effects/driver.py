@@ -147,8 +147,13 @@ class Behind(Driver):
         return ((signal, None), (signal, self.time_constant_s))
 
     def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
-        """Include 0: in balance the maps are right."""
-        return _with_zero(learnt)
+        """Reach as far to the other side of 0, where in balance the maps are right.
+
+        What it is multiplied by is made of the maps, and a low-pass is linear: a body that was seen
+        to be late while it warmed up cools down as late.
+        """
+        farthest = max(map(abs, learnt))
+        return -farthest, farthest
 
     @property
     def quantity(self) -> Quantity:

@@ -377,16 +377,24 @@ def test_a_curvature_that_was_learnt_half_way_ends_at_the_next_map(variant):
         assert bool(abs(values[0]) > 1e-9) is is_there
 
 
-@pytest.mark.parametrize("kind", ["thermal-lag", "additional-sensor|beyond the maps"])
-def test_what_is_zero_where_the_maps_are_right_is_not_held_away_from_it(kind):
+def test_what_is_beyond_the_maps_is_not_held_away_from_them():
     own = example()
-    (each,) = [one for one in EACH if one == kind or one.startswith(f"{kind}|")][:1]
-    effect = fitted(each)
+    effect = fitted("additional-sensor|beyond the maps")
     driver = effect.terms[0].driver
     use = rows_with(effect, lambda at: driver.at(at) > 0.1)
     low, high = with_ranges(effect, own.projection, use).terms[0].learnt
     assert low == 0.0
-    assert high > 0.1
+    assert high == driver.at(own.projection.conditions)[use].max()
+
+
+def test_a_lag_that_was_learnt_while_it_warmed_up_is_known_as_it_cools_down():
+    own = example()
+    effect = fitted("thermal-lag|")
+    term = effect.terms[0]
+    use = rows_with(effect, lambda at: term.driver.at(at) < -0.1)
+    farthest = np.abs(term.driver.at(own.projection.conditions))[use].max()
+    found = with_ranges(effect, own.projection, use)
+    assert found.terms[0].learnt == (-farthest, farthest)
 
 
 RANGED = {
