@@ -202,7 +202,8 @@ def compensation_table(
         ) from None
     omitted = [f"{code} is not in the table: {why}" for code, why in model.omitted.items()]
     old = [
-        f"{list_names(state.group.codes)} rest on an old temperature of {state.sensor}"
+        f"{list_names(state.group.codes)} {'rests' if len(state.group.codes) == 1 else 'rest'} "
+        f"on an old temperature of {state.sensor}"
         for state in states
         if state.scale.sensor not in usable
     ]

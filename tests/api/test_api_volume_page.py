@@ -3,7 +3,7 @@
 import pytest
 
 from tests.api.test_api_dashboard import feed, shown
-from tests.service_examples import MACHINE, ROOM, START, problem, reading
+from tests.service_examples import MACHINE, ROOM, START, error_map, problem, reading
 
 pytestmark = pytest.mark.anyio
 
@@ -38,6 +38,22 @@ async def test_slices_are_drawn_on_the_service_with_the_chosen_exaggeration(clie
     assert "ring: largest error" in (await shown(client, VOLUME)).text
     problem(await client.get(f"{VOLUME}?times=1e9"), 422)
     problem(await client.get(f"{VOLUME}?times=nan"), 422)
+
+
+async def test_a_lathe_is_drawn_in_the_one_plane_that_it_has(client):
+    """A slice through an axis that there is none of would be a line."""
+    lathe = MACHINE | {"id": "lathe", "configuration": "FZX"}
+    lathe["axes"] = {a: MACHINE["axes"][a] for a in "xz"}
+    assert (await client.post("/v1/machines", json=lathe)).status_code == 201
+    for t in (20.0, 30.0):
+        await client.post("/v1/machines/lathe/error-maps", json=error_map(f"At {t}", t))
+    asked = reading(START, 25.0)
+    assert (await client.post("/v1/machines/lathe/readings", json=asked)).status_code == 201
+    text = (await client.get("/machines/lathe/volume")).text
+    assert text.count("<figcaption>") == 1
+    assert "Front view, XZ at Y 0 mm" in text
+    await feed(client, reading(START, 27.0))
+    assert (await client.get(VOLUME)).text.count("<figcaption>") == 3
 
 
 async def test_a_machine_without_a_table_says_why_and_draws_nothing(client, empty):

@@ -13,7 +13,7 @@ from app.errors import counted
 from app.geometry.components import COMPONENTS
 from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale, values_of
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import clock, number, signed
+from app.pages.dashboard.numbers import clock, number, short, signed
 from app.pages.environment import render_live
 from app.services.maps_view import MapsView
 from app.services.models import Preview
@@ -220,7 +220,9 @@ def _row(one: ComponentChange) -> dict[str, Any]:
     axis = one.component.axis
     place = ""
     if axis is not None and one.position_mm is not None:
-        place = f"at {axis.upper()} {one.position_mm:g}" + (" backward" if one.is_backward else "")
+        place = f"at {axis.upper()} {short(one.position_mm)}" + (
+            " backward" if one.is_backward else ""
+        )
     return {
         "code": one.component.code,
         "change": signed(-one.change),
@@ -258,10 +260,10 @@ def _picture(preview: Preview) -> dict[str, Any] | None:
         f"{component.unit.symbol}",
         "svg": before_after_svg(before, after, scale, ends, lost_mm, name),
         "ticks": [
-            {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": _tick(t)}
+            {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": short(t)}
             for t in scale.ticks
         ],
-        "positions": [f"{x:g}" for x in positions_scale(*ends)],
+        "positions": [short(x) for x in positions_scale(*ends)],
         "axis": (component.axis or "").upper(),
         "is_both_ways": is_both_ways,
         "lost": lost.text if lost is not None and lost_mm is not None else "",
@@ -280,7 +282,3 @@ def _lost_mm(lost: Part | None, ends: tuple[float, float]) -> tuple[float, float
     low = ends[0] if lost.from_mm is None else max(lost.from_mm, ends[0])
     high = ends[1] if lost.to_mm is None else min(lost.to_mm, ends[1])
     return (low, high) if high > low else None
-
-
-def _tick(value: float) -> str:
-    return f"{value:g}".replace("-", "\N{MINUS SIGN}")

@@ -40,6 +40,15 @@ def number(value: float, digits: int = 2) -> str:
     return f"{value:,.{digits}f}".replace("-", MINUS).replace(",", NO_BREAK)
 
 
+def short(value: float) -> str:
+    """Write a position or a tick as short as it can be.
+
+    >>> short(-487.5), short(-650.0), short(0.0)
+    ('−487.5', '−650', '0')
+    """
+    return f"{value + 0.0:g}".replace("-", MINUS)
+
+
 def with_unit(text: str, unit: str) -> Markup:
     """Write a unit behind its number, quieter than that."""
     return Markup('{}&nbsp;<span class="unit">{}</span>').format(text, unit)

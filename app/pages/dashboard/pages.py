@@ -24,7 +24,7 @@ from app.pages.dashboard.charts import (
 )
 from app.pages.dashboard.events import event_row
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import MINUS, NO_BREAK, age, clock, number, signed
+from app.pages.dashboard.numbers import MINUS, NO_BREAK, age, clock, number, short, signed
 from app.pages.environment import render_live
 from app.services.dashboard import Curve, MachineView
 from app.status.machine_status import MachineStatus, SensorNow, State, Verdict
@@ -370,7 +370,7 @@ def _chart(
             {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": _tick(t)}
             for t in scale.ticks
         ],
-        "positions": [f"{x:g}" for x in positions_scale(ends[0], ends[-1])],
+        "positions": [short(x) for x in positions_scale(ends[0], ends[-1])],
     }
 
 
@@ -403,7 +403,7 @@ def _largest_of(curve: Curve) -> tuple[float, str]:
     axis = curve.component.axis
     place = ""
     if axis is not None:
-        place = f"at {axis.upper()} {round(curve.entry.positions_mm[at % count], 1):g}"
+        place = f"at {axis.upper()} {short(round(curve.entry.positions_mm[at % count], 1))}"
     return float(values[at]), (place + (" backward" if at >= count else "")).strip()
 
 
@@ -455,7 +455,7 @@ def _tables(curves: Sequence[Curve]) -> Iterable[dict[str, Any]]:
         return curve.component.axis or "", tuple(curve.entry.positions_mm.tolist())
 
     for (axis, at), own in groupby(sorted(tables, key=positions), key=positions):
-        yield {"axis": axis, "positions": [f"{x:g}" for x in at], "rows": list(_rows(own))}
+        yield {"axis": axis, "positions": [short(x) for x in at], "rows": list(_rows(own))}
     if single:
         yield {
             "axis": counted(len(single), "value"),

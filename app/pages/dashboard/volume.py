@@ -61,8 +61,9 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         base |= {
             f"tool_{a}": f"{t:g}" for a, t in zip(LINEAR_LETTERS, now.tool_offset_mm, strict=True)
         }
-    m = _margin_mm(now.slices, now.volume)
-    x, y, _ = (high - low + 2.0 * m for low, high in now.volume.ranges_mm)
+    slices = _drawn(now.slices, now.volume)
+    m = _margin_mm(slices, now.volume)
+    first_mm, second_mm = _columns_mm(slices, now.volume, m)
     return {
         "title": f"Largest error {number(worst.length_um, 1)} µm at {_place(worst)}, "
         "before compensation.",
@@ -71,10 +72,10 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         "warnings": now.warnings,
         "times": f"{now.exaggeration:g}",
         "asked": _asked(now),
-        "columns": f"{x:.2f}fr {y:.2f}fr",
-        "views": [_view(one, now, m) for one in now.slices],
-        "bars": _bars(now, y, m),
-        "is_ringed": all(one.ringed is not None for one in now.slices),
+        "columns": f"{first_mm:.2f}fr {second_mm:.2f}fr",
+        "views": [_view(one, now, m) for one in slices],
+        "bars": _bars(now, second_mm, m),
+        "is_ringed": all(one.ringed is not None for one in slices),
         "exaggerations": [
             (f"{times:g}", urlencode(base | {"times": f"{times:g}"}), times == now.exaggeration)
             for times in _steps(now.automatic, now.exaggeration)
@@ -174,6 +175,24 @@ def _next(factor: float, by: int) -> float:
     power = math.floor(math.log10(factor) + 1e-9)
     at = min(range(3), key=lambda i: abs(_ROUND[i] - factor / 10.0**power)) + 3 * power + by
     return float(f"{_ROUND[at % 3]:g}e{at // 3}")
+
+
+def _drawn(slices: Sequence[Slice], volume: WorkVolume) -> Sequence[Slice]:
+    """Leave out slices that are a line: a lathe without Y has one that shows something."""
+    long = [high > low for low, high in volume.ranges_mm]
+    return [one for one in slices if long[one.across] and long[one.up]] or slices
+
+
+def _columns_mm(
+    slices: Sequence[Slice], volume: WorkVolume, margin_mm: float
+) -> tuple[float, float]:
+    """How wide both columns are at the slices' scale [mm]; one slice alone is not too tall."""
+    sizes = [high - low + 2.0 * margin_mm for low, high in volume.ranges_mm]
+    if len(slices) > 1:
+        return sizes[0], sizes[1]
+    across, up = sizes[slices[0].across], sizes[slices[0].up]
+    share = min(0.5, 0.8 * across / up)
+    return across, across * (1.0 - share) / share
 
 
 def _margin_mm(slices: Sequence[Slice], volume: WorkVolume) -> float:
