@@ -3267,7 +3267,7 @@ class StoredVerificationAnswer(VerificationAnswer):
     """A verification that was stored just now, or was there already."""
 
     warnings: list[str] = []
-    """What the active model cannot be held against, and why"""
+    """What the active model cannot be compared with, and why"""
 
 
 class VolumetricErrorAnswer(AnswerHead):
@@ -3617,7 +3617,7 @@ class PreviewAnswer(Shape):
     """What would make the version, and which effects it would not keep"""
 
     active_version: int | None = None
-    """The version that it is held against; null before the first"""
+    """The version that it is compared with; null before the first"""
 
     activated: bool
     """Whether it would be activated without more ado"""

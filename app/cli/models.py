@@ -194,7 +194,7 @@ def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
     reasons = [Text(f"version {one.version}: {one.reason}", style="dim") for one in found.versions]
     of = list_names(map(str, found.verifications))
     summary = Text(
-        f"{counted(found.values, 'value')} that all of them can be held against; "
+        f"{counted(found.values, 'value')} that can be compared with all of them; "
         f"verifications {of}; * is active"
     )
     return Group(table, Text(), summary, *reasons)

@@ -194,7 +194,7 @@ def residuals_view(found: ResidualsAnswer) -> RenderableType:
         )
     guessed = [Text(zeros_text(str(size.zero) for size in found.components), style="dim")]
     guessed += [Text(_ORIGIN_NOTE, style="dim")] if _is_any_guessed(found) else []
-    shown = or_nothing(table, "nothing of them can be held against the model")
+    shown = or_nothing(table, "nothing of them can be compared with the model")
     return Group(head, Text(), shown, *left_out, *guessed)
 
 

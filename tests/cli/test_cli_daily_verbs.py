@@ -246,7 +246,7 @@ def test_versions_are_compared(thermap, client, measured):
     found = lines(thermap("models", "compare", *versions))
     # EXX at 24 °C and 250 mm is 10 µm; 10.5, 10.6 … 10.9 were measured: RMS √0.51 µm.
     assert "EXX 0.71 0.71 µm 5" in found
-    assert "5 values that all of them can be held against; verifications 1; * is active" in found
+    assert "5 values that can be compared with all of them; verifications 1; * is active" in found
     assert thermap("models", "compare", "2").exit_code == 2
 
 

@@ -1,4 +1,4 @@
-"""Verifications: what was measured to hold the model against."""
+"""Verifications: what was measured to compare the model with."""
 
 from __future__ import annotations
 

@@ -189,7 +189,9 @@ class PreviewAnswer(Schema):
         examples=["map 'Run #7' stored"],
     )
     active_version: int | None = Field(
-        None, description="The version that it is held against; null before the first", examples=[3]
+        None,
+        description="The version that it is compared with; null before the first",
+        examples=[3],
     )
     activated: bool = Field(description="Whether it would be activated without more ado")
     loses: list[CoverageAnswer] = LOSES

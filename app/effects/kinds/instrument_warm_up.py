@@ -80,7 +80,9 @@ class InstrumentWarmUp(EffectKind):
             own = view.rows.of_channel(code)
             visits = np.unique(view.rows.visit[own]).size
             if visits < FEWEST_VISITS:
-                reason = f"needs at least {FEWEST_VISITS} set-ups of {code}, got {visits}"
+                reason = (
+                    f"needs at least {FEWEST_VISITS} set-ups in which it was observed, got {visits}"
+                )
                 found.not_testable.append(self.refuse(code, reason))
                 continue
             found.hypotheses.append(_hypothesis(code, _longest_s(view.rows, own)))
