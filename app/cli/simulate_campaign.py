@@ -236,8 +236,8 @@ def simulate_campaign(
 ) -> None:
     """Make a machine with an undeclared effect: maps, readings, verifications, and the truth.
 
-    Scatter holds in each component's own unit (µm, µrad, µm/m). truth.json says what was planted,
-    and what is true at later times: `asked` there is what a prediction is asked for.
+    Scatter is stated in each component's own unit (µm, µrad, µm/m). truth.json says what was
+    planted and what is true at later times; its `asked` is what to ask predictions for.
 
     Example: `thermap simulate campaign --effect thermal-lag --seed 3 -o lagging`
 

@@ -1,10 +1,10 @@
-"""Many sensors and states with lags as one driver: what collinear ones can only say together.
+"""Many sensors and states with lags as one driver, because collinear ones only tell together.
 
-Each column is made of the machine's record since its beginning: a temperature late by a time
-constant, a state or whether it is on likewise, what a body differed by from the others when the
-record began and how that dies out, and a late temperature times the level of all of them. The
-machine is taken to have stood at the temperatures of its first reading before, with all states 0.
-Where a record begins without anything changing, it begins when something does.
+Each column is made from the machine's record since its beginning: a temperature, a state, or
+whether that is on, each late by a time constant; the difference of a body from the others when the
+record began, and how that dies out; and a late temperature times the level of all of them. Before
+the record the machine is taken to have rested at the temperatures of its first reading, with all
+states 0. Where nothing changes at first, the record begins when something does.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ LEVEL_MIN: Final = 30.0
 """Time constants [min]; that of 0 is the present temperature."""
 
 PER_LEVEL_K: Final = 10.0
-"""The level of all temperatures counts in so many kelvins."""
+"""Unit of the level of all temperatures, in kelvins."""
 
 APART_S: Final = 3600.0
 """Records of sensors that began further apart than this are not compared at their beginning [s]."""
 
 BEYOND: Final = 0.5
-"""A column is held this share of its learnt span beyond it: what is not known there shows in the
-standard deviation, and is corrected less."""
+"""A column is followed beyond its learnt range by this share of that range, and held from there on:
+what is not known there shows in the standard deviation, and is corrected less."""
 
 LONGER: Final = 2.0
 """A response that was learnt from the start of records says nothing of records this much longer."""

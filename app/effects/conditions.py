@@ -1,4 +1,4 @@
-"""What the machine lived through at the times that matter: temperatures, states, and their past.
+"""What the machine went through at the times that matter: temperatures, states, and their past.
 
 The same class serves the n rows of a search, the n rows of a prediction, and the one
 moment of a live table: what drives an effect is asked of it and of nothing else.
@@ -88,7 +88,7 @@ class Lags(Protocol):
 
 
 class NoHistory:
-    """Nobody knows the past: a request with present temperatures only."""
+    """The past is not known: a request with present temperatures only."""
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Give nothing."""

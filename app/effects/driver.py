@@ -86,7 +86,7 @@ def _with_zero(learnt: tuple[float, float]) -> tuple[float, float]:
 
 
 def _late(time_constant_s: float | None) -> str:
-    """Say how late something follows, empty where it is at once."""
+    """Say how late something follows; empty where it follows at once."""
     return "" if time_constant_s is None else f" {time_constant_s / SECONDS_PER_MIN:.3g} min late"
 
 

@@ -1,8 +1,8 @@
-"""Flexible versions of a hypothesis: what it would be if its shape were only about right.
+"""Flexible versions of a hypothesis: what it would be if its shape were only roughly right.
 
 An effect that the library does not have is often imitated by one that it has: a bow by a profile
-that comes and goes, a gradient with an offset by a late speed. Beside a right name none of
-these versions explains anything; what does, says that the name stands for something else.
+that comes and goes, a gradient with an offset by a late speed. Where the name is right, none of
+these versions explains anything; one that does says that the name stands for something else.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def flexible_versions(
     theta: float | None,
     time_constants: tuple[float, float] | None,
 ) -> list[Flexible]:
-    """List what a hypothesis would add if it were only about right.
+    """List what a hypothesis would add if it were only roughly right.
 
     Parameters
     ----------

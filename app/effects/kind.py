@@ -48,7 +48,7 @@ class Named(Protocol):
 
 
 def do_the_same(one: Named, other: Named) -> bool:
-    """Whether two are the same kind with the same drivers: forms of one thing, as late and at once.
+    """Whether two are the same kind with the same drivers: forms of one thing, such as late or not.
 
     What they do here is then the same.
     """
@@ -83,23 +83,23 @@ class Proposals:
 
 
 class EffectKind(ABC):
-    """One kind of effect: what it is, what it needs, how it is tested, and how it is told.
+    """One kind of effect: what it is, what it needs, how it is tested, and how it is described.
 
-    `kind` names it; `text` says in a line what it is; `needs` what must be known. `trending`
-    kinds must also hold forward in time; of an `only_once` kind one component can have one
-    only. `shown_by` is the measurement that shows it best; `against` names for a rival kind
-    the one that separates both. In both, {component}, {sensor} and {state} stand for the
+    `kind` names it; `text` says in a line what it is, and `needs` what must be known. `trending`
+    kinds must also hold forward in time; a component can have an `only_once` kind once at most.
+    `shown_by` is the measurement that shows it best; `against` names, for each rival kind, the
+    measurement that separates the two. In both, {component}, {sensor} and {state} stand for the
     effect's own.
 
     What reports say of it: residuals are `drawn_over` its driver, time or position, and
     `driver_note` explains the driver there; `share_of` says what a parameter `share` is a
     share of; `remedy` what to do about it, where {components} stands for the effect's own.
 
-    A mistake in the data or the wiring is `not_adopted`, for the stated reason: there is nothing
-    that the model lacks, and what is wrong is to be put right where it is. What it `spoils`, by
-    kind with the reason, is not adopted beside it either. One is `never_sure`, for the stated
-    reason, where the machine may do just the same: it is suspected at most, and what cannot be
-    told from it is not adopted unasked.
+    A mistake in the data or the wiring is `not_adopted`, for the stated reason: the model lacks
+    nothing, and the mistake is to be corrected at its source. `spoils` names the kinds, with the
+    reasons, that are not adopted beside it either. A kind is `never_sure`, for the stated reason,
+    where the machine may do just the same: it is suspected at most, and what cannot be told from
+    it is not adopted by default.
     """
 
     kind: ClassVar[str]
@@ -142,15 +142,15 @@ class EffectKind(ABC):
         return self.remedy.format(components=list_names(effect.components, 3))
 
     def doubt(self, effect: Effect) -> str:
-        """Say what of an effect's own size speaks against its name; empty where nothing does."""
+        """Say what in an effect's own size speaks against its name; empty where nothing does."""
         del effect
         return ""
 
     def separating_measurement(self, effect: Named, rival: Named) -> str:
         """Name what to measure to tell an effect from a rival.
 
-        Nothing is brought apart from itself: of one sensor alone it is by what the two say of
-        components that they differ, or else by what shows the effect best.
+        A sensor cannot be brought apart from itself. Where both follow the same one, the
+        measurement is of the components in which they differ, or else what shows the effect best.
         """
         text = self.against.get(rival.kind, self.shown_by)
         if "{rival}" in text and (not rival.sensors or rival.sensors[-1:] == effect.sensors[-1:]):
