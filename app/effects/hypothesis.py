@@ -235,7 +235,7 @@ def in_turn(nonlinear: Nonlinear, theta: float) -> str:
     """Tell of a form how late it is by each of its bodies.
 
     >>> in_turn(Nonlinear("time_constant_min", 60.0, (600.0, 3600.0)), 3400.0)
-    'through two bodies in turn, 57 and 28 min'
+    'through two bodies in turn (57 and 28 min)'
     """
     first, second = (share * theta / nonlinear.per_unit for share in (1.0, SECOND_BODY))
     return f"{IN_TURN} ({first:.0f} and {second:.0f} min)"

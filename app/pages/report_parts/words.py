@@ -68,7 +68,7 @@ def origins_text(found: Iterable[str]) -> str:
     Examples
     --------
     >>> origins_text(["residuals", "residuals"])
-    'Scatter of one observation – residuals: from what is left within the visits.'
+    'Scatter of one observation – residuals: from the residuals within each visit.'
     """
     occurring = set(found)
     origins = [f"{origin}: {words}" for origin, words in ORIGINS.items() if origin in occurring]
