@@ -82,8 +82,9 @@ def _print_cleaning(lathe: Lathe, every_row: Lathe) -> None:
     for one in doubtful_sensors(lathe.readings):
         since = datetime.fromtimestamp(one.since_s, UTC)
         print(
-            f"  {one.sensor} left its neighbours by {one.off_by_k:+.1f} K on {since:%Y-%m-%d}, "
-            f"where it used to stay within {one.usual_k:.1f} K"
+            f"  {one.sensor} departed from its neighbours by {one.off_by_k:+.1f} K on "
+            f"{since:%Y-%m-%d}, "
+            f"having stayed within {one.usual_k:.1f} K of them before"
         )
     for name, each in (("all rows", every_row), ("thinned", lathe)):
         residuals = residuals_of(each.campaign([run.date for run in each.runs]))

@@ -113,7 +113,7 @@ async def adopted_once(campaign, first, second):
     assert "onto_active" in problem(await campaign.post(f"{PATH}/{second}/adopt"), 409)["detail"]
     # The same effect again is one that the active version has.
     forced = await campaign.post(f"{PATH}/{second}/adopt", json={"onto_active": True})
-    assert "has this effect already" in problem(forced, 409)["detail"]
+    assert "already has this effect" in problem(forced, 409)["detail"]
     assert len((await campaign.get(f"{ROOM}/models")).json()) == 4
     await campaign.post(f"{ROOM}/models/3/activate")
     third = await of_fewer_visits(campaign)

@@ -212,5 +212,6 @@ def test_the_summary_says_which_visit_the_answer_is_not_about():
     assert "Left out" not in told["as it was"]["summary"]
     (next_step,) = (step for step in told["one off"]["what_next"] if "left out as a slip" in step)
     assert visit["label"] in next_step
-    _, _, left_out = told["one off"]["summary"].partition("Left out as far from all other visits:")
+    summary = told["one off"]["summary"]
+    _, _, left_out = summary.partition("Left out because it lies far from all other visits:")
     assert visit["label"] in left_out

@@ -76,7 +76,7 @@ def test_what_imitates_a_hidden_cause_in_one_record_is_not_confirmed(seed, plant
     made = make_record(seed, planted, size, hours=12.0)
     found = analysed(made, kinds=("thermal-lag", "sensor-gradient", "state-variable")).effects
     assert {e.status for e in found} == {status}
-    odd = "what is left beside it wanders as in no other component"
+    odd = "what it leaves wanders unlike the residuals of any other component"
     assert all((odd in e.doubts) == (status == "suspected") for e in found)
 
 
@@ -86,7 +86,7 @@ LENGTHS = ("instrument-compensation", "additional-sensor", "sensor-gradient", "o
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("per_k", "sensor", "words"),
-    [(-0.93, "ambient", "the air's temperature"), (11.7, "bed", "the temperature of steel")],
+    [(-0.93, "ambient", "air temperature"), (11.7, "bed", "the temperature of the steel")],
 )
 def test_lengths_that_no_instrument_corrected_are_no_expansion_of_the_machine(per_k, sensor, words):
     """They were confirmed as three sensitivities to the room; adopting these did harm."""

@@ -126,7 +126,7 @@ def test_a_machine_as_its_model_says_stays_within(seed):
     assert {j.status for j in judgements} == {"within"}
     assert judgements[-1].limit == pytest.approx(200.0)
     assert "no earlier visits to compare with" in judgements[0].summary
-    assert "as its model says" in judgements[-1].summary
+    assert "agrees with its model" in judgements[-1].summary
 
 
 def test_a_step_is_noticed_with_its_component():

@@ -80,7 +80,11 @@ NOTHING = {
     "unexplained": [],
     "excluded": [],
     "not_testable": [
-        {"kind": "angular", "on": "", "reason": "the maps have all rotations that show"},
+        {
+            "kind": "angular",
+            "on": "",
+            "reason": "the maps already have every rotation that these observations can show",
+        },
         {"kind": "drift", "on": "EBX", "reason": "needs 8 visits, got 6"},
         {"kind": "step", "on": "EBX", "reason": "needs 8 visits, got 6"},
     ],
@@ -228,7 +232,7 @@ BACKLASH = LAG | {
     ),
     "status": "not-confirmable",
     "helps": False,
-    "why_not": "it was not found again without the visits that were held out",
+    "why_not": "it was not found again without the held-out visits",
     "explanation": "EXX has a reversal value of 2.1 ± 0.12 µm",
 }
 BACKLASH_CURVE = LAG_CURVE | {
@@ -322,7 +326,8 @@ FOUND = UNEXPLAINED | {
             "becomes": None,
             "outcome": "dropped",
             "is_changed": True,
-            "explanation": "backlash of EXX is dropped: beside the other effects it no longer pays",
+            "explanation": "backlash of EXX is dropped: with the other effects beside it, it is no "
+            "longer worth its place",
         }
     ],
     "unexplained": [],
@@ -350,7 +355,7 @@ MOVED = FOUND | {
         }
         for component, other, after, why_not in (
             ("EZZ", "column-rear", 5.1, None),
-            ("EXZ", "bed", 7.4, "it leaves 7.4, which is not markedly less"),
+            ("EXZ", "bed", 7.4, "it leaves 7.4, not markedly less"),
             ("EYZ", None, None, "needs 8 set-ups in which it shows, came 3"),
         )
     ],
