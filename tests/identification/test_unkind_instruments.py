@@ -60,7 +60,7 @@ def test_one_short_visit_far_from_the_model_is_not_judged():
     found = analysed(made, [one | {"observations": moved}])
     assert (found.verdict, found.effects) == ("not-judged", ())
     assert "in one set-up, where repeatability and maps explain" in found.summary
-    assert any("8 set-ups or more" in words for words in found.what_next)
+    assert any("at least 8 set-ups" in words for words in found.what_next)
 
 
 @pytest.mark.slow
