@@ -218,7 +218,14 @@ def _say_what_came(wrong: typer.BadParameter) -> None:
         return
     from app.api.field_errors import field_error
 
-    wrong.message = field_error(wrong.__cause__.errors()[0]).message
+    error = wrong.__cause__.errors()[0]
+    # Of a word that is none of several typer says so itself, in a sentence of its own.
+    _, is_choice, choices = error["msg"].partition(" is not one of ")
+    wrong.message = (
+        f"expected one of {choices.rstrip('.')}, got {error['input']!r}"
+        if is_choice
+        else field_error(error).message
+    )
 
 
 def _explain(error: Exception) -> None:

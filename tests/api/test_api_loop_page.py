@@ -128,6 +128,15 @@ async def test_every_result_is_shown_with_its_decision(client, app, which):
     assert "What would have been seen" in page.text
 
 
+async def test_what_to_measure_next_is_listed_once(client, app):
+    said = "Measure EXX with x-middle warm."
+    planned = {"label": "next", "datum": "absolute", "repeatability_um": None, "observations": []}
+    visit = {"sentence": said, "like_time": "2026-03-01T06:00:00Z"}
+    visit |= {"temperatures_c": {"x-middle": 24.0}, "states": {}, "planned": planned}
+    done(app, ALL["found"] | {"what_next": [said], "next_visit": visit})
+    assert (await client.get(PAGE)).text.count(f"<li>{said}</li>") == 1
+
+
 @pytest.mark.parametrize("verdict", ["nothing-found", "not-judged"])
 async def test_nothing_is_never_said_without_what_would_have_been_seen(client, app, verdict):
     done(app, NOTHING | {"verdict": verdict})

@@ -72,6 +72,13 @@ def test_what_cannot_be_is_said_and_changes_nothing(run, url, arguments, words):
     assert key["name"] == "line-3"
 
 
+def test_a_role_that_there_is_none_of_is_told_with_those_that_there_are(run, url):
+    found = run("keys", "create", "x", "--role", "boss", "--database-url", url, columns=200)
+    assert found.exit_code == 2
+    said = " ".join(found.stderr.split())
+    assert "expected one of 'sensor', 'viewer', 'metrologist', 'admin', got 'boss'" in said
+
+
 def test_the_demo_is_not_opened_to_others_unasked(run, tmp_path):
     found = run(
         *("demo", "--host", "0.0.0.0", "--port", "0"),
