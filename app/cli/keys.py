@@ -98,7 +98,7 @@ def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None
 
 @keys.command("revoke")
 def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption = False) -> None:
-    """Let a key be none any more; a service that runs knows it a second later.
+    """Revoke a key; a running service refuses it within a second.
 
     Streams that were opened with it end within a heartbeat, browsers ask for another.
     """
