@@ -131,7 +131,7 @@ def test_where_nothing_was_found_the_page_says_what_that_is_worth():
 def test_reasons_that_several_kinds_share_stand_once():
     told = read(NOTHING).told
     assert "drift, step EBX needs 8 visits, got 6" in told
-    assert "angular – the maps have all rotations" in told
+    assert "angular – the maps already have every rotation" in told
 
 
 def test_components_stand_by_unit_with_their_figures():
