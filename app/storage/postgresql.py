@@ -215,6 +215,7 @@ class KeptConnections:
         self._engine = engine
         self._answer_s = answer_s
         self._idle: list[tuple[PoolProxiedConnection, float]] = []
+        self._is_closed = False
 
     @contextmanager
     def writing(self) -> Iterator[ImpatientConnection]:
@@ -230,17 +231,20 @@ class KeptConnections:
             yield connection
             connection.commit()
         except psycopg.Error as error:
-            _give_back(lent)
+            self._give_back(lent)
             raise DBAPIError.instance(None, None, error, psycopg.Error) from error
         except BaseException:
-            _give_back(lent)
+            self._give_back(lent)
             raise
         self._idle.append((lent, monotonic()))
+        if self._is_closed:  # while something was written
+            self.close()
 
     def close(self) -> None:
-        """Give those up that nobody uses."""
+        """Give those up that nobody uses, and each that is used as soon as that ends."""
+        self._is_closed = True
         while self._idle:
-            _give_back(self._idle.pop()[0])
+            self._give_back(self._idle.pop()[0])
         self._engine.dispose()
 
     def _take(self) -> PoolProxiedConnection:
@@ -251,14 +255,16 @@ class KeptConnections:
             return self._engine.raw_connection()
         if monotonic() - used_s <= KEPT_FOR_S:
             return lent
-        _give_back(lent)
+        self._give_back(lent)
         return self._engine.raw_connection()
 
-
-def _give_back(lent: PoolProxiedConnection) -> None:
-    """Let the pool have a connection again, which rolls back what was not committed."""
-    with suppress(SQLAlchemyError, psycopg.Error):
-        lent.close()
+    def _give_back(self, lent: PoolProxiedConnection) -> None:
+        """Let the pool have a connection again, which rolls back what was not committed."""
+        with suppress(SQLAlchemyError, psycopg.Error):
+            if self._is_closed:
+                lent.invalidate()  # a pool that was given up closes none that come back to it
+            else:
+                lent.close()
 
 
 class PostgresqlConnections:

@@ -207,3 +207,16 @@ def test_a_file_that_is_no_database_is_said(tmp_path):
         session.execute(text("SELECT 1"))
     database.close()
     assert (tmp_path / "thermap.db").read_bytes().startswith(b"this is no database")
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_connection_at_work_is_closed_when_all_are_given_up(postgresql, waits):
+    with postgresql.appending() as kept:
+        kept.execute("SELECT 1")
+    assert not kept.closed  # for the next one
+    with suppress(StorageUnavailable), postgresql.appending() as one:
+        assert one is kept
+        if waits:
+            postgresql.close()
+    postgresql.close()
+    assert one.closed

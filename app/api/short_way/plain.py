@@ -51,6 +51,12 @@ def machine_and_room(scope: Scope) -> tuple[str, str] | None:
     return machine_id, room
 
 
+def may_be_short(scope: Scope, longest: int) -> bool:
+    """Say whether a request's head leaves its body short: a long one is refused before it comes."""
+    stated = next((v for k, v in scope["headers"] if k == b"content-length"), b"0")
+    return stated.isdigit() and int(stated) <= longest
+
+
 async def read_short(receive: Receive, longest: int) -> tuple[list[Message], bytes | None]:
     """Read a short body whole, or as much of a long one as shows that it is long (None)."""
     messages = []

@@ -15,7 +15,14 @@ from app.api.gate import Gate
 from app.api.media_types import JSON
 from app.api.metrics import UNKNOWN, Metrics
 from app.api.request_log import RequestLog
-from app.api.short_way.plain import Answer, ShortWay, again, machine_and_room, read_short
+from app.api.short_way.plain import (
+    Answer,
+    ShortWay,
+    again,
+    machine_and_room,
+    may_be_short,
+    read_short,
+)
 from app.api.short_way.readings import READINGS
 from app.api.short_way.tables import TABLES
 from app.errors import StorageUnavailable
@@ -62,8 +69,8 @@ class ThermapService(FastAPI):
             return
         machine_id, room = machine_and_room(scope) or ("", "")
         short_way = SHORT_WAYS.get(room)
-        if short_way is not None:
-            most = min(short_way.longest, self.state.max_body_bytes)
+        most = 0 if short_way is None else min(short_way.longest, self.state.max_body_bytes)
+        if short_way is not None and may_be_short(scope, most):
             messages, body = await read_short(receive, most)
             if body is not None:
                 status = await self._go(short_way, machine_id, body, scope, receive, send)
