@@ -119,9 +119,10 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     if not proposals:
         return answer
     moved = {one.component for one in proposals}
-    pairs = " ".join(f"{one.component}={one.proposed_sensor}" for one in proposals)
+    pairs = [f"{one.component}={one.proposed_sensor}" for one in proposals]
+    words = " ".join(f'"{pair}"' if " " in pair else pair for pair in pairs)  # for a shell
     what = (
-        f"Change the sensor assignment first: `thermap sensors assign {pairs} --machine "
+        f"Change the sensor assignment first: `thermap sensors assign {words} --machine "
         f"{machine_id}` makes the next model version. Then analyse again, because effects of "
         f"{list_names([one.component for one in proposals], 4)} were looked for with the present "
         "assignment."
