@@ -82,6 +82,19 @@ def test_where_the_assignment_is_right_none_is_proposed(planted):
     assert proposals(campaign_of(planted)) == {}
 
 
+def test_one_value_in_each_set_up_with_its_own_zero_tells_nothing():
+    campaign = campaign_of(datum="free")
+    cut = []
+    for one in campaign.verifications:
+        others = [o for o in one.observations if o.component and o.component != "EYY"]
+        alone = replace(others[0], component="EYY", position_mm=200.0)
+        cut.append(replace(one, observations=[*others, alone]))
+    found = judged(replace(campaign, verifications=cut))
+    assert found["EYY"].why_not == (
+        "each set-up has one value of it and a zero of its own: no two can be compared"
+    )
+
+
 def test_few_set_ups_say_why_nothing_is_judged():
     found = judged(assigned(campaign_of(visits=6), EXX="bed"))
     assert found["EXX"].why_not == "needs at least 8 set-ups in which it shows, got 6"

@@ -363,6 +363,8 @@ def _why_not_judged(campaign: Campaign, set_ups: SetUps, one: _Reading) -> str:
         return f"the model has effects on it that were learnt with {one.own}"
     if count < FEWEST_BLOCKS:
         return f"needs at least {FEWEST_BLOCKS} set-ups in which it shows, got {count}"
+    if not np.any(np.abs(set_ups.left[one.view.rows]) > ROUNDING):
+        return "each set-up has one value of it and a zero of its own: no two can be compared"
     if not one.sensors:
         return "no other sensor has readings there and can tell its maps apart"
     return ""
