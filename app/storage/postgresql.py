@@ -224,18 +224,16 @@ class KeptConnections:
         On the driver's own connection: what SQLAlchemy does around a statement takes longer than
         the statement. Errors are SQLAlchemy's.
         """
-        lent = self._take()
-        connection: Any = lent.driver_connection
-        connection.answer_s = self._answer_s
-        try:
-            yield connection
-            connection.commit()
-        except psycopg.Error as error:
-            self._give_back(lent)
-            raise DBAPIError.instance(None, None, error, psycopg.Error) from error
-        except BaseException:
-            self._give_back(lent)
-            raise
+        with _as_sqlalchemys():
+            lent = self._take()
+            connection: Any = lent.driver_connection
+            connection.answer_s = self._answer_s
+            try:
+                yield connection
+                connection.commit()
+            except BaseException:
+                self._give_back(lent)
+                raise
         self._idle.append((lent, monotonic()))
         if self._is_closed:  # while something was written
             self.close()
@@ -260,11 +258,21 @@ class KeptConnections:
 
     def _give_back(self, lent: PoolProxiedConnection) -> None:
         """Let the pool have a connection again, which rolls back what was not committed."""
+        driver: Any = lent.driver_connection
         with suppress(SQLAlchemyError, psycopg.Error):
-            if self._is_closed:
+            if self._is_closed or driver.closed:
                 lent.invalidate()  # a pool that was given up closes none that come back to it
             else:
                 lent.close()
+
+
+@contextmanager
+def _as_sqlalchemys() -> Iterator[None]:
+    """Raise what the driver raises as SQLAlchemy does, where no SQLAlchemy is between."""
+    try:
+        yield
+    except psycopg.Error as error:
+        raise DBAPIError.instance(None, None, error, psycopg.Error) from error
 
 
 class PostgresqlConnections:

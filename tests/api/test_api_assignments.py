@@ -73,7 +73,7 @@ async def test_a_wrong_assignment_is_proposed_changed_and_gone(tmp_path):
     assert not any(one["proposed_sensor"] for one in others)
     assert result["summary"].startswith(proposal["sentence"])
     assert "thermap sensors assign EXX=x-middle --machine wrong" in result["what_next"][0]
-    assert "EXX on x-middle instead of bed" in page.text
+    assert "EXX with x-middle instead of bed" in page.text
     assert right == wrong + 1
     assert second["model_version"] == right
     assert second["result"]["verdict"] == "nothing-found"

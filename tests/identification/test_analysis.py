@@ -290,14 +290,17 @@ def test_angles_alone_are_told_in_their_unit():
 
 @pytest.mark.slow
 def test_what_would_have_been_seen_does_not_hang_on_what_was_declared():
-    """The same data, called twice as scattered or half: the fitted scatter decides."""
+    """The same data, called twice as scattered or half: the fitted scatter decides.
+
+    Half is denied by what was measured twice, so that the scatter is learnt, and less sure.
+    """
     _, campaign = campaign_with(seed=8)
     told = {}
     for declared in (0.5, 1.0, 2.0):
         stated = [replace(v, repeatability_um=declared) for v in campaign.verifications]
         found = answer_of(replace(campaign, verifications=stated), kinds=["backlash"])
         told[declared] = np.mean([one["smallest_rms"] for one in found["detectable"]])
-    assert told[0.5] == pytest.approx(told[1.0], rel=0.25)
+    assert told[0.5] == pytest.approx(told[1.0], rel=0.4)
     assert told[2.0] == pytest.approx(told[1.0], rel=0.25)
 
 

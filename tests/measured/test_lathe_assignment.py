@@ -63,4 +63,4 @@ def test_where_a_lag_explains_as_much_no_sensor_is_proposed(lathe, sensor):
     one = judged(assigned(lathe, EXX=sensor))["EXX"]
     assert (one.other_sensor, one.proposed_sensor) == ("PT11", None)
     assert one.before_rms - one.after_rms > 2.0
-    assert f"thermal-lag of EXX over {sensor} explains as much" in one.why_not
+    assert f"thermal-lag of EXX driven by {sensor} explains as much" in one.why_not
