@@ -26,6 +26,8 @@ from tests.databases import reachable
 from tests.followed_streams import PATH, Stream, opened
 from tests.service_examples import MACHINE, ROOM, Clock, furnish_database, reading, table
 
+pytestmark = pytest.mark.slow
+
 NEWS = {"kind": ["event", "watch", "analysis"]}
 EVERYTHING = {"kind": ["table", "status", *NEWS["kind"]]}
 FAR_OFF_S = 3600.0

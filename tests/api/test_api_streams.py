@@ -20,6 +20,8 @@ from tests.service_examples import (
     furnish_database,
 )
 
+pytestmark = pytest.mark.slow
+
 EXX_PER_K_UM = 5.0
 """What EXX at X 500 grows by; EZZ at Z 500 by twice that, EBX at X 500 by 10 µrad."""
 

@@ -9,6 +9,8 @@ import pytest
 
 from tests.service_examples import MACHINE, START, iso, reading, temperatures
 
+pytestmark = pytest.mark.slow
+
 SECOND = MACHINE | {"id": "mill", "name": "Mill"}
 
 VERIFICATION = {

@@ -22,7 +22,7 @@ from tests.connections.mqtt_peer import Peer
 from tests.connections.test_mqtt_messages import payload
 from tests.service_examples import ROOM, client_of, furnish_database
 
-pytestmark = pytest.mark.anyio
+pytestmark = [pytest.mark.anyio, pytest.mark.slow]
 
 BROKER = '[[mqtt]]\nname = "b"\nhost = "h"\nclient_id = "thermap-1"\n'
 TOPIC = '[[mqtt.topics]]\ntopic = "t"\nmachine = "m"\nsensor = "s"\n'

@@ -33,7 +33,7 @@ from tests.service_examples import (
     temperatures,
 )
 
-pytestmark = pytest.mark.anyio
+pytestmark = [pytest.mark.anyio, pytest.mark.slow]
 
 SOON_S = 60.0
 """A machine may be slow, but nothing hangs."""

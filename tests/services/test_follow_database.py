@@ -24,7 +24,7 @@ from tests.service_examples import (
     temperatures,
 )
 
-pytestmark = pytest.mark.anyio
+pytestmark = [pytest.mark.anyio, pytest.mark.slow]
 
 on_postgresql = pytest.mark.parametrize("furnished_url", ["postgresql"], indirect=True)
 """SQLite has one writer at a time."""
