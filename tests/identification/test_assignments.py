@@ -146,6 +146,16 @@ def test_a_proposal_is_said_before_effects_and_holds_them_back():
     assert RESULTS.read_text(RESULTS.text(first)).assignments == first.assignments
 
 
+@pytest.mark.parametrize(("other", "helps"), [("TC07", True), ("TC03", True), ("TC01", False)])
+def test_an_effect_that_does_what_is_proposed_may_serve_until_then(other, helps):
+    answer = RESULTS.read(FOUND)
+    share = stored_effect("other-sensor", ["EZZ"], {"share": 1.0}, {}, sensors=["TC06", other])
+    found = replace(answer.effects[0], effect=effect_from_json(share))
+    proposal = replace(tried("EZZ", "TC07"), as_good=("TC03",))
+    (one,) = said_first(replace(answer, effects=(found,)), [proposal], "vmc").effects
+    assert one.helps == helps
+
+
 def test_without_a_proposal_nothing_else_changes():
     answer = RESULTS.read(FOUND)
     said = said_first(answer, [tried("EZZ", "TC07", "by chance")], "vmc")

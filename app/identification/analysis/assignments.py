@@ -28,10 +28,11 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.effects.campaign_view import KNOWN_SHARE
+from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.projection import View
 from app.errors import ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER
-from app.identification.analysis.analysis import Analysis, TriedAssignment
+from app.identification.analysis.analysis import Analysis, FoundEffect, TriedAssignment
 from app.identification.analysis.assignment_rivals import Rivals
 from app.identification.analysis.response_judged import (
     LEAST_GAIN,
@@ -103,7 +104,8 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     """Set the proposals before everything else that an analysis says.
 
     An effect on a component for which another sensor is proposed was found on top of the wrong
-    tables: nobody can say that it helps on the right ones.
+    tables: nobody can say that it helps on the right ones. Only `other-sensor` with that sensor
+    does what the assignment would do, and may serve until then.
 
     Parameters
     ----------
@@ -118,7 +120,7 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     answer = replace(answer, assignments=tuple(tried))
     if not proposals:
         return answer
-    moved = {one.component for one in proposals}
+    moved = {one.component: (one.proposed_sensor, *one.as_good) for one in proposals}
     pairs = [f"{one.component}={one.proposed_sensor}" for one in proposals]
     words = " ".join(f'"{pair}"' if " " in pair else pair for pair in pairs)  # for a shell
     what = (
@@ -138,11 +140,20 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
                 f"{list_names([code for code in effect.components if code in moved], 4)}: "
                 "change the assignment first, and analyse again",
             )
-            if effect.helps and moved.intersection(effect.components)
+            if effect.helps
+            and not moved.keys().isdisjoint(effect.components)
+            and not _does_the_same(effect, moved)
             else effect
             for effect in answer.effects
         ),
         what_next=(what, *answer.what_next),
+    )
+
+
+def _does_the_same(effect: FoundEffect, proposed: Mapping[str, Sequence[str | None]]) -> bool:
+    """Whether an effect reads the maps by the sensors that are proposed, and does nothing else."""
+    return effect.kind == OtherSensor.kind and all(
+        effect.sensors[-1] in proposed.get(code, ()) for code in effect.components
     )
 
 
