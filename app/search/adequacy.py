@@ -20,6 +20,7 @@ from app.search.findings import FAR_OFF, HeldOut, Unexplained
 from app.search.joint_fit import Fit
 from app.search.noise import ENOUGH_REPLICATES, pure_error, repeatability
 from app.search.problem import Problem, Term
+from app.search.rows import DeclaredNoise
 from app.search.scan import Scan
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.selection import Selector
@@ -116,6 +117,7 @@ def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> li
         spent = fixed.channel.nuisance.shape[1] + len(fixed.channel.starts)
         if freedom < ENOUGH_REPLICATES or pure <= 0 or n - spent <= freedom:
             continue
+        pure = max(pure, problem.rows.noise.get(c, DeclaredNoise()).rounding ** 2)
         # The fit's squares, maps and terms included; its pure error is taken off below.
         left = fit.scatter[c] * fixed.channel.scale**2 * n
         ratio = (left - pure * freedom) / max(n - freedom, 1) / pure

@@ -106,6 +106,8 @@ def _floor(problem: Problem, channel: Channel, fit: Fit, typical: int) -> FloatA
     # Beside a stated repeatability the fitted one may hide what is unexplained.
     stated = declared is not None and declared.repeatability is not None
     scatter = 1.0 if known or stated else fit.scatter[channel.number]
+    least = declared.rounding / channel.scale if declared is not None else 0.0
+    scatter = max(scatter, least**2)
     return np.asarray(
         scatter * (1.0 + np.sum(channel.shapes**2 * variances[channel.block], axis=1))
     )

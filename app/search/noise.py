@@ -25,6 +25,9 @@ DENIED: Final = 1.5
 DENIED_BY_CHANCE: Final = 1e-3
 """Probability that replicates which are as declared seem to deny it: there are many channels."""
 
+KNOWN: Final = frozenset({"declared", "rounding"})
+"""Origins of a repeatability that does not rest on the few values of a channel."""
+
 MOST_POOLED: Final = 20
 """So many degrees of freedom the replicates of channels that are alike count for at most."""
 
@@ -51,16 +54,26 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
     Returns
     -------
     Repeatability
-        Origin is `declared`, `replicates` or `residuals`. What is declared counts unless
-        replicates surely scatter by more: then it is not that of these measurements.
+        Origin is `declared`, `replicates`, `residuals` or `rounding`. What is declared counts
+        unless replicates surely scatter by more: then it is not that of these measurements.
+        Without it, values read in coarse steps repeat each other exactly where little moves, and
+        scatter by their rounding all the same.
     """
     declared = rows.noise.get(channel, DeclaredNoise()).repeatability
     variance, freedom = pure_error(rows, channel, use)
     if declared is not None and not _is_denied(declared, variance, freedom):
         return Repeatability(declared, "declared", DECLARED_WEIGHT)
     if freedom >= ENOUGH_REPLICATES and variance > 0:
-        return _pooled_with_alike(rows, channel, use, variance, freedom)
-    return Repeatability(_within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT)
+        shown = _pooled_with_alike(rows, channel, use, variance, freedom)
+        return at_least_rounding(rows, channel, shown)
+    shown = Repeatability(_within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT)
+    return at_least_rounding(rows, channel, shown)
+
+
+def at_least_rounding(rows: Rows, channel: int, shown: Repeatability) -> Repeatability:
+    """Let a channel scatter by no less than the steps in which it is read."""
+    least = rows.noise.get(channel, DeclaredNoise()).rounding
+    return shown if shown.value >= least else Repeatability(least, "rounding", DECLARED_WEIGHT)
 
 
 def _is_denied(declared: float, variance: float, freedom: int) -> bool:

@@ -13,7 +13,7 @@ from app.errors import InvalidContent
 from app.search.candidate import Candidate, Part
 from app.search.channel import Channel, prepare
 from app.search.moments import Fixed, Moments, fixed_of, moments_of
-from app.search.noise import repeatability
+from app.search.noise import at_least_rounding, repeatability
 from app.search.rows import Nuisance, Rows
 from app.search.state import State
 
@@ -206,7 +206,8 @@ def _prepared(
     )
     best = int(np.argmax(state.null))
     value = known.value * float(np.sqrt(state.scatter(state.rss[best])))
-    return prepare(rows, nuisance, number, value, known.weight, use, cell_of)
+    least = at_least_rounding(rows, number, known._replace(value=value))
+    return prepare(rows, nuisance, number, least.value, least.weight, use, cell_of)
 
 
 def _unit_length(candidate: Candidate, theta: float | None, columns: dict[int, FloatArray]) -> Term:

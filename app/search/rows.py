@@ -42,11 +42,15 @@ class DeclaredNoise:
     setup_tilt
         Standard deviation of a visit's coefficient on each tilt column: one number for
         all of them, or one for each.
+    rounding
+        Standard deviation of the steps in which the instrument reads: where no repeatability is
+        stated, an observation scatters by no less. One that is stated contains it.
     """
 
     repeatability: float | None = None
     setup_shift: float | None = None
     setup_tilt: float | tuple[float, ...] | None = None
+    rounding: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

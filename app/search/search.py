@@ -35,7 +35,7 @@ from app.search.joint_fit import Fit
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
 from app.search.names import WALKS, WANDERS_ALONE, name_doubts
-from app.search.noise import repeatability
+from app.search.noise import at_least_rounding, repeatability
 from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
 from app.search.rivals import better_forms, find_rivals
@@ -437,9 +437,10 @@ def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise
     found = {}
     for c, fixed in problem.fixed.items():
         channel, known = fixed.channel, repeatability(problem.rows, c, use)
+        read = known._replace(value=channel.scale)  # what the fit made of a first guess
         found[c] = ChannelNoise(
             repeatability=channel.scale,
-            origin=known.origin,
+            origin=at_least_rounding(problem.rows, c, read).origin,
             fitted=channel.scale * float(np.sqrt(fit.scatter[c])),
             visits=len(np.unique(channel.blocks.setups)),
             rows=len(channel.rows),

@@ -1,5 +1,7 @@
 """An instrument that reads coarse steps scatters by its rounding, beside what it states."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,13 +9,15 @@ from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
 from app.identification.campaign import residuals_of
 from app.identification.residuals.rounding import rounding
+from app.search.noise import repeatability
+from app.search.rows import DeclaredNoise, Rows
 from app.simulation.undeclared import make_campaign
 
 
 def declared(made):
     campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
     rows = residuals_of(campaign).as_rows()
-    return [noise.repeatability for noise in rows.noise.values()]
+    return [noise.repeatability for noise in rows.noise.values() if noise.repeatability]
 
 
 @pytest.mark.parametrize("step", [0.01, 0.1, 0.633, 2.54])
@@ -42,5 +46,28 @@ def test_rounding_joins_the_stated_repeatability():
 def test_steps_of_two_repeatabilities_are_nothing_unexplained(seed):
     """Held-out values lay a third above a floor that knew nothing of their steps."""
     made = make_campaign(seed, visits=36, measured_quantum_um=2.0)
+    campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
+    assert analyse(campaign).verdict == "nothing-found"
+
+
+@pytest.mark.parametrize("replicated", [True, False])
+def test_values_that_repeat_exactly_scatter_by_their_rounding(replicated):
+    """What moves by less than a step repeats exactly, and is known no better for that."""
+    rounded = 1.0 / np.sqrt(12.0)
+    replicate = np.repeat(np.arange(12), 2) if replicated else np.full(24, -1)
+    rows = Rows(
+        *(np.full(24, 0.01), np.arange(24) // 4, np.zeros(24, int), np.zeros((24, 0)), replicate),
+        noise={0: DeclaredNoise(rounding=rounded)},
+    )
+    rows.values[:2] += 1.0
+    found = repeatability(rows, 0, np.ones(24, dtype=bool))
+    assert (found.value, found.origin) == (rounded, "rounding")
+    assert repeatability(replace(rows, noise={}), 0, np.ones(24, bool)).value < rounded
+
+
+@pytest.mark.slow
+def test_squareness_read_in_steps_is_nothing_unexplained():
+    """Eight values, in pairs that are equal: one step between two of them is no cause."""
+    made = make_campaign(31004, visits=20, later_visits=20, measured_quantum_um=1.0)
     campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
     assert analyse(campaign).verdict == "nothing-found"

@@ -98,7 +98,7 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
         float, Field(description=f"Standard deviation of one observation {IN_ITS_UNIT}")
     ]
     noise_origin: str
-    """`declared`, `replicates` or `residuals`"""
+    """`declared`, `replicates`, `residuals` or `rounding`"""
 
     floor: Annotated[
         float | None,

@@ -13,7 +13,7 @@ from app.identification.analysis.analysis import ComponentFigures, Figures, Zero
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.figures import figure, rms
 from app.search.findings import ChannelNoise, Findings, HeldOut
-from app.search.noise import replicate_scatter
+from app.search.noise import KNOWN, replicate_scatter
 from app.search.rows import Datum, Rows
 from app.units import Unit
 
@@ -198,7 +198,7 @@ def component_figures(
 
 def setup_scatter(noise: ChannelNoise, held: HeldOut) -> float:
     """Give by how much set-ups differ beyond the repeatability that the floor was made with."""
-    own = noise.repeatability if noise.origin == "declared" else noise.fitted
+    own = noise.repeatability if noise.origin in KNOWN else noise.fitted
     return float(np.sqrt(max(held.floor**2 - own**2, 0.0)))
 
 

@@ -21,6 +21,7 @@ from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 from app.search.channel import DECLARED_WEIGHT
 from app.search.findings import FAR_OFF, Status, Unexplained, Verdict
+from app.search.noise import KNOWN
 from app.search.rows import Datum, Nuisance
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.sum_of_squares import surprise_of_squares
@@ -111,7 +112,7 @@ def _beyond_setups(
     for c, own in few.items():
         noise, visit = found.findings.noise[c], rows.visit[own]
         setups = np.unique(visit)
-        known = DECLARED_WEIGHT if noise.origin == "declared" else 0.0
+        known = DECLARED_WEIGHT if noise.origin in KNOWN else 0.0
         zeroed = np.mean([rows.datum.get((int(v), c)) is Datum.FIRST for v in visit])
         p = surprise_of_squares(
             float(np.sum(values[own] ** 2)),
@@ -136,7 +137,7 @@ def _variance_of_setups(found: FinishedSearch) -> float:
     shares = []
     for c, held in found.findings.held_out.items():
         noise = found.findings.noise[c]
-        one = noise.repeatability if noise.origin == "declared" else noise.fitted
+        one = noise.repeatability if noise.origin in KNOWN else noise.fitted
         shares.append((held.floor / one) ** 2 - 1.0 if one > 0.0 else 0.0)
     return max(float(np.median(shares)), 0.0) if shares else 0.0
 

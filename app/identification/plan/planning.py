@@ -150,8 +150,9 @@ def _with_declared_noise(residuals: Residuals) -> tuple[Rows, list[str]]:
     rows = residuals.as_rows()
     stated = [n.repeatability for n in rows.noise.values() if n.repeatability]
     assumed = float(np.median(stated)) if stated else ASSUMED_REPEATABILITY_UM
-    lacking = [c for c in np.unique(rows.channel).tolist() if c not in rows.noise]
-    noise = {**rows.noise, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
+    known = {c: n for c, n in rows.noise.items() if n.repeatability}
+    lacking = [c for c in np.unique(rows.channel).tolist() if c not in known]
+    noise = {**known, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
     notes = []
     if lacking:
         names = list_names([residuals.rows.channels[c] for c in lacking], 6)

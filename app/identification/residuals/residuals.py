@@ -344,21 +344,27 @@ def channel_unit(channel: str) -> Unit:
 
 
 def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
-    """Take the repeatability that verifications state, for channels in µm.
+    """Take the repeatability that verifications state, for channels in µm, and what is rounded.
 
     What an instrument reads in coarse steps scatters by its rounding too, and stated is how well
     it repeats. In steps of two repeatabilities the variance is a third larger.
     """
     found = {}
-    lengths = np.array([channel_unit(channel) is Unit.UM for channel in rows.channels])
-    # Few values of one channel do not show a step that those of all lengths together do.
-    common = rounding(rows.measured[lengths[rows.channel]])
-    for number in range(len(rows.channels)):
+    units = [channel_unit(channel) for channel in rows.channels]
+    # Few values of one channel do not show a step that those of all in its unit together do.
+    common = {
+        unit: rounding(rows.measured[np.array([unit is one for one in units])[rows.channel]])
+        for unit in set(units)
+    }
+    for number, unit in enumerate(units):
         own = rows.channel == number
         which = rows.verification[own]
         stated = [rows.verifications[i].repeatability_um for i in which.tolist()]
         known = [s for s in stated if s is not None]
-        if lengths[number] and known and len(known) == len(stated):
-            scatter = np.hypot(rms(np.array(known)), common or rounding(rows.measured[own]))
-            found[number] = DeclaredNoise(repeatability=float(scatter))
+        rounded = common[unit] or rounding(rows.measured[own])
+        if unit is Unit.UM and known and len(known) == len(stated):
+            scatter = float(np.hypot(rms(np.array(known)), rounded))
+            found[number] = DeclaredNoise(repeatability=scatter)
+        elif rounded:
+            found[number] = DeclaredNoise(rounding=rounded)
     return found

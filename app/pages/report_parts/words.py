@@ -16,6 +16,7 @@ ORIGINS: Final = {
     "declared": "what the verifications state, adjusted where the residuals say otherwise",
     "replicates": "from repeats at the same place in the same visit",
     "residuals": "from the residuals within each visit",
+    "rounding": "from the steps in which the instrument reads",
 }
 """Where the scatter of one observation comes from."""
 
