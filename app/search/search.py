@@ -186,6 +186,8 @@ def search(
     # An effect that is not sure may stand for another: what it leaves counts in full.
     settled = checked.settled(main.terms, doubts)
     told = checked.where_found(main.terms, settled, problem.rows.channel)
+    # Where no effect acts, the maps alone are open.
+    settled |= problem.fixed.keys() - {c for term in main.terms for c in term.channels}
     beside_learning = held_out_figures(problem, fit, typical, told, seed, settled=settled)
     remains = [
         *adequacy(selector, main.terms, fit, use, draws, beside_learning),

@@ -5,9 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
+from app.identification.analysis.analyse import analyse
 from app.identification.analysis.not_judged import stays_large, with_what_stays_large
 from app.search.findings import FAR_OFF, ChannelNoise, Figure, HeldOut, Status, Verdict
+from app.simulation.undeclared import make_campaign
 
 CHANNELS, SETUPS, EACH = 20, 8, 8
 CODES = tuple(f"E{a}{b}" for a in "XYZABC" for b in "XYZ")[:CHANNELS]
@@ -83,3 +86,14 @@ def test_fewer_setups_than_tell_how_they_scatter_are_judged_by_the_repeatability
     found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2))
     found.rows.visit[:] = found.rows.visit % 4
     assert left(monkeypatch, found)
+
+
+@pytest.mark.slow
+def test_what_maps_leave_open_where_no_effect_acts_is_nothing_unexplained():
+    """Eight set-ups of one component, five of them known, say little of its two maps' errors."""
+    made = make_campaign(3110, ["periodic:single"], 2.0, visits=40, later_visits=20)
+    answer = analyse(
+        campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
+    )
+    assert (answer.verdict, answer.unexplained) == ("effects-found", ())
+    assert [one.kind for one in answer.effects] == ["periodic"]
