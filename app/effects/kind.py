@@ -27,6 +27,16 @@ class Need(StrEnum):
     MOMENTS = "several visits, or a long one"
 
 
+class Shakes(StrEnum):
+    """What a mistake in the data takes the ground from, until it is corrected."""
+
+    TEMPERATURES = "temperatures"
+    """What is seen at temperatures or states: they are not those of the observations."""
+
+    VALUES = "values"
+    """All that is seen in the same channels: the values, or their places, are not what they say."""
+
+
 class Named(Protocol):
     """What names an effect or a hypothesis."""
 
@@ -97,7 +107,9 @@ class EffectKind(ABC):
 
     A mistake in the data or the wiring is `not_adopted`, for the stated reason: the model lacks
     nothing, and the mistake is to be corrected at its source. `spoils` names the kinds, with the
-    reasons, that are not adopted beside it either. A kind is `never_sure`, for the stated reason,
+    reasons, that are not adopted beside it either; `shakes` says what has to wait until the
+    mistake is corrected. Only what `alternates`, with direction or from place to place, is the
+    same at whatever temperature it was seen. A kind is `never_sure`, for the stated reason,
     where the machine may do just the same: it is suspected at most, and what cannot be told from
     it is not adopted by default.
     """
@@ -116,6 +128,8 @@ class EffectKind(ABC):
     not_adopted: ClassVar[str] = ""
     never_sure: ClassVar[str] = ""
     spoils: ClassVar[Mapping[str, str]] = {}
+    shakes: ClassVar[Shakes | None] = None
+    alternates: ClassVar[bool] = False
 
     @abstractmethod
     def propose(self, view: CampaignView) -> Proposals:

@@ -8,12 +8,16 @@ import pytest
 
 from app.effects.effect import Effect
 from app.effects.observations import Observation, Verification, observation_rows
+from app.effects.registry import kind_of
 from app.identification.analysis.adoption import (
     AS_SLOW_AS_CAN_BE,
+    BESIDE_A_MISTAKE,
     BESIDE_A_WALK,
+    EITHER_SENSOR,
     OF_A_WALK,
     OF_EITHER,
     ONCE_AS_WELL,
+    is_refit_better,
     judge_help,
 )
 from app.identification.analysis.finished_search import FinishedSearch
@@ -58,7 +62,13 @@ def judged(true, *claimed, **stated):
     return judgement(true, *claimed, **stated).helps
 
 
-def judgement(
+def judgement(true, *claimed, **stated):
+    """Judge effects that claim what they say of rows where something is true."""
+    found = stated_search(true, *claimed, **stated)
+    return judge_help(found, found.effects())
+
+
+def stated_search(
     true,
     *claimed,
     kinds=("backlash",),
@@ -72,7 +82,7 @@ def judgement(
     always=None,
     sensors=(),
 ):
-    """Judge effects that claim what they say of rows where something is true."""
+    """Make a search that has found effects that claim what they say of rows."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
     effects = [Effect(kind, ("EXX",), sensors=sensors) for kind in kinds]
@@ -98,7 +108,7 @@ def judgement(
             return bool(set(channels) & set(left))
 
     rivals = (rival for term in terms for rival in term.rivals)
-    found = Stated(
+    return Stated(
         residuals=SimpleNamespace(rows=rows),
         rows=SimpleNamespace(
             values=values,
@@ -121,7 +131,6 @@ def judgement(
             ),
         ),
     )
-    return judge_help(found, effects)
 
 
 def swinging(rows, size=2.0):
@@ -444,3 +453,72 @@ def test_what_a_component_by_itself_does_not_show_is_not_its_own(shown, helps):
         assert found.helps[0].why_not.startswith(
             "the residuals of EXX, measured directly, would get larger: "
         )
+
+
+@pytest.mark.parametrize(
+    ("mistake", "kind", "sensors", "is_sure", "helps"),
+    [
+        ("clock-offset", "thermal-lag", ("x-middle",), True, False),
+        ("clock-offset", "drift", (), True, False),
+        ("clock-offset", "backlash", (), True, True),
+        ("clock-offset", "thermal-lag", ("x-middle",), False, True),
+        ("exchanged-sensors", "periodic", (), True, True),
+        ("mirrored-axis", "backlash", (), True, False),
+        ("map-factor", "temperature-curvature", ("x-middle",), True, False),
+        ("map-temperature", "thermal-lag", ("x-middle",), True, True),
+    ],
+)
+def test_what_a_mistake_may_have_made_waits_until_it_is_corrected(
+    mistake, kind, sensors, is_sure, helps
+):
+    """Of a mistake of which nobody is sure, what is sure itself does not wait."""
+    rows = campaign()
+    right, made = swinging(rows), 0.3 * np.cos(rows.visit * 2.1)
+    terms = (term(), term(status=Status.CONFIRMED if is_sure else Status.SUSPECTED))
+    said = judgement(right + made, right, made, kinds=(kind, mistake), terms=terms, sensors=sensors)
+    assert said.helps[0].helps is helps
+    assert (0 in said.unsure) is not helps
+    assert helps or said.helps[0].why_not == f"{BESIDE_A_MISTAKE}: {kind_of(mistake).text}"
+
+
+def test_what_is_no_surer_than_a_mistake_waits_for_it_too():
+    rows = campaign()
+    right, made = swinging(rows), 0.3 * np.cos(rows.visit * 2.1)
+    said = judgement(
+        right + made,
+        *(right, made),
+        kinds=("thermal-lag", "clock-offset"),
+        terms=(term(status=Status.SUSPECTED), term(status=Status.SUSPECTED)),
+    )
+    assert said.helps[0].why_not.startswith(BESIDE_A_MISTAKE)
+
+
+@pytest.mark.parametrize(
+    ("kind", "visits", "tied", "helps"),
+    [
+        ("other-sensor", 1, True, False),
+        ("other-sensor", 1, False, True),
+        ("other-sensor", 2, True, True),
+        ("thermal-lag", 1, True, True),
+    ],
+)
+def test_one_warm_up_does_not_tell_which_sensor_a_component_follows(kind, visits, tied, helps):
+    rows = campaign(visits=visits)
+    right = np.arange(len(rows)) * 0.5
+    rival = Rival("thermal-lag EXX", "thermal-lag", None, 1.0, 0.95, tied)
+    (one,) = judged(right, right, kinds=(kind,), terms=(term(rivals=(rival,)),), rows=rows)
+    assert one.helps is helps
+    assert helps or one.why_not == EITHER_SENSOR
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "visits", "is_better"),
+    [(0.7, 1.0, VISITS, True), (1.0, 1.02, VISITS, False), (0.7, 1.0, 4, False)],
+    ids=["wrong", "right", "too few"],
+)
+def test_a_refit_holds_only_where_held_out_setups_agree(was, becomes, visits, is_better):
+    rows = campaign(visits=visits)
+    right = swinging(rows, 5.0)
+    found = stated_search(right, right, predicted=becomes * right, rows=rows)
+    assert is_refit_better(found, [0], was * right) is is_better
+    assert not is_refit_better(found, [0], becomes * right)

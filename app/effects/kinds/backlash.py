@@ -26,6 +26,7 @@ class Backlash(EffectKind):
 
     kind: ClassVar[str] = "backlash"
     text: ClassVar[str] = "reversal error: half the reversal value with the sign of the approach"
+    alternates: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "position"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
     only_once: ClassVar[bool] = True

@@ -11,7 +11,7 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures
 from app.effects.words import TWO_ERRORS, components
@@ -63,6 +63,7 @@ class ClockOffset(EffectKind):
         "the times of the observations are wrong, not the model: store the verifications again "
         "with the right times"
     )
+    shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
 
     def propose(self, view: CampaignView) -> Proposals:
         """One for everything, over the offsets at which the readings are known."""

@@ -11,7 +11,7 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, constant_sensors
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes, constant_sensors
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures
 from app.effects.words import components
@@ -43,6 +43,7 @@ class ExchangedSensors(EffectKind):
         "it is a mistake in the wiring, not in the model: a correction would become wrong as "
         "soon as somebody puts the plugs right"
     )
+    shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every pair of sensors of which components follow one at least."""

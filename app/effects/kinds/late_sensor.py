@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.kinds.clock_offset import (
     FEWEST_COMPONENTS,
     WHOLE,
@@ -42,6 +42,7 @@ class LateSensor(EffectKind):
         "when a table is asked for, what the sensor has yet to report is unknown: the sensor "
         "must be made to report without delay"
     )
+    shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every sensor that several components follow."""

@@ -12,7 +12,7 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
 from app.effects.map_tables import UNSTATED, maps_of_label
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_maps
@@ -60,6 +60,7 @@ class MapFactor(EffectKind):
         "the stored maps are wrong: store them right, for a correction beside them would then be "
         "wrong"
     )
+    shakes: ClassVar[Shakes] = Shakes.VALUES
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every component in all maps and in each; all of each map; everything."""

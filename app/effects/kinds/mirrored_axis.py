@@ -13,7 +13,7 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.campaign_view import CampaignView, travel_of
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_places
 from app.effects.words import components
@@ -54,6 +54,7 @@ class MirroredAxis(EffectKind):
         "the positions of the observations are wrong, not the model: store the verifications "
         "again with the right ones"
     )
+    shakes: ClassVar[Shakes] = Shakes.VALUES
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every axis whose positions vary."""

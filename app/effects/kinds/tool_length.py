@@ -13,7 +13,7 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_places
 from app.effects.words import components, parameter
@@ -48,6 +48,7 @@ class ToolLength(EffectKind):
         "the tool offset stated with the observations is wrong, not the model: store the "
         "verifications again with the right one"
     )
+    shakes: ClassVar[Shakes] = Shakes.VALUES
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every tool by itself, and all together."""

@@ -15,7 +15,9 @@ from scipy.stats import norm, t
 from app.arrays import BoolArray, FloatArray
 from app.effects.driver import Always, SinceReference, StepAfter
 from app.effects.effect import Effect
+from app.effects.kind import Shakes
 from app.effects.kinds.drift import Drift
+from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.step import Step
 from app.effects.observations import POINT_CHANNELS
@@ -34,6 +36,9 @@ from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
 ONE_SIDED: Final = 0.01
 """Probability by which a gain counts as one, and a visit as worse, although it is not."""
 
+AGREES: Final = 0.05
+"""Probability by which held-out set-ups seem to agree with a refit although it gains nothing."""
+
 MARKEDLY: Final = 0.1
 """A visit is not markedly worse by less than this share of what it was."""
 
@@ -42,6 +47,9 @@ FEWEST_GAINS: Final = 5
 
 MOST_CHANNELS: Final = 4
 """So many channels are named in a reason."""
+
+FEWEST_SEEN: Final = 2
+"""Set-ups that must show which sensor a component follows where something else may be."""
 
 SHOWN: Final = 0.05
 """Share of its largest size from which an effect shows in a visit."""
@@ -79,6 +87,10 @@ OF_EITHER: Final = (
     "only one set-up shows it, so it may come from the machine or from the instrument in "
     "this channel"
 )
+EITHER_SENSOR: Final = (
+    "only one set-up shows it, and there something else explains it as well: what rises together "
+    "in one warm-up need not do so on another day"
+)
 AS_SLOW_AS_CAN_BE: Final = (
     "its time constant is the longest that was tried, and something unexplained remains where it "
     "acts: anything that changes about as slowly as the visits follow each other can look like it"
@@ -90,6 +102,9 @@ OF_A_WALK: Final = (
 BESIDE_A_WALK: Final = (
     "the zero of the instrument or the foundation seems to shift at random from set-up to "
     "set-up, so the offset seen here may be its own and not the maps'"
+)
+BESIDE_A_MISTAKE: Final = (
+    "a mistake that was found beside it is to be corrected first, then analyse again"
 )
 NOT_HELD_OUT: Final = "nothing could be held out to show whether it helps"
 
@@ -139,8 +154,11 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         As adoption would store them, in the order of the terms.
     """
     terms = found.findings.terms
+    shaken = _shaken(found, effects)
     said: list[str | None] = [
-        _spoilt(effect, effects) or _why_not(found, effect, term, terms[:i] + terms[i + 1 :])
+        _spoilt(effect, effects)
+        or shaken.get(i)
+        or _why_not(found, effect, term, terms[:i] + terms[i + 1 :])
         for i, (effect, term) in enumerate(zip(effects, terms, strict=True))
     ]
     own = [found.explained(effect) for effect in effects]
@@ -148,6 +166,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         i
         for i, (effect, term) in enumerate(zip(effects, terms, strict=True))
         if _spoilt(effect, effects) is not None
+        or i in shaken
         or _why_not_lasting(found, effect, term) is not None
         or _is_of_few_places(found, effect, term)
     }
@@ -180,6 +199,30 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
     predicted = together if any(one.helps for one in helps) else found.findings.known
     holds_refitted = next(_markedly_worse(found, predicted), None) is None
     return Judged(helps, holds_refitted, frozenset(unsure))
+
+
+def is_refit_better(found: FinishedSearch, channels: Collection[int], instead: FloatArray) -> bool:
+    """Whether held-out set-ups agree that effects of the model are better fitted anew.
+
+    What was learnt before stays unless the mean by which the squares of its set-ups fall is
+    surely above zero. Fitted beside something that resembles it, an effect may fit what was
+    measured as well as before, and be wrong on any other day: then it has gained nothing here.
+
+    Parameters
+    ----------
+    found
+        With these effects fitted anew.
+    channels
+        Where they act.
+    instead : ndarray, shape (n,)
+        What is predicted of held-out rows where they stay; NaN: not held out.
+    """
+    seen = found.use & np.isfinite(found.findings.adopted) & np.isfinite(instead)
+    anew, before = (
+        np.array(_gains_of_visits(found, channels, predicted, seen))
+        for predicted in (found.findings.adopted, instead)
+    )
+    return _is_above_zero(anew - before, AGREES)
 
 
 def _keep_what_stands_alone(
@@ -271,6 +314,49 @@ def _spoilt(effect: Effect, effects: Sequence[Effect]) -> str | None:
     return next(filter(None, reasons), None)
 
 
+def _shaken(found: FinishedSearch, effects: Sequence[Effect]) -> dict[int, str]:
+    """Say which effects have to wait until a mistake found beside them is corrected, and why.
+
+    What a mistake leaves in the rows is known only as far as the mistake is; the rest of it
+    moves with temperatures too, and would be adopted by another name. Beside a mistake of which
+    nobody is sure, only what is no surer waits: it may be either of the two.
+    """
+    terms = found.findings.terms
+    is_sure = [found.is_name_sure(*one) for one in zip(effects, terms, strict=True)]
+    said: dict[int, str] = {}
+    for m, mistake in enumerate(effects):
+        kind = kind_of(mistake.kind)
+        if kind.shakes is None:
+            continue
+        for i, effect in enumerate(effects):
+            if kind_of(effect.kind).not_adopted or (is_sure[i] and not is_sure[m]):
+                continue
+            if shakes(mistake, effect, set(terms[m].channels) & set(terms[i].channels)):
+                said.setdefault(i, f"{BESIDE_A_MISTAKE}: {kind.text}")
+    return said
+
+
+def shakes(mistake: Effect, effect: Effect, shared: Collection[int]) -> bool:
+    """Whether nothing is sure of an effect until a mistake is corrected.
+
+    Parameters
+    ----------
+    shared
+        Channels in which both act.
+    """
+    how = kind_of(mistake.kind).shakes
+    if how is None:
+        return False
+    if how is Shakes.VALUES:
+        return bool(shared)
+    if kind_of(effect.kind).alternates:
+        return False
+    # Of clocks no sensor is named: they concern all, and states as well.
+    driven = bool(effect.sensors or effect.states)
+    is_driven = driven if not mistake.sensors else bool({*mistake.sensors} & {*effect.sensors})
+    return bool(shared) or is_driven
+
+
 def _why_not(
     found: FinishedSearch, effect: Effect, term: FoundTerm, others: Collection[FoundTerm]
 ) -> str | None:
@@ -287,6 +373,8 @@ def _why_not(
         return of_either
     if (effect.sensors or effect.states) and tied & ONCE:
         return ONCE_AS_WELL
+    if effect.kind == OtherSensor.kind and tied and _setups(found, term) < FEWEST_SEEN:
+        return EITHER_SENSOR
     if not np.isfinite(found.findings.adopted[found.use]).any():
         return NOT_HELD_OUT
     forward = term.forward_slope
@@ -335,6 +423,12 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
     if WALKS in term.doubts:
         return OF_A_WALK
     return BESIDE_WHAT_NOBODY_KNOWS if is_open else None
+
+
+def _setups(found: FinishedSearch, term: FoundTerm) -> int:
+    """Count the set-ups in which a term acts."""
+    acts = found.use & np.isin(found.rows.channel, term.channels)
+    return int(np.unique(found.rows.visit[acts]).size)
 
 
 def _is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
@@ -450,10 +544,15 @@ def _gains(found: FinishedSearch, channels: Collection[int]) -> bool:
     """Whether held-out visits get smaller: the lower bound of their mean gain is above zero."""
     held_out = found.use & np.isfinite(found.findings.adopted)
     gains = _gains_of_visits(found, channels, found.findings.adopted, held_out)
+    return _is_above_zero(np.array(gains), ONE_SIDED)
+
+
+def _is_above_zero(gains: FloatArray, chance: float) -> bool:
+    """Whether the mean gain of set-ups is above zero but for a chance; not known of a few."""
     if len(gains) < FEWEST_GAINS:
         return False
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    return bool(np.mean(gains) > t.isf(ONE_SIDED, len(gains) - 1) * error)
+    return bool(np.mean(gains) > t.isf(chance, len(gains) - 1) * error)
 
 
 def _gains_of_visits(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -20,7 +20,7 @@ from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.errors import list_names
 from app.identification.analysis import analysis
-from app.identification.analysis.adoption import Judged, judge_help
+from app.identification.analysis.adoption import Judged, is_refit_better, judge_help, shakes
 from app.identification.analysis.advice import left_out_visits, mistakes_first, summary, what_next
 from app.identification.analysis.analysis import (
     Analysis,
@@ -58,6 +58,8 @@ from app.identification.analysis.not_judged import (
 )
 from app.identification.analysis.reading_faults import ReadingFaults, reading_faults
 from app.identification.analysis.refits import (
+    BESIDE_A_MISTAKE,
+    NOT_BETTER,
     AdoptedBefore,
     adopted_before,
     effects_after,
@@ -75,6 +77,7 @@ from app.identification.doubted_sensors import comparisons, doubts
 from app.identification.residuals.map_uncertainty import map_uncertainty
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.zeroed import to_state, zeroed
+from app.search.candidate import Candidate, Known
 from app.search.figures import rms
 from app.search.findings import Findings, Untested, Verdict
 from app.search.search import Progress, search
@@ -138,20 +141,38 @@ def analyse(
     with one_blas_thread():
         tried = judge_assignments(campaign, residuals)
         of_maps = map_uncertainty(projection, campaign.maps)
-        findings = search(
-            rows,
-            of_maps,
-            [*library.candidates, *generic_candidates(view)],
-            holdout_fraction=holdout_fraction,
-            known=before.known(library.candidates),
-            seed=seed,
-            progress=_part(progress, PREPARED, searched),
+        generic = generic_candidates(view)
+
+        def look(
+            candidates: Sequence[Candidate], known: Known | None, progress: Progress | None
+        ) -> FinishedSearch:
+            findings = search(
+                rows,
+                of_maps,
+                [*candidates, *generic],
+                holdout_fraction=holdout_fraction,
+                known=known,
+                seed=seed,
+                progress=progress,
+            )
+            use = used_rows(findings, len(rows.values))
+            return FinishedSearch(residuals, rows, findings, use, library.with_forms, of_maps)
+
+        found = look(
+            library.candidates,
+            before.known(library.candidates),
+            _part(progress, PREPARED, searched),
+        )
+        found, before = _with_refits_that_hold(
+            found,
+            before,
+            lambda: look(
+                before.beside(library.candidates), None, _part(progress, searched, searched)
+            ),
         )
         responses = Responses()
         if learns:
             responses = find_responses(campaign, _part(progress, searched, 1.0))
-    use = used_rows(findings, len(rows.values))
-    found = FinishedSearch(residuals, rows, findings, use, library.with_forms, of_maps)
     found = with_what_stays_large(found, of_maps)
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
     found, responses = beside_search(found, responses, campaign.effects)
@@ -199,6 +220,40 @@ def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -
         values[given.kept] = given.values
         found = values[residuals.kept]
     return found
+
+
+def _with_refits_that_hold(
+    found: FinishedSearch, before: AdoptedBefore, staying: Callable[[], FinishedSearch]
+) -> tuple[FinishedSearch, AdoptedBefore]:
+    """Fit what the model has anew only where held-out set-ups agree; else search beside it.
+
+    Parameters
+    ----------
+    found
+        With the model's effects fitted anew.
+    staying
+        Searches beside them as they are.
+    """
+    if found.findings.known is None:
+        return found, before
+    again = refitted_effects(found, before, found.findings.refitted, is_refused=False)
+    is_changed = any(one.is_changed for one in again)
+    effects = found.effects()
+    if any(
+        found.is_name_sure(effect, term) and shakes(effect, one.effect, term.channels)
+        for effect, term in zip(effects, found.findings.terms, strict=True)
+        for one in before.anew
+    ):
+        return staying(), before.staying(BESIDE_A_MISTAKE)
+    acts = (before.explained != 0.0) | (np.nan_to_num(found.findings.known) != 0.0)
+    channels = np.unique(found.rows.channel[acts & found.use]).tolist()
+    is_shared = any(set(channels).intersection(term.channels) for term in found.findings.terms)
+    beside = staying() if is_shared else found.without_refits()
+    if is_refit_better(found, channels, beside.findings.adopted):
+        return found, before
+    # What stays although it would have moved leaves something that is to be judged.
+    beside = staying() if is_changed and not is_shared else beside
+    return beside, before.staying(NOT_BETTER)
 
 
 def _answer(

@@ -33,6 +33,8 @@ CHANGED: Final = 0.01
 UNKNOWN: Final = "it is not known in which measurements it was found"
 NOT_TESTED: Final = "these observations, or the kinds that were looked for, cannot test it"
 NOT_SHOWN: Final = "these observations do not show it"
+NOT_BETTER: Final = "held-out set-ups do not show that refitting it would make them better"
+BESIDE_A_MISTAKE: Final = "a mistake in the data was found, which is to be corrected first"
 BESIDE_OTHERS: Final = "refitting it would make held-out set-ups worse"
 
 
@@ -67,6 +69,16 @@ class AdoptedBefore:
         of_key = {candidate.key: candidate for candidate in candidates}
         terms = [KnownTerm(of_key[one.hypothesis.key], one.theta) for one in self.anew]
         return Known(terms, self.explained)
+
+    def staying(self, why: str) -> AdoptedBefore:
+        """Leave those that could be fitted anew as they are, for a reason."""
+        stay = ((one.effect, why) for one in self.anew)
+        return AdoptedBefore((), (*self.left, *stay), np.zeros_like(self.explained))
+
+    def beside(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """List what may be looked for where they stay: they themselves would count twice."""
+        own = {one.hypothesis.key for one in self.anew}
+        return [candidate for candidate in candidates if candidate.key not in own]
 
 
 def adopted_before(
