@@ -50,6 +50,14 @@ def test_a_name_that_is_not_sure_says_so_in_the_answers_first_sentence():
     assert "(suspected)" not in summed_up(STEP)
 
 
+def test_a_summary_names_what_matters_and_counts_the_rest():
+    proxy = LAG | {"is_proxy": True, "status": "suspected", "explanation": "Proxy", "helps": False}
+    said = summed_up(*[proxy] * 5, LAG, EXCHANGED)
+    assert said.index("are swapped") < said.index("late; proxy; and 4 more (4 suspected). The")
+    assert said.lower().count("proxy") == 1
+    assert "more" not in summed_up(LAG, LAG, LAG)
+
+
 def test_two_of_one_kind_are_told_apart_by_what_they_act_on():
     other = rival("thermal-lag", 208.0, tied=True, sensors=["bed"])
     (step, *_) = advised(LAG | {"alternatives": [other]})

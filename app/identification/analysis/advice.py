@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Final
 
@@ -21,6 +22,9 @@ from app.search.search import MOST_TERMS
 
 ENOUGH_VISITS: Final = 20
 """From so many visits on no more are asked for."""
+
+MOST_NAMED: Final = 3
+"""So many effects the summary names; the answer lists all."""
 
 CUT: Final = (
     f"Adopt what helps and analyse again: the search stopped at {MOST_TERMS} effects, the most "
@@ -69,13 +73,36 @@ def summary(
             f"Something remains in {where} that no effect of the library explains. The residuals "
             f"are {size:.3g} {unit} (root mean square){scatter}."
         )
-    found = "; ".join([*(_how_sure(effect) for effect in effects), *moved])
+    found = "; ".join([*_named(effects), *moved[:MOST_NAMED], *_more(len(moved) - MOST_NAMED)])
     moves = f"{'fall' if left < size else 'do not fall but rise'} from {size:.3g} to {left:.3g}"
     moves = f"stay at {size:.3g}" if left == size else moves
     held = "" if after.holdout_rms is None else " on held-out visits"
     changed = f"The residuals {moves} {unit}{held}{scatter}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
     return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
+
+
+def _named(effects: Sequence[FoundEffect]) -> list[str]:
+    """Name the few effects that matter most, and count the others by how sure they are.
+
+    A mistake that is sure comes first, as all else is to be judged anew after it; then what is
+    sure, what helps, and what stands for itself.
+    """
+
+    def matters(effect: FoundEffect) -> tuple[bool, ...]:
+        is_sure = effect.status == Status.CONFIRMED
+        is_mistake = bool(kind_of(effect.kind).not_adopted)
+        return not (is_mistake and is_sure), not is_sure, not effect.helps, effect.is_proxy
+
+    ordered = sorted(effects, key=matters)
+    told = [_how_sure(effect) for effect in ordered[:MOST_NAMED]]
+    rest = Counter(str(effect.status) for effect in ordered[MOST_NAMED:])
+    sure = ", ".join(f"{count} {status}" for status, count in rest.items())
+    return [*told, *(f"{more} ({sure})" for more in _more(len(ordered) - MOST_NAMED))]
+
+
+def _more(count: int) -> list[str]:
+    return [f"and {count} more"] if count > 0 else []
 
 
 def left_out_visits(apart: Sequence[str]) -> str:
