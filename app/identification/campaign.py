@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from app.effects.conditions import recorded_conditions
 from app.effects.effect import Effect
 from app.effects.observations import Verification, observation_rows
 from app.identification.doubted_sensors import trusted_readings
+from app.identification.residuals.coarse_sensors import looked_back
 from app.identification.residuals.residuals import Residuals, compute_residuals
 from app.identification.zeroed import with_true_zeros
+from app.thermal.coarse_readings import Coarse
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.temperature_history import TemperatureHistory
+
+NONE_COARSE: Final[Mapping[str, Coarse]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +49,14 @@ class Campaign:
     verification_ids: Sequence[int] = ()
 
 
-def residuals_of(campaign: Campaign) -> Residuals:
+def residuals_of(campaign: Campaign, coarse: Mapping[str, Coarse] = NONE_COARSE) -> Residuals:
     """Subtract what the model says, adopted effects included, from what was measured.
+
+    Parameters
+    ----------
+    coarse
+        Sensors whose temperatures between two steps are those that they probably had, looking
+        back; a table knows only what was read.
 
     Raises
     ------
@@ -56,7 +67,7 @@ def residuals_of(campaign: Campaign) -> Residuals:
     rows = with_true_zeros(observation_rows(campaign.verifications))
     conditions = recorded_conditions(
         machine.sensors,
-        trusted_readings(campaign.model, campaign.readings),
+        looked_back(trusted_readings(campaign.model, campaign.readings), coarse),
         campaign.state_readings,
         rows.times_s,
         rows.states,

@@ -1,5 +1,6 @@
-"""Channels of few set-ups beside an effect: what is the set-ups' own is nothing unexplained."""
+"""Channels of few set-ups: what is the set-ups' own is nothing unexplained."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +9,17 @@ import pytest
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
 from app.identification.analysis.analyse import analyse
-from app.identification.analysis.not_judged import stays_large, with_what_stays_large
+from app.identification.analysis.not_judged import (
+    TooLarge,
+    not_judged,
+    stays_large,
+    with_what_stays_large,
+    withhold,
+)
 from app.search.findings import FAR_OFF, ChannelNoise, Figure, HeldOut, Status, Verdict
 from app.simulation.undeclared import make_campaign
+from app.storage.analysis_results import RESULTS
+from tests.pages.example_analyses import NOTHING
 
 CHANNELS, SETUPS, EACH = 20, 8, 8
 CODES = tuple(f"E{a}{b}" for a in "XYZABC" for b in "XYZ")[:CHANNELS]
@@ -97,3 +106,28 @@ def test_what_maps_leave_open_where_no_effect_acts_is_nothing_unexplained():
     )
     assert (answer.verdict, answer.unexplained) == ("effects-found", ())
     assert [one.kind for one in answer.effects] == ["periodic"]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_nothing_was_found_too_setups_may_scatter_as_in_the_other_channels(seed):
+    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2), seed=seed)
+    assert not not_judged(found, [])
+    off = finished(0.3, floor=np.sqrt(1.0 + 0.3**2), off=4.0, seed=seed)
+    assert [one.name for one in not_judged(off, [])] == ["EXX"]
+    # Of four set-ups in all nobody knows.
+    found.rows.visit[:] = found.rows.visit % 4
+    assert not_judged(found, [])
+
+
+def test_what_can_be_judged_is_said_and_what_cannot_is_named():
+    answer = RESULTS.read_text(json.dumps(NOTHING))
+    large = [TooLarge("SXY", 5.0, 1.2, "µm/m", 3)]
+    said = withhold(answer, large, [], ["EXX", "EYY"])
+    assert said.verdict == "not-judged"
+    assert said.summary.startswith(
+        "Nothing was found that the model lacks in EXX, EYY; nothing can be said about SXY: SXY "
+        "has residuals of 5 µm/m (root mean square) in 3 set-ups"
+    )
+    alone = withhold(answer, large, [], [])
+    assert alone.summary.startswith("Nothing can be said about the machine: SXY has")
+    assert withhold(answer, [], [], ["EXX"]) is answer

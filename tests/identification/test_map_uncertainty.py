@@ -9,10 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
+from app.effects.supposition import left_by_temperatures
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals import map_uncertainty as module
+from app.identification.residuals.coarse_sensors import (
+    coarse_sensors,
+    looked_back,
+    read_in_steps,
+    step_columns,
+)
 from app.identification.residuals.map_uncertainty import (
     channel_entries,
     combined,
@@ -24,6 +31,7 @@ from app.identification.residuals.residuals import compute_residuals
 from app.identification.watch.watching import WatchState, watch
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable
+from app.thermal.temperature_history import TemperatureHistory
 from tests.effects.example_campaign_view import ASSIGNMENT, example_view, observations, readings
 
 MEBI = 2**20
@@ -162,3 +170,45 @@ def test_more_columns_than_the_stated_memory_holds_are_refused(monkeypatch):
         InvalidContent, match=r"at most 1,000 numbers, got [0-9,]+ for [0-9,]+ values of"
     ):
         map_uncertainty(where.projection, where.maps)
+
+
+def test_a_coarse_sensor_is_one_unknown_for_each_stay_of_its_reading():
+    """All components that follow it are off together, each by its own slope; no others are."""
+    where = example_view()
+    history, _ = readings()
+    read = {name: values.copy() for name, values in history.temperatures_c.items()}
+    read["x-middle"] = np.round(read["x-middle"])
+    coarse = coarse_sensors(where.machine, TemperatureHistory(history.times_s, read))
+    assert list(coarse) == ["x-middle"]
+    steps = step_columns(where.projection, history, coarse)
+    off_k = np.full(len(where.rows), 1.0 / np.sqrt(12.0))
+    change = left_by_temperatures(where.projection, {"x-middle": off_k})
+    np.testing.assert_allclose(steps.sum(axis=1), change)
+    assert (np.diff(steps.indptr) <= 1).all()
+    # Rows of one column were read alike.
+    at = np.searchsorted(history.times_s, where.rows.times_s)
+    for column in range(steps.shape[1]):
+        rows = np.flatnonzero(steps[:, [column]].toarray())
+        assert np.ptp(read["x-middle"][np.minimum(at[rows], len(read["x-middle"]) - 1)]) <= 1.0
+    plain, with_steps = (
+        {n.channel: n.columns.shape[1] for n in map_uncertainty(where.projection, where.maps, one)}
+        for one in (None, steps)
+    )
+    follows = where.rows.channels.index("EXX")
+    others = where.rows.channels.index("EZZ")
+    assert with_steps[follows] > plain[follows]
+    assert with_steps[others] == plain[others]
+    (said,) = read_in_steps(coarse)
+    assert said.on == "x-middle"
+    assert "steps of 1 K" in said.reason
+    back = looked_back(TemperatureHistory(history.times_s, read), coarse).temperatures_c
+    off = [np.std(one["x-middle"] - history.temperatures_c["x-middle"]) for one in (back, read)]
+    assert off[0] < 0.7 * off[1]
+
+
+def test_sensors_that_are_not_coarse_change_nothing():
+    where = example_view()
+    history, _ = readings()
+    coarse = coarse_sensors(where.machine, history)
+    assert coarse == {}
+    assert step_columns(where.projection, history, coarse).shape == (len(where.rows), 0)

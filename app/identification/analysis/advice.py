@@ -85,8 +85,8 @@ def summary(
 def _named(effects: Sequence[FoundEffect]) -> list[str]:
     """Name the few effects that matter most, and count the others by how sure they are.
 
-    A mistake that is sure comes first, as all else is to be judged anew after it; then what is
-    sure, what helps, and what stands for itself.
+    Of too many a mistake that is sure comes first, as all else is to be judged anew after it; then
+    what is sure, what helps, and what stands for itself.
     """
 
     def matters(effect: FoundEffect) -> tuple[bool, ...]:
@@ -94,6 +94,8 @@ def _named(effects: Sequence[FoundEffect]) -> list[str]:
         is_mistake = bool(kind_of(effect.kind).not_adopted)
         return not (is_mistake and is_sure), not is_sure, not effect.helps, effect.is_proxy
 
+    if len(effects) <= MOST_NAMED:
+        return [_how_sure(effect) for effect in effects]
     ordered = sorted(effects, key=matters)
     told = [_how_sure(effect) for effect in ordered[:MOST_NAMED]]
     rest = Counter(str(effect.status) for effect in ordered[MOST_NAMED:])

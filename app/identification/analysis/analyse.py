@@ -51,8 +51,9 @@ from app.identification.analysis.found_effects import (
 from app.identification.analysis.generic_candidates import generic_candidates, words_of
 from app.identification.analysis.next_visit import propose_visit
 from app.identification.analysis.not_judged import (
+    judged_channels,
+    not_judged,
     stays_large,
-    too_large,
     with_what_stays_large,
     withhold,
 )
@@ -73,7 +74,12 @@ from app.identification.analysis.responses import (
     not_beside,
 )
 from app.identification.campaign import Campaign, residuals_of
-from app.identification.doubted_sensors import comparisons, doubts
+from app.identification.doubted_sensors import comparisons, doubts, trusted_readings
+from app.identification.residuals.coarse_sensors import (
+    coarse_sensors,
+    read_in_steps,
+    step_columns,
+)
 from app.identification.residuals.map_uncertainty import map_uncertainty
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.zeroed import to_state, zeroed
@@ -129,7 +135,9 @@ def analyse(
         progress(0.0, "subtracting the model")
     faults = reading_faults(campaign)
     campaign, as_given = faults.campaign, campaign
-    residuals = residuals_of(campaign)
+    trusted = trusted_readings(campaign.model, campaign.readings)
+    coarse = coarse_sensors(campaign.model.machine, trusted)
+    residuals = residuals_of(campaign, coarse)
     projection = residuals.projection
     view = CampaignView(campaign.model, campaign.maps, residuals.rows, projection.conditions)
     known = None if kinds is None else tuple(_known(kinds))
@@ -140,7 +148,9 @@ def analyse(
     searched = SEARCHED if learns else 1.0
     with one_blas_thread():
         tried = judge_assignments(campaign, residuals)
-        of_maps = map_uncertainty(projection, campaign.maps)
+        of_maps = map_uncertainty(
+            projection, campaign.maps, step_columns(projection, trusted, coarse)
+        )
         generic = generic_candidates(view)
 
         def look(
@@ -177,7 +187,9 @@ def analyse(
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
     found, responses = beside_search(found, responses, campaign.effects)
     answer = _answer(found, library, faulty, responses, campaign.effects, before, seed, known)
-    answer = withhold(answer, too_large(found, of_maps), stays_large(found, of_maps))
+    answer = withhold(
+        answer, not_judged(found, of_maps), stays_large(found, of_maps), judged_channels(found)
+    )
     doubted = doubts(campaign.model, campaign.readings)
     misstated = zeroed(campaign.verifications, residuals.rows.verifications)
     upcoming = propose_visit(campaign, answer.effects, answer.unexplained)
@@ -190,7 +202,7 @@ def analyse(
     ]
     answer = replace(
         answer,
-        not_testable=(*misstated, *doubted, *answer.not_testable),
+        not_testable=(*misstated, *doubted, *read_in_steps(coarse), *answer.not_testable),
         next_visit=upcoming,
         what_next=tuple(dict.fromkeys(steps)),
     )

@@ -31,6 +31,10 @@ LARGER: Final = 2.0
 errors are a few numbers, of which one may well be half as large again as usual."""
 
 
+MOST_NAMED: Final = 4
+
+FEW: Final = "So few set-ups cannot show what comes from the machine and what from the set-up."
+
 BY_CHANCE: Final = 0.01
 """Probability with which any channel is called larger than set-ups scatter although it is not."""
 
@@ -79,6 +83,28 @@ def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> Fi
         unexplained=tuple(dict.fromkeys((*found.findings.unexplained, *left))),
     )
     return replace(found, findings=findings)
+
+
+def not_judged(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+    """List the channels of few set-ups that are larger than the noise, and than set-ups scatter.
+
+    With eight set-ups in all the other channels say how set-ups scatter.
+    """
+    large = too_large(found, maps)
+    if large and np.unique(found.rows.visit[found.use]).size >= FEWEST_BLOCKS:
+        beyond = _beyond_setups(found, maps, np.zeros(len(found.use)))
+        large = [one for one in large if one.name in beyond]
+    return large
+
+
+def judged_channels(found: FinishedSearch) -> list[str]:
+    """Name the channels that were measured in enough set-ups to be judged by themselves."""
+    rows = found.rows
+    return [
+        found.residuals.rows.channels[c]
+        for c in sorted(found.findings.noise)
+        if np.unique(rows.visit[found.use & (rows.channel == c)]).size >= FEWEST_BLOCKS
+    ]
 
 
 def stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
@@ -194,11 +220,18 @@ def too_large(
     return sorted(large, key=lambda one: -one.rms / one.expected)
 
 
-def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarge]) -> Analysis:
+def withhold(
+    answer: Analysis,
+    large: Sequence[TooLarge],
+    left: Sequence[TooLarge],
+    judged: Sequence[str] = (),
+) -> Analysis:
     """Say of what few set-ups do not tell, and `not-judged` where nothing else was found.
 
     Parameters
     ----------
+    judged
+        Channels of enough set-ups.
     large, left
         Channels of few set-ups that are larger than the noise, and those that are so beside
         what was found.
@@ -210,8 +243,7 @@ def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarg
             answer,
             summary=(
                 f"{answer.summary} Nothing more can be said about "
-                f"{list_names([one.name for one in left], 4)}: {_told(left)}. So few set-ups "
-                "cannot show what comes from the machine and what from the set-up."
+                f"{list_names([one.name for one in left], 4)}: {_told(left)}. {FEW}"
             ),
             what_next=(*answer.what_next, _again(left)),
         )
@@ -220,11 +252,18 @@ def withhold(answer: Analysis, large: Sequence[TooLarge], left: Sequence[TooLarg
     return replace(
         answer,
         verdict="not-judged",
-        summary=(
-            f"Nothing can be said about the machine: {_told(large)}. So few set-ups cannot show "
-            "what comes from the machine and what from the set-up."
-        ),
+        summary=f"{_what_can_be_said(large, judged)}: {_told(large)}. {FEW}",
         what_next=(_again(large), *answer.what_next),
+    )
+
+
+def _what_can_be_said(large: Sequence[TooLarge], judged: Sequence[str]) -> str:
+    if not judged:
+        return "Nothing can be said about the machine"
+    where = list_names(judged, MOST_NAMED)
+    return (
+        f"Nothing was found that the model lacks in {where}; nothing can be said about "
+        f"{list_names([one.name for one in large], MOST_NAMED)}"
     )
 
 

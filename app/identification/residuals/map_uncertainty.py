@@ -1,4 +1,4 @@
-"""The maps' own uncertainty as something that the residuals may follow.
+"""The maps' own uncertainty, and that of coarse sensors, as something that residuals may follow.
 
 Each entry of each map was measured with a standard error. An entry acts on all rows between
 its neighbours, in position and in temperature, with the weights of the interpolation. A row
@@ -68,8 +68,16 @@ class ChannelEntries:
         return np.unique(self.columns.indices).astype(np.intp)
 
 
-def channel_entries(projection: Projection, maps: Sequence[ErrorMap]) -> list[ChannelEntries]:
+def channel_entries(
+    projection: Projection, maps: Sequence[ErrorMap], steps: SparseArray | None = None
+) -> list[ChannelEntries]:
     """Lay the maps' entries out over the rows of each channel.
+
+    Parameters
+    ----------
+    steps : sparse array, shape (n, s), or None
+        Change of each row for one standard error of each stay of a coarse sensor's reading, which
+        are taken as entries too (`step_columns`).
 
     Returns
     -------
@@ -91,12 +99,17 @@ def channel_entries(projection: Projection, maps: Sequence[ErrorMap]) -> list[Ch
             _placed(scaled[c], projection.view(c).rows, own, int(starts[c]), width) for c in shown
         ]
         if own.size and any(part.nnz for part in parts):
-            found.append(ChannelEntries(number, own, _sum(parts)))
+            columns = _sum(parts)
+            if steps is not None:
+                columns = sparse.csr_array(sparse.hstack([columns, steps[own]]))
+            found.append(ChannelEntries(number, own, columns))
     return found
 
 
-def map_uncertainty(projection: Projection, maps: Sequence[ErrorMap]) -> list[Nuisance]:
-    """Lay the maps' uncertainty out as columns for each channel.
+def map_uncertainty(
+    projection: Projection, maps: Sequence[ErrorMap], steps: SparseArray | None = None
+) -> list[Nuisance]:
+    """Lay the maps' uncertainty out as columns for each channel, and that of coarse sensors.
 
     Returns
     -------
@@ -110,7 +123,7 @@ def map_uncertainty(projection: Projection, maps: Sequence[ErrorMap]) -> list[Nu
     InvalidContent
         If the columns would not fit into the memory that an analysis may take.
     """
-    entries = channel_entries(projection, maps)
+    entries = channel_entries(projection, maps, steps)
     if not entries:
         return []
     touched = np.unique(np.concatenate([one.touched for one in entries]))
