@@ -50,6 +50,27 @@ def test_collinear_rivals_are_named_with_what_separates_them(planned):
     assert all(e.rival.separating_measurement for e in hard)
 
 
+def test_a_sensor_that_reads_in_coarse_steps_lets_less_be_seen(planned):
+    """Of what follows it alone: a reversal is as small as before."""
+    history, _ = readings()
+    read = dict(history.temperatures_c)
+    read["x-middle"] = 2.0 * np.round(read["x-middle"] / 2.0)
+    coarse = TemperatureHistory(history.times_s, read)
+    found = plan(campaign_of(observations(visits_a_day=2), readings=coarse), 3)
+
+    def smallest(of, kind, code):
+        own = (e.smallest_rms for e in of.effects if e.kind == kind and e.components == (code,))
+        return next(own)
+
+    def ratio(kind, code):
+        return smallest(found, kind, code) / smallest(planned, kind, code)
+
+    assert ratio("drift", "EXX") > 1.1
+    assert ratio("backlash", "EXX") == pytest.approx(1.0, abs=0.05)
+    # The column reads as finely as before.
+    assert ratio("drift", "EZZ") == pytest.approx(1.0, abs=0.02)
+
+
 def test_a_visit_to_add_is_suggested_and_helps(planned):
     for suggestion in planned.suggestions:
         assert suggestion.sentence.startswith("One more visit with ")

@@ -22,6 +22,7 @@ from app.effects.registry import Repertoire, repertoire, separating_measurement
 from app.errors import InvalidContent, counted, list_names
 from app.identification.analysis.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
+from app.identification.doubted_sensors import trusted_readings
 from app.identification.plan.added_visits import AddedVisit, choose_added_visits
 from app.identification.plan.plan import (
     ImprovedEffect,
@@ -30,6 +31,7 @@ from app.identification.plan.plan import (
     PlannedRival,
     Suggestion,
 )
+from app.identification.residuals.coarse_sensors import coarse_sensors, step_columns
 from app.identification.residuals.map_uncertainty import map_uncertainty
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.candidate import Candidate
@@ -168,7 +170,10 @@ def _problem(residuals: Residuals, rows: Rows, campaign: Campaign, planned: int)
     cell = np.where(which < planned, 0, which - planned + 1)
     cell_of = dict(zip(rows.block.tolist(), cell.tolist(), strict=True))
     use = np.ones(len(rows.values), dtype=np.bool_)
-    nuisance = map_uncertainty(residuals.projection, campaign.maps)
+    trusted = trusted_readings(campaign.model, campaign.readings)
+    coarse = coarse_sensors(campaign.model.machine, trusted)
+    steps = step_columns(residuals.projection, trusted, coarse)
+    nuisance = map_uncertainty(residuals.projection, campaign.maps, steps)
     return make_problem(rows, nuisance, use, cell_of, 1 + int(cell.max()))
 
 
