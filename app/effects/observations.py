@@ -173,6 +173,13 @@ class ObservationRows:
         """How many visits there are."""
         return len(np.unique(self.visit))
 
+    def visit_label(self, visit: int) -> str:
+        """Name a visit: by its verification, and by the set-up where that states several."""
+        first = int(np.argmax(self.visit == visit))
+        verification = self.verifications[int(self.verification[first])]
+        setup = verification.observations[int(self.observation[first])].setup
+        return verification.label if setup is None else f"{verification.label}, {setup}"
+
     @cached_property
     def block(self) -> IntArray:
         """Number of each row's block: rows of one visit at about one time; shape (n,)."""

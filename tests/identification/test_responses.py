@@ -16,7 +16,11 @@ from app.identification.analysis import response_rows as response_rows_module
 from app.identification.analysis import responses
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.response_judged import judge
-from app.identification.analysis.response_rows import response_rows
+from app.identification.analysis.response_rows import (
+    courses,
+    response_rows,
+    unrecorded_states,
+)
 from app.identification.analysis.responses import find_responses
 from app.identification.campaign import Campaign, residuals_of
 from app.search.figures import rms
@@ -263,6 +267,23 @@ def test_where_the_policy_allows_no_maps_they_are_held(monkeypatch):
     assert temperatures_c.min() > 15.0 - 31.0
 
 
+def test_runs_that_one_verification_states_as_set_ups_are_as_many_courses():
+    """A shop may store a whole campaign at once, with a name for each set-up."""
+    asked = campaign(5, runs=8, drives=1.0)
+    stated = [
+        replace(one, setup=run.label) for run in asked.verifications for one in run.observations
+    ]
+    together = replace(asked, verifications=[Verification("spring", stated, Datum.FIRST)])
+    each, whole = (response_rows(residuals_of(one), "EXX") for one in (asked, together))
+    assert [one.label for one in whole.set_ups] == [f"spring, run {i}" for i in range(8)]
+    assert whole.columns == each.columns
+    for a, b in zip(each.set_ups, whole.set_ups, strict=True):
+        assert b.is_zeroed
+        np.testing.assert_array_equal(a.course.values, b.course.values)
+        np.testing.assert_array_equal(a.course.columns, b.course.columns)
+    assert courses(residuals_of(together).rows, "EXX") == 8
+
+
 class Named(NamedTuple):
     """What the search has named, as far as it matters here."""
 
@@ -296,6 +317,24 @@ def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
     ]
     monkeypatch.setattr(responses, "_left_by_named", lambda _, code: left[code])
     assert [one.code for one, _ in responses.that_leave_less(found, offered)] == expected
+
+
+def test_a_state_that_only_observations_state_is_said_to_take_no_part():
+    """How long it has held is not known of it, and a live table would never be told it."""
+    asked = campaign(3, runs=8, drives=1.0)
+    speeds = dict(asked.state_readings)
+    verifications = [
+        replace(
+            run, observations=[replace(o, state=speeds[float(o.time_s)]) for o in run.observations]
+        )
+        for run in asked.verifications
+    ]
+    beside = replace(asked, verifications=verifications, state_readings=())
+    both = replace(asked, verifications=verifications)
+    assert unrecorded_states(residuals_of(beside).projection.conditions) == ["spindle_rpm"]
+    assert unrecorded_states(residuals_of(both).projection.conditions) == []
+    said = {one.on: one.reason for one in find_responses(beside).not_testable}
+    assert "takes no part" in said["spindle_rpm"]
 
 
 def test_few_set_ups_are_said():

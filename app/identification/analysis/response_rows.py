@@ -14,6 +14,8 @@ from app.effects.collinear import (
     BEYOND,
     LATE,
     LEVEL,
+    STATE,
+    STATE_MIN,
     Column,
     Columns,
     Responding,
@@ -32,7 +34,6 @@ from app.effects.valid import Range
 from app.identification.residuals.residuals import Residuals
 from app.search.response import Course, Response
 from app.search.response_average import Average
-from app.search.rows import Datum
 from app.thermal.prediction import predict_component
 from app.units import SECONDS_PER_MIN
 
@@ -68,7 +69,7 @@ class SetUp:
     Parameters
     ----------
     label
-        Of its verification.
+        Of its verification, and of the set-up where that states several.
     times_s, values, measured : ndarray, shape (n,)
         When, what the model leaves, and what was measured [the component's unit].
     maps : ndarray, shape (n,)
@@ -225,7 +226,7 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
     conditions = residuals.projection.conditions.take(own)
     columns = listed_columns(*_known(conditions))
     parts = _set_ups(rows, own)
-    zeroed = {which for which, _ in parts if rows.verifications[which].datum is not Datum.ABSOLUTE}
+    zeroed = {which for which, part in parts if rows.has_own_zero[own[part]].any()}
     model = residuals.projection.model.find(code)
     own_sensor = model[0].sensor if model else ""
     level = own_sensor if Column(LATE, own_sensor, 0.0) in columns else ""
@@ -251,7 +252,7 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
         part = part[np.unique(np.linspace(0, part.size - 1, MOST_ROWS).round().astype(np.intp))]
         set_ups.append(
             SetUp(
-                rows.verifications[which].label,
+                rows.visit_label(which),
                 conditions.times_s[part],
                 values[part],
                 rows.measured[own[part]],
@@ -280,10 +281,10 @@ def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
 
 
 def _set_ups(rows: ObservationRows, own: IntArray) -> list[tuple[int, IntArray]]:
-    """Part a component's rows by verification, each in order of time."""
+    """Part a component's rows by set-up, each in order of time."""
     found = []
-    for which in np.unique(rows.verification[own]).tolist():
-        part = np.flatnonzero(rows.verification[own] == which)
+    for which in np.unique(rows.visit[own]).tolist():
+        part = np.flatnonzero(rows.visit[own] == which)
         found.append((which, part[np.argsort(rows.times_s[own[part]], kind="stable")]))
     return found
 
@@ -298,10 +299,23 @@ def _known(conditions: Conditions) -> tuple[list[str], list[str]]:
     states = [
         name
         for name in conditions.states
-        if _is_recorded(Column("state", name, 3.0), conditions)
-        and _varies(conditions.from_start(Column("state", name, 3.0).signal, 180.0).outputs)
+        if _is_recorded(Column(STATE, name, STATE_MIN[0]), conditions)
+        and _varies(conditions.from_start(Column(STATE, name, STATE_MIN[0]).signal, 180.0).outputs)
     ]
     return sensors, states
+
+
+def unrecorded_states(conditions: Conditions) -> list[str]:
+    """Name the states that are known at the rows, and not with the readings before them.
+
+    A response needs to know for how long a state has held, and a live table has readings only.
+    """
+    return [
+        name
+        for name, values in conditions.states.items()
+        if np.isfinite(values).mean() >= KNOWN
+        and not _is_recorded(Column(STATE, name, STATE_MIN[0]), conditions)
+    ]
 
 
 def _varies(values: FloatArray) -> bool:

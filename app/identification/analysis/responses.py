@@ -35,7 +35,12 @@ from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.response_causes import causes_of
 from app.identification.analysis.response_judged import Judged, judge
-from app.identification.analysis.response_rows import ResponseRows, courses, response_rows
+from app.identification.analysis.response_rows import (
+    ResponseRows,
+    courses,
+    response_rows,
+    unrecorded_states,
+)
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import Residuals
 from app.search.figures import rms
@@ -45,13 +50,18 @@ from app.search.search import Progress
 FEWEST: Final = 8
 """So many set-ups with a course are needed."""
 
-
 MOST_NAMED: Final = 3
 """So many set-ups are named in a sentence."""
 
 NOT_HELD_OUT: Final = (
     "its component already has a response that was learnt from these same set-ups, so none of "
     "them is held out of what that response leaves"
+)
+
+
+NOT_RECORDED: Final = (
+    "it is stated beside observations only: a response follows a state through the readings, from "
+    "the start of each set-up, so this one takes no part in it"
 )
 
 
@@ -176,6 +186,11 @@ def find_responses(campaign: Campaign, progress: Progress | None = None) -> Resp
             offered.append(found)
         elif found:
             refused.append(NotTested(Response.kind, code, found))
+    if any(courses(residuals.rows, code) >= FEWEST for code in codes):
+        refused += [
+            NotTested(Response.kind, name, NOT_RECORDED)
+            for name in unrecorded_states(residuals.projection.conditions)
+        ]
     return Responses(tuple(offered), tuple(refused))
 
 
@@ -398,10 +413,7 @@ def _left_by_named(found: FinishedSearch, code: str) -> float | None:
         return None
     rows, left = found.residuals.rows, found.rows.values - found.findings.adopted
     own = rows.of_channel(code)
-    parts = [
-        _from_zero(rows.times_s[part], left[part])
-        for part in _by_verification(rows.verification, own)
-    ]
+    parts = [_from_zero(rows.times_s[part], left[part]) for part in _by_visit(rows.visit, own)]
     known = np.concatenate([part[np.isfinite(part)] for part in parts])
     return rms(known) if known.size else None
 
@@ -421,8 +433,8 @@ def _held_out(residuals: Residuals, offered: Offered) -> tuple[IntArray, FloatAr
     return np.array(found, dtype=np.intp), np.array(left)
 
 
-def _by_verification(verification: IntArray, own: IntArray) -> Iterable[IntArray]:
-    return [own[verification[own] == which] for which in np.unique(verification[own])]
+def _by_visit(visit: IntArray, own: IntArray) -> Iterable[IntArray]:
+    return [own[visit[own] == which] for which in np.unique(visit[own])]
 
 
 def _from_zero(times_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -93,7 +93,6 @@ class SetUps:
         return found
 
     def label(self, place: int) -> str:
-        """Name a set-up by its verification."""
+        """Name a set-up by its verification, and by itself where that states several."""
         rows = self.residuals.rows
-        first = int(np.argmax(self.place == place))
-        return rows.verifications[int(rows.verification[first])].label
+        return rows.visit_label(int(rows.visit[np.argmax(self.place == place)]))
