@@ -1,14 +1,18 @@
-"""A response averaged over the question whether, and since when, the machine answers differently.
+"""A response averaged over two questions that set-ups leave open.
 
-For each date a difference of the response before and after it is estimated beside the response;
-every date, and no change, counts by how likely it makes the values (Bayesian model averaging).
+Whether, and since when, the machine answers differently: for each date a difference of the
+response before and after it is estimated beside the response; every date, and no change, counts by
+how likely it makes the values (Bayesian model averaging). And whether columns that say one thing
+of a whole set-up may be believed: of these there are as many values as set-ups, so that what is
+learnt of them from few set-ups may hold in others by luck. A response without them counts too, with
+a fixed share: evidence that takes set-ups as exchangeable would give it none.
 Between two dates the average is one set of coefficients with one covariance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,11 +40,21 @@ another date leads without one of the set-ups (Miller and Dunson, Robust Bayesia
 coarsening, Journal of the American Statistical Association 114, 2019)."""
 
 
+FEWER: Final = 0.25
+"""Share of the response without the columns that say one thing of a whole set-up: half of it serves
+a machine whose set-ups do not begin alike, none one whose set-ups do, and a quarter costs neither
+much (docs/measured-data.md, “A response”)."""
+
+
 class Priors(NamedTuple):
-    """What was learnt beside the coefficients: without a change, and with one at each date."""
+    """What was learnt beside the coefficients: without a change, and with one at each date.
+
+    `fewer` is the same of the response without some columns, where one takes part.
+    """
 
     constant: Prior
     changing: Mapping[float, Prior]
+    fewer: Priors | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +85,7 @@ class Average:
     priors
         What it starts from when it is learnt again from nearly the same set-ups.
     noise
-        The noise within a set-up, and its wander.
+        The noise within a set-up, and its wander, as learnt with all columns.
     stretches
         The response, from date to date.
     dates
@@ -166,10 +180,11 @@ def learn_average(
     response: Response,
     changing: IntArray,
     *,
+    unsure: Sequence[int] = (),
     start: Priors | None = None,
     iterations: int = ITERATIONS,
 ) -> Average:
-    """Learn a response, averaged over a date of change.
+    """Learn a response, averaged over a date of change and over whether some groups take part.
 
     Parameters
     ----------
@@ -177,11 +192,60 @@ def learn_average(
         The set-ups.
     changing : ndarray, shape (c,)
         Columns whose coefficients may have changed at a date; none: no change is considered.
+    unsure
+        Groups of columns, none of them changing, that a share of the average does without.
     start
         Where learning begins.
     iterations
         Most steps.
     """
+    whole = _learnt(response, changing, start, iterations)
+    kept = np.flatnonzero(~np.isin(response.groups, list(unsure)))
+    if not 0 < kept.size < response.groups.size:
+        return whole
+    fewer = _learnt(
+        response.without_groups(unsure),
+        np.searchsorted(kept, changing),
+        start.fewer if start else None,
+        iterations,
+    )
+    return with_fewer(whole, fewer, kept)
+
+
+def with_fewer(whole: Average, fewer: Average, kept: IntArray) -> Average:
+    """Give the average of a response and of one with fewer columns.
+
+    Parameters
+    ----------
+    whole, fewer
+        What was learnt of the same set-ups.
+    kept : ndarray, shape (q,)
+        The columns that both have.
+    """
+    fold = np.zeros((whole.stretches[0].mean.size, kept.size))
+    fold[kept, np.arange(kept.size)] = 1.0
+    stretches = []
+    for until in sorted({s.until for s in (*whole.stretches, *fewer.stretches)}):
+        a, b = (one.at(np.nextafter(until, -np.inf)) for one in (whole, fewer))
+        each = (a, Stretch(until, fold @ b.mean, fold @ b.covariance @ fold.T))
+        shares = zip((1.0 - FEWER, FEWER), each, strict=True)
+        stretches.append(_mixed(until, [(w, s.mean, s.covariance) for w, s in shares]))
+    return replace(
+        whole,
+        priors=whole.priors._replace(fewer=fewer.priors),
+        stretches=stretches,
+        dates={
+            date: (1.0 - FEWER) * whole.dates.get(date, 0.0) + FEWER * fewer.dates.get(date, 0.0)
+            for date in dict.fromkeys((*whole.dates, *fewer.dates))
+        },
+        weights=(1.0 - FEWER) * whole.weights + FEWER * fewer.weights,
+    )
+
+
+def _learnt(
+    response: Response, changing: IntArray, start: Priors | None, iterations: int
+) -> Average:
+    """Learn a response, averaged over a date of change alone."""
     began = np.array([course.began for course in response.courses])
     constant = response.learn(start.constant if start else None, iterations).prior
     options = [_Option(None, -response.misfit(constant), constant)]
@@ -287,7 +351,12 @@ def _stretches(
             if date is not None:
                 fold[changing, p + np.arange(changing.size)] = 0.5 if date < until else -0.5
             each.append((share, fold @ posterior.mean, fold @ posterior.covariance @ fold.T))
-        mean = np.sum([w * m for w, m, _ in each], axis=0)
-        spread = [w * (c + np.outer(m - mean, m - mean)) for w, m, c in each]
-        found.append(Stretch(float(until), mean, np.sum(spread, axis=0)))
+        found.append(_mixed(float(until), each))
     return found
+
+
+def _mixed(until: float, each: Sequence[tuple[float, FloatArray, FloatArray]]) -> Stretch:
+    """Mix coefficients by their shares, each with its covariance, into one stretch."""
+    mean = np.sum([w * m for w, m, _ in each], axis=0)
+    spread = [w * (c + np.outer(m - mean, m - mean)) for w, m, c in each]
+    return Stretch(until, mean, np.sum(spread, axis=0))

@@ -15,7 +15,7 @@ from app.geometry.components import COMPONENTS
 from app.identification.analysis import response_rows as response_rows_module
 from app.identification.analysis import responses
 from app.identification.analysis.analyse import analyse
-from app.identification.analysis.response_judged import judge
+from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_rows import (
     courses,
     response_rows,
@@ -282,6 +282,16 @@ def test_runs_that_one_verification_states_as_set_ups_are_as_many_courses():
         np.testing.assert_array_equal(a.course.values, b.course.values)
         np.testing.assert_array_equal(a.course.columns, b.course.columns)
     assert courses(residuals_of(together).rows, "EXX") == 8
+
+
+def test_what_is_markedly_worse_does_not_depend_on_how_much_caution_leaves():
+    """A caution that leaves 5 µm of most set-ups does not excuse that one loses 2 µm."""
+    sizes = [np.array([size]) for size in (1.0, 9.0, 9.0)]
+    after = [np.array([size]) for size in (3.0, 5.0, 5.0)]
+    judged = Judged(None, None, 1.0, 1.0, 1.0, False, 2.0, sizes, sizes, after)
+    assert judged.is_worse.tolist() == [True, False, False]
+    assert judged.is_worse_than_none.tolist() == [True, False, False]
+    assert replace(judged, typical=5.0).is_worse.tolist() == [False, False, False]
 
 
 class Named(NamedTuple):

@@ -1,10 +1,12 @@
 """A response of many drivers, against formulas of dense Gaussian processes and limiting cases."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.search.response import Course, Prior, Response
-from app.search.response_average import Predicted, caution, learn_average
+from app.search.response_average import FEWER, Predicted, caution, learn_average
 from app.search.wander import Wander
 
 NOISE = Wander(0.7, 2.0, 120.0, 3.0, 60.0)
@@ -158,6 +160,29 @@ def test_without_a_sign_of_a_change_none_counts_at_least_as_much_as_all_dates_to
     """Half of the prior, and evidence that can only fall with columns that do nothing."""
     learnt = learn_average(campaign(5, size=2.0), np.array([0, 1]))
     assert learnt.dates[None] > 0.4
+
+
+def test_a_share_of_the_average_does_without_the_columns_that_are_not_sure():
+    """By hand from what is learnt with and without the third column: means, and their spread."""
+    response, changing = campaign(2, size=2.0, changed=1.0), np.array([0, 1])
+    whole = learn_average(response, changing)
+    fewer = learn_average(response.without_groups([1]), changing)
+    both = learn_average(response, changing, unsure=[1])
+    assert len(both.stretches) >= len(whole.stretches) > 1
+    for course in response.courses:
+        with_all = whole.predict(course)
+        without = fewer.predict(replace(course, columns=course.columns[:, :2]))
+        found = both.predict(course)
+        mean = (1.0 - FEWER) * with_all.mean + FEWER * without.mean
+        spread = FEWER * (1.0 - FEWER) * (with_all.mean - without.mean) ** 2
+        variance = (1.0 - FEWER) * with_all.learnt**2 + FEWER * without.learnt**2 + spread
+        np.testing.assert_allclose(found.mean, mean, rtol=1e-9)
+        np.testing.assert_allclose(found.learnt**2, variance, rtol=1e-6)
+    assert sum(both.dates.values()) == pytest.approx(1.0)
+    again = learn_average(response, changing, unsure=[1], start=both.priors, iterations=1)
+    np.testing.assert_allclose(
+        again.predict(response.courses[0]).mean, both.predict(response.courses[0]).mean, atol=0.5
+    )
 
 
 def test_caution_grows_with_what_is_not_known():

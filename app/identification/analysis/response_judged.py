@@ -37,7 +37,7 @@ LEAST_GAIN: Final = 0.1
 
 WORSE_SHARE: Final = 0.1
 """A set-up gets markedly worse if it loses more than this share of itself, and more than
-`WORSE_BESIDE_OTHERS` of what the middle one of the set-ups held out is left with."""
+`WORSE_BESIDE_OTHERS` of `Judged.typical`."""
 
 WORSE_BESIDE_OTHERS: Final = 0.5
 """What is left of set-ups held out is how far they differ whatever is known of them."""
@@ -65,6 +65,8 @@ class Judged:
     spares_maps
         Whether what is not sure goes back to the maps alone: half of it back to no correction
         would make a set-up markedly worse than the maps leave it.
+    typical
+        What the middle one of the set-ups held out is left with by the least cautious response.
     uncompensated, before, after
         For each set-up what was measured, and its residuals, from its zero [the component's unit].
     """
@@ -75,6 +77,7 @@ class Judged:
     usual: float
     care: float
     spares_maps: bool
+    typical: float
     uncompensated: list[FloatArray]
     before: list[FloatArray]
     after: list[FloatArray]
@@ -108,13 +111,17 @@ class Judged:
     @property
     def is_worse(self) -> BoolArray:
         """Which set-ups get markedly worse than the model leaves them."""
-        before, after = self.each
-        return _is_markedly_worse(before, after)
+        return self._is_markedly_worse_than(self.each[0])
 
     @property
     def is_worse_than_none(self) -> BoolArray:
         """Which set-ups are left markedly worse than they are without any correction."""
-        return _is_markedly_worse(np.array([rms(v) for v in self.uncompensated]), self.each[1])
+        return self._is_markedly_worse_than(np.array([rms(v) for v in self.uncompensated]))
+
+    def _is_markedly_worse_than(self, before: FloatArray) -> BoolArray:
+        may_lose = np.maximum(WORSE_SHARE * before, WORSE_BESIDE_OTHERS * self.typical)
+        found: BoolArray = self.each[1] - before > may_lose
+        return found
 
     @property
     def chance(self) -> float:
@@ -156,29 +163,30 @@ def judge(rows: ResponseRows) -> Judged:
     rows
         The set-ups; everything is learnt again without each of them, noise and scales included.
     """
-    average = learn_average(rows.response, rows.changing)
+    average = learn_average(rows.response, rows.changing, unsure=rows.unsure)
     learnt = [
         learn_average(
-            rows.response.without(i), rows.changing, start=average.priors, iterations=AGAIN
+            rows.response.without(i),
+            rows.changing,
+            unsure=rows.unsure,
+            start=average.priors,
+            iterations=AGAIN,
         )
         for i in range(len(rows.set_ups))
     ]
     surprises = np.array(
         [_surprise(one, set_up) for one, set_up in zip(learnt, rows.set_ups, strict=True)]
     )
-    found = []
+    found: list[Judged] = []
     for spares, care in product((False, True) if rows.maps else (True,), CARES):
-        found.append(_judged(rows, average, learnt, surprises, care, spares))
+        one = _judged(rows, average, learnt, surprises, care, spares)
+        # The same measure for all: the more caution leaves, the more would pass as little.
+        typical = found[0].typical if found else float(np.median(one.each[1]))
+        found.append(replace(one, typical=typical))
         if not found[-1].why_not and not found[-1].is_worse_than_none.any():
             return found[-1]
     # Where maps harm a set-up by themselves, what leaves less of that is still to be had.
     return next((one for one in found if not one.why_not), found[0])
-
-
-def _is_markedly_worse(before: FloatArray, after: FloatArray) -> BoolArray:
-    may_lose = np.maximum(WORSE_SHARE * before, WORSE_BESIDE_OTHERS * float(np.median(after)))
-    found: BoolArray = after - before > may_lose
-    return found
 
 
 def _judged(
@@ -205,7 +213,9 @@ def _judged(
         before.append(values[own])
         after.append((values - held_out.from_zero(told.corrected))[own])
     doubt, usual = _doubt(surprises), _usual(surprises)
-    return Judged(rows, average, doubt, usual, care, spares_maps, uncompensated, before, after)
+    return Judged(
+        rows, average, doubt, usual, care, spares_maps, np.nan, uncompensated, before, after
+    )
 
 
 def _surprise(learnt: Average, held_out: SetUp) -> float:

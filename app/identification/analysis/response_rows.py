@@ -14,6 +14,7 @@ from app.effects.collinear import (
     BEYOND,
     LATE,
     LEVEL,
+    START,
     STATE,
     STATE_MIN,
     Column,
@@ -153,6 +154,11 @@ class ResponseRows:
         """The columns of which the response may have changed at a date."""
         is_own = [c.form == LATE and c.minutes == CHANGING_MIN for c in self.columns]
         return np.flatnonzero(is_own)
+
+    @cached_property
+    def unsure(self) -> tuple[int, ...]:
+        """The groups that say one thing of a whole set-up: how far bodies differed at its start."""
+        return tuple(i for i, name in enumerate(self.groups) if name == START)
 
     def driver(
         self,
