@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -15,9 +15,9 @@ from app.cli.options import MachineArgument, UrlOption, command_group, connect, 
 from app.errors import ThermapError, list_names
 from app.hal.curves import (
     AXES,
-    CURVES,
     SQUARENESS,
     Nodes,
+    curves_between,
     halves_told,
     largest_half,
     nodes_of,
@@ -83,7 +83,14 @@ UnitsOption = Annotated[
     str, typer.Option("--units", metavar="mm|inch", help="LINEAR_UNITS of the machine.")
 ]
 JointsOption = Annotated[
-    str, typer.Option("--joints", metavar="X,Y,Z", help="Numbers of the joints of X, Y and Z.")
+    str | None,
+    typer.Option(
+        "--joints",
+        metavar="N,N,N",
+        help="Numbers of the joints of X, Y and Z, of a lathe those of X and Z: of the linear axes "
+        "that the machine has.",
+        show_default="0,1,2 or 0,1",
+    ),
 ]
 PythonOption = Annotated[
     str,
@@ -114,7 +121,7 @@ def write_wiring(
     every: EveryOption = 10.0,
     limit: LimitOption = 500.0,
     units: UnitsOption = "mm",
-    joints: JointsOption = "0,1,2",
+    joints: JointsOption = None,
     python: PythonOption = LINUXCNC_PYTHON,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -125,11 +132,17 @@ def write_wiring(
 
     Example: `thermap hal wiring mcfv5050 --output thermap.hal`
     """
-    numbers = _joints(joints)
     with connect(url) as thermap:
         stored = thermap.machine(machine)
         maps = thermap.error_maps(machine)
     nodes = _nodes(stored, maps)
+    numbers = _joints(joints, len(nodes))
+    if len(numbers) != len(nodes):
+        raise typer.BadParameter(
+            f"expected a joint for each of {list_names([axis.upper() for axis in nodes])}, got "
+            f"{joints!r}",
+            param_hint="--joints",
+        )
     sensors = [sensor.name for sensor in stored.sensors]
     command = [
         # Whatever the PATH is where LinuxCNC is started.
@@ -144,14 +157,14 @@ def write_wiring(
     try:
         for sensor in sensors:
             sensor_pin(sensor)
-        text = wiring(nodes, dict(zip(AXES, numbers, strict=True)), per_mm, command)
+        text = wiring(nodes, dict(zip(nodes, numbers, strict=True)), per_mm, command)
     except NotWired as error:
         raise NotStarted(str(error)) from None
     if output is None:
         sys.stdout.write(text)
     else:
         write_file(output, text)
-    if lacking := _not_in_curves(maps):
+    if lacking := _not_in_curves(maps, nodes):
         typer.echo(f"note: not in HAL's curves: {list_names(lacking)}", err=True)
 
 
@@ -167,7 +180,7 @@ def follow(
     every: EveryOption = 10.0,
     limit: LimitOption = 500.0,
     units: UnitsOption = "mm",
-    joints: JointsOption = "0,1,2",
+    joints: JointsOption = None,
     python: PythonOption = LINUXCNC_PYTHON,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -202,12 +215,13 @@ def _units(stated: str) -> str:
     return stated
 
 
-def _joints(stated: str) -> list[int]:
+def _joints(stated: str | None, axes: int = len(AXES)) -> list[int]:
+    if stated is None:
+        return list(range(axes))
     words = [word.strip() for word in stated.split(",")]
-    if len(set(words)) != len(AXES) or len(words) != len(AXES) or not all(map(_is_joint, words)):
+    if len(set(words)) != len(words) or not all(map(_is_joint, words)):
         raise typer.BadParameter(
-            f"expected the three different joints of X, Y and Z, each 0 to {LAST_JOINT}, such as "
-            f"0,1,2, got {stated!r}",
+            f"expected different joints, each 0 to {LAST_JOINT}, such as 0,1,2, got {stated!r}",
             param_hint="--joints",
         )
     return [int(word) for word in words]
@@ -219,12 +233,15 @@ def _is_joint(word: str) -> bool:
 
 def _nodes(machine: MachineAnswer, maps: Sequence[ErrorMapAnswer]) -> Nodes:
     """Choose each axis' nodes from its maps and its travel."""
-    missing = [axis for axis in AXES if axis not in machine.axes]
+    own = [axis for axis in AXES if axis.upper() in machine.configuration]
+    missing = [axis.upper() for axis in own if axis not in machine.axes]
     if missing:
         raise NotStarted(
-            f"expected a machine with the travel of X, Y and Z, got none of {list_names(missing)}"
+            f"expected the travel of all axes of {machine.configuration}, got none of "
+            f"{list_names(missing)}"
         )
-    travels = [machine.axes[axis] for axis in AXES]
+    curves = curves_between(own)
+    travels = [machine.axes[axis] for axis in own]
     return {
         axis: nodes_of(
             (travel.min_mm, travel.max_mm),
@@ -232,24 +249,25 @@ def _nodes(machine: MachineAnswer, maps: Sequence[ErrorMapAnswer]) -> Nodes:
                 position
                 for one in maps
                 for row in one.components
-                if row.component in CURVES and CURVES[row.component][1] == axis
+                if row.component in curves and curves[row.component][1] == axis
                 for position in row.positions_mm or ()
             ],
         )
-        for axis, travel in zip(AXES, travels, strict=True)
+        for axis, travel in zip(own, travels, strict=True)
     }
 
 
-def _not_in_curves(maps: Sequence[ErrorMapAnswer]) -> list[str]:
+def _not_in_curves(maps: Sequence[ErrorMapAnswer], axes: Iterable[str]) -> list[str]:
     """Say what of the maps the motors will not follow."""
+    curves = curves_between(axes)
     rows = [row for one in maps for row in one.components]
     halves: dict[str, float] = {}
     for row in rows:
-        if row.component in CURVES and row.errors_um and row.backward_errors_um:
+        if row.component in curves and row.errors_um and row.backward_errors_um:
             half_um = largest_half(row.errors_um, row.backward_errors_um)
             halves[row.component] = max(half_um, halves.get(row.component, 0.0))
     others = dict.fromkeys(row.component for row in rows)
     return [
         *halves_told(halves),
-        *(code for code in others if code not in CURVES and code not in SQUARENESS),
+        *(code for code in others if code not in curves and SQUARENESS.get(code) not in curves),
     ]

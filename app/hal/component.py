@@ -15,7 +15,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime, timezone
 from importlib import import_module
 from threading import Event, Lock, Thread
@@ -26,12 +26,12 @@ from urllib.request import ProxyHandler, Request, build_opener
 
 from app.hal.curves import (
     AXES,
-    CURVES,
     Curves,
     Following,
     Nodes,
     NotFollowed,
     Table,
+    curves_between,
     table_of,
 )
 from app.hal.wiring import CLOCK, COMPONENT, curve_name, sensor_pin
@@ -217,12 +217,14 @@ class Pins:
         self._own.ready()
 
     def nodes(self) -> Nodes:
-        """Read the positions of the curves' points [mm]."""
+        """Read the positions of the curves' points [mm], of the axes that have curves."""
         found = {}
         for axis in AXES:
-            name = curve_name(f"E{axis}{axis}")
-            points = self._points(f"{name}.x-val-")
-            found[axis] = tuple(value / self._units_per_mm for value in points)
+            points = self._points(_positions_of(axis))
+            if points:
+                found[axis] = tuple(value / self._units_per_mm for value in points)
+        if not found:
+            raise _not_wired(f"{_positions_of(AXES[0])}00")
         return found
 
     def clock_s(self) -> float:
@@ -233,12 +235,15 @@ class Pins:
         except RuntimeError:
             raise _not_wired(name) from None
 
-    def held(self) -> Curves:
-        """Read what the curves hold [µm]: 0 at the start, else what another run left."""
-        return {
-            code: tuple(v / self._units_per_um for v in self._points(f"{curve_name(code)}.y-val-"))
-            for code in CURVES
-        }
+    def held(self, axes: Iterable[str]) -> Curves:
+        """Read what the curves of these axes hold [µm]: 0 at the start, else another run's."""
+        found = {}
+        for code in curves_between(axes):
+            stem = f"{curve_name(code)}.y-val-"
+            found[code] = tuple(v / self._units_per_um for v in self._points(stem))
+            if not found[code]:
+                raise _not_wired(f"{stem}00")
+        return found
 
     def write(self, curves: Curves) -> None:
         """Move the curves' points, those that are elsewhere."""
@@ -275,10 +280,11 @@ class Pins:
     def _points(self, stem: str) -> list[float]:
         names = {one["NAME"] for one in self._hal.get_info_params()}
         wanted = [f"{stem}{number:02d}" for number in range(len(names))]
-        found = [float(self._hal.get_value(name)) for name in wanted if name in names]
-        if not found:
-            raise _not_wired(f"{stem}00")
-        return found
+        return [float(self._hal.get_value(name)) for name in wanted if name in names]
+
+
+def _positions_of(axis: str) -> str:
+    return f"{curve_name(f'E{axis}{axis}')}.x-val-"
 
 
 def _not_wired(name: str) -> SystemExit:
@@ -293,8 +299,13 @@ def follow(hal: Any, stated: argparse.Namespace) -> None:
     units_per_mm = 1.0 if stated.units == "mm" else 1.0 / MM_PER_INCH
     pins = Pins(hal, stated.sensor, units_per_mm)
     nodes = pins.nodes()
+    if len(nodes) != len(stated.joint):
+        raise SystemExit(
+            f"thermap: expected a joint for each of the axes that HAL has curves for "
+            f"({', '.join(nodes).upper()}), got {len(stated.joint)} joints"
+        )
     most_um = stated.rate_um_per_s * stated.period_s
-    following = Following(nodes, pins.held(), most_um, 3.0 * stated.every_s)
+    following = Following(nodes, pins.held(nodes), most_um, 3.0 * stated.every_s)
     service = Service(stated.url, stated.machine, TIMEOUT_S)
     exchange = Exchange(service, nodes, stated.every_s, stated.limit_um)
     due_s = pins.clock_s()

@@ -1,7 +1,8 @@
-"""The compensation as LinuxCNC's HAL holds it: nine curves of at most 16 points, moved slowly.
+"""The compensation as LinuxCNC's HAL holds it: curves of at most 16 points, moved slowly.
 
 A curve is what is to be added to the commanded position, motor = commanded + curve [µm], as a
-function of one axis; three of them act on each axis: EXX(x) + EXY(y) + EXZ(z) on X.
+function of one axis. On each axis acts one for every axis: EXX(x) + EXY(y) + EXZ(z) on X of a
+machine with three axes, EXX(x) + EXZ(z) on X of a lathe.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ MOST_POINTS = 16
 """Points of HAL's `lincurve`."""
 
 AXES = "xyz"
+"""The linear axes that a machine may have."""
 
 CURVES = {f"E{moved}{along}".upper(): (moved, along) for along in AXES for moved in AXES}
 """Component to the axis that it moves, and the axis along which it is a table."""
@@ -45,7 +47,8 @@ class Table:
     Parameters
     ----------
     curves
-        Compensation at the nodes [µm], all nine; 0 where the service has no component.
+        Compensation at the nodes [µm], one for each pair of axes; 0 where the service has no
+        component.
     deviation_um
         By how much the lines between the nodes differ from the table at most, in either
         direction [µm].
@@ -62,9 +65,21 @@ class Table:
     complete: bool
 
 
+def curves_between(axes: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Choose the curves of a machine's axes: component to the axis moved, and the axis along.
+
+    Examples
+    --------
+    >>> list(curves_between("xz"))
+    ['EXX', 'EZX', 'EXZ', 'EZZ']
+    """
+    own = set(axes)
+    return {code: pair for code, pair in CURVES.items() if own.issuperset(pair)}
+
+
 def zero_curves(nodes: Nodes) -> Curves:
     """Give the curves that move nothing."""
-    return {code: (0.0,) * len(nodes[along]) for code, (_, along) in CURVES.items()}
+    return {code: (0.0,) * len(nodes[along]) for code, (_, along) in curves_between(nodes).items()}
 
 
 def nodes_of(travel_mm: Sequence[float], positions_mm: Iterable[float]) -> tuple[float, ...]:
@@ -125,7 +140,7 @@ def table_of(answer: Mapping[str, Any], nodes: Nodes, limit_um: float) -> Table:
     deviation, not_held = 0.0, []
     for row in answer["components"]:
         code = row["component"]
-        if code in CURVES:
+        if code in curves:
             own = nodes[CURVES[code][1]]
             positions, forward = row["positions_mm"], row["compensation_um"]
             backward = row.get("backward_compensation_um") or forward
@@ -136,7 +151,7 @@ def table_of(answer: Mapping[str, Any], nodes: Nodes, limit_um: float) -> Table:
                 here = interpolated(position, own, curve)
                 deviation = max(deviation, *(abs(here - value) for value in sides))
             curves[code] = [a + b for a, b in zip(curves[code], curve)]
-        elif code in SQUARENESS:
+        elif SQUARENESS.get(code) in curves:
             folded = curves[SQUARENESS[code]]
             slope = row["compensation_um_per_m"] / MM_PER_M
             for number, at in enumerate(nodes[CURVES[SQUARENESS[code]][1]]):
@@ -174,9 +189,10 @@ def halves_told(halves_um: Mapping[str, float]) -> list[str]:
 
 def largest_moves(curves: Curves) -> dict[str, float]:
     """Bound how far curves move each axis, wherever the machine stands [µm]."""
-    moves = dict.fromkeys(AXES, 0.0)
-    for code, (moved, _) in CURVES.items():
-        moves[moved] += max(abs(value) for value in curves[code])
+    moves: dict[str, float] = {}
+    for code, values in curves.items():
+        moved, _ = CURVES[code]
+        moves[moved] = moves.get(moved, 0.0) + max(abs(value) for value in values)
     return moves
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from itertools import chain
 
-from app.hal.curves import AXES, CURVES, Nodes
+from app.hal.curves import Nodes, curves_between
 
 COMPONENT = "thermap"
 LONGEST_PIN = 47
@@ -61,7 +61,7 @@ def wiring(
     Parameters
     ----------
     nodes
-        Axis to the positions of its curves' points [mm].
+        Axis to the positions of its curves' points [mm]; the axes that the machine has.
     joints
         Axis to its joint's number.
     machine_units_per_mm
@@ -80,10 +80,11 @@ def wiring(
             f"expected a line of at most {LONGEST_LINE} characters, which HAL reads, got "
             f"{len(start)} with the names of all sensors: shorten them"
         )
-    names = [curve_name(code) for code in CURVES]
-    points = ",".join(str(len(nodes[along])) for _, along in CURVES.values())
-    sums = [f"{COMPONENT}-sum-{axis}{part}" for axis in AXES for part in ("a", "b")]
-    offsets = [f"{COMPONENT}-{axis}" for axis in AXES]
+    curves = curves_between(nodes)
+    names = [curve_name(code) for code in curves]
+    points = ",".join(str(len(nodes[along])) for _, along in curves.values())
+    sums = [name for axis in nodes for name in _sums_of(axis, nodes)]
+    offsets = [f"{COMPONENT}-{axis}" for axis in nodes]
     lines = [
         "# The live compensation of thermap: motor = commanded + offset.",
         "# Load it after motmod, instead of the lines that join motor-pos-cmd and motor-pos-fb to",
@@ -93,14 +94,14 @@ def wiring(
                 f"#   net {axis}-motor {COMPONENT}-{axis}.out => (the drive's commanded position)",
                 f"#   net {axis}-feedback (the drive's position) => {COMPONENT}-{axis}.fb-in",
             )
-            for axis in AXES
+            for axis in nodes
         ),
         "# and the sensors, for example:",
         f"#   net column-temperature (a pin in °C) => {COMPONENT}.temperature.z-column",
         "# In the thread, update-feedback stands before motion-controller, and what writes to the",
         "# drives behind update-output.",
         f"loadrt lincurve names={','.join(names)} personality={points}",
-        f"loadrt sum2 names={','.join(sums)}",
+        *([f"loadrt sum2 names={','.join(sums)}"] if sums else []),
         f"loadrt offset names={','.join(offsets)}",
         f"loadrt integ names={CLOCK}",
         *(f"addf {name}.update-feedback {thread} 1" for name in offsets),
@@ -109,29 +110,37 @@ def wiring(
         f"addf {CLOCK} {thread}",
         f"setp {CLOCK}.in 1",
     ]
-    for code, (_, along) in CURVES.items():
+    for code, (_, along) in curves.items():
         lines += (
             f"setp {curve_name(code)}.x-val-{number:02d} {at * machine_units_per_mm:.9g}"
             for number, at in enumerate(nodes[along])
         )
-    for axis in AXES:
-        lines += _nets_of(axis, joints[axis])
+    for axis in nodes:
+        lines += _nets_of(axis, joints[axis], nodes)
     return "\n".join([*lines, start]) + "\n"
 
 
-def _nets_of(axis: str, joint: int) -> list[str]:
-    """Join one axis: its position to its three curves, and the three that move it to its offset."""
-    along = [f"{curve_name(code)}.in" for code, (_, a) in CURVES.items() if a == axis]
-    first, second, third = (curve_name(code) for code, (m, _) in CURVES.items() if m == axis)
-    a, b = (f"{COMPONENT}-sum-{axis}{part}" for part in "ab")
+def _sums_of(axis: str, nodes: Nodes) -> list[str]:
+    """Name what sums the curves that move an axis: one less than there are."""
+    return [f"{COMPONENT}-sum-{axis}{part}" for part in "ab"[: len(nodes) - 1]]
+
+
+def _nets_of(axis: str, joint: int, nodes: Nodes) -> list[str]:
+    """Join one axis: its position to the curves along it, and those that move it to its offset."""
+    curves = curves_between(nodes)
+    along = [f"{curve_name(code)}.in" for code, (_, a) in curves.items() if a == axis]
+    sum_so_far, *moving = (curve_name(code) for code, (m, _) in curves.items() if m == axis)
     offset = f"{COMPONENT}-{axis}"
+    lines = [f"net {offset}-nominal joint.{joint}.pos-cmd => {' '.join(along)}"]
+    for added, total in zip(moving, _sums_of(axis, nodes)):
+        lines += [
+            f"net {sum_so_far} {sum_so_far}.out => {total}.in0",
+            f"net {added} {added}.out => {total}.in1",
+        ]
+        sum_so_far = total
     return [
-        f"net {offset}-nominal joint.{joint}.pos-cmd => {' '.join(along)}",
-        f"net {first} {first}.out => {a}.in0",
-        f"net {second} {second}.out => {a}.in1",
-        f"net {a} {a}.out => {b}.in0",
-        f"net {third} {third}.out => {b}.in1",
-        f"net {offset}-offset {b}.out => {offset}.offset",
+        *lines,
+        f"net {offset}-offset {sum_so_far}.out => {offset}.offset",
         f"net {offset}-commanded joint.{joint}.motor-pos-cmd => {offset}.in",
         f"net {offset}-actual {offset}.fb-out => joint.{joint}.motor-pos-fb",
     ]

@@ -89,11 +89,43 @@ def test_what_the_motors_will_not_follow_is_said_beforehand(thermap, client):
     assert "note" not in found.stdout
 
 
-@pytest.mark.parametrize("joints", ["0,1", "0,1,1", "0,1,16", "x,y,z"])
-def test_joints_are_three(thermap, joints):
+@pytest.mark.parametrize("joints", ["0,1,1", "0,1,16", "x,y,z"])
+def test_joints_are_different_numbers(thermap, joints):
     found = thermap("hal", "wiring", "mcfv5050", "--joints", joints)
     assert found.exit_code == 2
-    assert "three different joints" in found.stderr.replace("\n", " ")
+    assert "expected different joints" in found.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize("joints", ["0,1", "0,1,2,3"])
+def test_each_axis_has_a_joint(thermap, joints):
+    found = thermap("hal", "wiring", "mcfv5050", "--joints", joints)
+    assert found.exit_code == 2
+    assert "a joint for each of X, Y, Z" in " ".join(found.stderr.replace("│", "").split())
+
+
+def test_a_lathe_has_the_curves_of_its_two_axes(thermap, client):
+    lathe = {
+        "id": "lathe",
+        "name": "two axes",
+        "configuration": "FZX",
+        "axes": {axis: {"min_mm": 0, "max_mm": 100} for axis in "xz"},
+        "sensors": [{"name": "bed"}],
+    }
+    client.create_machine(lathe)
+    found = thermap("hal", "wiring", "lathe")
+    assert found.exit_code == 0
+    assert words_of(found.stdout, "loadrt lincurve")[2] == (
+        "names=thermap-exx,thermap-ezx,thermap-exz,thermap-ezz"
+    )
+    assert words_of(found.stdout, "loadrt sum2")[2] == "names=thermap-sum-xa,thermap-sum-za"
+    assert words_of(found.stdout, "net thermap-x-nominal")[2] == "joint.0.pos-cmd"
+    assert words_of(found.stdout, "net thermap-z-nominal")[2] == "joint.1.pos-cmd"
+    start = words_of(found.stdout, "loadusr")
+    assert start[start.index("--joints") + 1] == "0,1"
+    client.create_machine(lathe | {"id": "unstated", "axes": {"x": {"min_mm": 0, "max_mm": 100}}})
+    refused = thermap("hal", "wiring", "unstated")
+    assert refused.exit_code == 1
+    assert "expected the travel of all axes of FZX, got none of Z" in refused.stderr
 
 
 def test_a_python_that_is_not_there_is_named(run, tmp_path):

@@ -59,6 +59,21 @@ def test_each_curve_is_the_service_s_compensation():
     assert found.curves["EXX"] == [0.0, 0.0, 0.0]
 
 
+def test_a_lathe_has_curves_of_its_two_axes_only():
+    nodes = {axis: NODES[axis] for axis in "xz"}
+    components = [
+        row("EZX", [0, 500], [0, 3.0]),
+        row("EYX", [0, 500], [0, 5.0]),
+        {"component": "SZX", "compensation_um_per_m": 10.0},
+        {"component": "SXY", "compensation_um_per_m": 10.0},
+    ]
+    found = table_of(answer(*components), nodes, 100.0)
+    assert list(found.curves) == ["EXX", "EZX", "EXZ", "EZZ"]
+    assert found.curves["EXZ"] == pytest.approx([-2.0, 0.0])
+    assert found.not_held == ("EYX", "SXY")
+    assert largest_moves(found.curves) == pytest.approx({"x": 2.0, "z": 3.0})
+
+
 def test_squareness_is_folded_into_straightness():
     """E_x gains SXY·y + SZX·z, E_y gains SYZ·z: 10 µm/m over 300 mm are 3 µm."""
     rows = [
