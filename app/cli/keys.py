@@ -104,14 +104,16 @@ def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption =
     """
     database = Database(database_url, may_be_new=False)
     try:
-        admins = [key.name for key in show_keys(database) if key.role is Role.ADMIN]
+        present = show_keys(database)
+        admins = [key.name for key in present if key.role is Role.ADMIN]
         is_last = admins == [name]
         named = f"key {name!r}" + (", the last one of an admin," if is_last else "")
-        confirm(
-            f"{named} was not revoked",
-            f"Revoke the {named.rstrip(',')}? Who uses it is refused from then on.",
-            yes=yes,
-        )
+        if any(key.name == name for key in present):  # of another `revoke_key` says so
+            confirm(
+                f"{named} was not revoked",
+                f"Revoke the {named.rstrip(',')}? Who uses it is refused from then on.",
+                yes=yes,
+            )
         revoke_key(database, name, last_admin=is_last)
     finally:
         database.close()

@@ -60,6 +60,7 @@ def test_who_revokes_the_last_key_of_an_admin_is_told(run, url):
         (("create", "b", "--role", "viewer", "-m", "vmc"), "expected one of mcfv5050, got 'vmc'"),
         (("create", "b", "--role", "admin", "-m", "mcfv5050"), "expected none for the role admin"),
         (("revoke", "line-4", "--yes"), "there is no key 'line-4'; there are: line-3"),
+        (("revoke", "line-4"), "there is no key 'line-4'; there are: line-3"),
         (("revoke", "line-3"), "key 'line-3' was not revoked"),
     ],
 )
