@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.text import Text
 
-from app.cli.answers import listing, show, when
+from app.cli.answers import listing, or_nothing, show, when
 from app.cli.options import JsonOption, MachineOption, UrlOption, connect, read_time
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from thermap.answers import Events
+    from thermap.answers import Event, Events
 
 
 def events(
@@ -58,13 +60,21 @@ def events(
     with connect(url) as thermap:
         asked = (first, last, kind or (), None, limit)
         call = calls.all_events(*asked) if machine is None else calls.events(machine, *asked)
-        show(thermap, call, _view, json=json)
+        show(thermap, call, partial(_view, of_all=machine is None), json=json)
 
 
-def _view(found: Events) -> RenderableType:
-    table = listing("time", "until", "machine", "kind", "what", "who")
+def _view(found: Events, *, of_all: bool) -> RenderableType:
+    table = listing("time", *(["machine"] if of_all else []), "kind", "what")
+    for column in table.columns[:-1]:
+        column.no_wrap = True
     for event in found.events:
-        until = "" if event.until is None else when(event.until)
-        text = event.text if event.count == 1 else f"{event.text} ({event.count} times)"
-        table.add_row(when(event.time), until, event.machine or "", event.kind, text, event.who)
-    return table
+        where = [event.machine or ""] if of_all else []
+        table.add_row(when(event.time), *where, event.kind, _told(event))
+    return or_nothing(table, "nothing has happened")
+
+
+def _told(event: Event) -> Text:
+    """Say what happened, how often and until when, and who did it."""
+    repeated = "" if event.count == 1 else f" ({event.count} times)"
+    lasted = "" if event.until is None else f", until {when(event.until)}"
+    return Text.assemble(f"{event.text}{repeated}{lasted}", (f" · {event.who}", "dim"))
