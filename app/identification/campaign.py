@@ -34,6 +34,8 @@ class Campaign:
         an effect with a time constant needs five of them.
     state_readings
         Time [s] and the machine's state of each reading, in order of time.
+    older_readings
+        Whether the machine has readings from before these, which nothing here needs.
     effects
         What the model has adopted.
     verification_ids
@@ -45,6 +47,7 @@ class Campaign:
     verifications: Sequence[Verification]
     readings: TemperatureHistory
     state_readings: Sequence[tuple[float, Mapping[str, float]]] = ()
+    older_readings: bool = False
     effects: Sequence[Effect] = ()
     verification_ids: Sequence[int] = ()
 
@@ -72,4 +75,11 @@ def residuals_of(campaign: Campaign, coarse: Mapping[str, Coarse] = NONE_COARSE)
         rows.times_s,
         rows.states,
     )
-    return compute_residuals(campaign.model, rows, conditions, campaign.effects, campaign.readings)
+    return compute_residuals(
+        campaign.model,
+        rows,
+        conditions,
+        campaign.effects,
+        campaign.readings,
+        older_readings=campaign.older_readings,
+    )

@@ -21,7 +21,7 @@ from app.identification.residuals.residuals import Residuals
 from app.services.change_model import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
-from app.storage.readings import list_readings
+from app.storage.readings import list_readings, newest_time
 from app.storage.records import ModelVersion
 from app.storage.verifications import find_verification, read_verification
 from app.thermal.machine import Machine
@@ -88,6 +88,7 @@ def load_campaign(
             machine.sensors, [(time_s, r.temperatures_c) for time_s, r in readings]
         ),
         state_readings=[(time_s, r.state) for time_s, r in readings],
+        older_readings=newest_time(session, machine.id, first - past) is not None,
         effects=effects,
     )
 

@@ -96,6 +96,16 @@ async def test_what_cannot_be_compared_is_counted_with_its_reason(room):
     assert "before the first reading: 3" in refused["detail"]
 
 
+async def test_nothing_is_before_the_first_reading_where_older_ones_exist(room):
+    good = [exx(i, 100.0, r) for i, r in enumerate(RESIDUALS)]
+    early = [exx(-500 - i, 100.0, 0.0) for i in range(3)]
+    long_ago = {"time": iso(BEGIN - timedelta(days=40)), "temperatures_c": {"x-middle": 20.0}}
+    assert (await room.post(f"{ROOM}/readings", json=long_ago)).status_code == 201
+    number = await stored(room, [*good, *early])
+    found = (await room.get(f"{PATH}/{number}/residuals")).json()
+    assert found["excluded"] == [{"reason": "no reading near enough in time", "count": 3}]
+
+
 async def test_several_verifications_together_and_all_rows_as_csv(room):
     one = await stored(room, [exx(i, 100.0, 1.0, direction="-") for i in range(4)], "one")
     point = {

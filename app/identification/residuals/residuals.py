@@ -42,6 +42,9 @@ from app.units import SECONDS_PER_MIN, UM_PER_MM, Unit
 Reasons: TypeAlias = NDArray[np.object_]
 """A sentence for each row, empty where nothing is the matter."""
 
+BEFORE_THE_FIRST: Final = "before the first reading"
+NONE_NEAR: Final = "no reading near enough in time"
+
 FEWEST_FOR_UNIT: Final = 5
 """From fewer values nothing is said about their unit."""
 
@@ -126,6 +129,8 @@ def compute_residuals(
     conditions: Conditions,
     effects: Sequence[Effect] = (),
     readings: TemperatureHistory | None = None,
+    *,
+    older_readings: bool = False,
 ) -> Residuals:
     """Subtract what the model says from what was measured.
 
@@ -135,6 +140,8 @@ def compute_residuals(
         What held at each row; temperatures as far as they can be believed.
     readings
         The readings as they came, believable or not: to say why there is no temperature.
+    older_readings
+        Whether there are readings from before these, so that nothing is before the first.
 
     Raises
     ------
@@ -148,6 +155,8 @@ def compute_residuals(
     if leaning.mean() <= MOST_ON_STAND_INS:
         status[leaning] = NO_READING
     reasons = _reasons(model, rows, conditions, status, readings)
+    if older_readings:
+        reasons[reasons == BEFORE_THE_FIRST] = NONE_NEAR
     own = predicted.values
     if effects:
         added = contributions(Projection(model, rows, conditions), effects)
@@ -254,7 +263,7 @@ def _reasons(
         "outside the maps' temperatures"
     )
     silent = predicted == NO_READING
-    reasons[silent] = "no reading near enough in time"
+    reasons[silent] = NONE_NEAR
     if readings is not None and silent.any():
         at = np.flatnonzero(silent)
         reasons[at] = _why_silent(model, rows.times_s[at], readings)
@@ -268,7 +277,7 @@ def _why_silent(model: CompiledModel, times_s: FloatArray, readings: Temperature
     machine = model.machine
     without_frozen = without_stuck(machine, readings)
     trusted = believed(machine, readings)
-    reasons = np.full(times_s.shape, "no reading near enough in time", dtype=object)
+    reasons = np.full(times_s.shape, NONE_NEAR, dtype=object)
     for name in {group.sensor for group in model.groups}:
         age_s = machine.sensor(name).max_age_s
         known = ~np.isnan(readings.at(name, times_s, age_s))
@@ -277,7 +286,7 @@ def _why_silent(model: CompiledModel, times_s: FloatArray, readings: Temperature
         reasons[lost] = f"readings of {name} were not credible"
         reasons[frozen] = "frozen"
     first = readings.times_s[0] if readings.times_s.size else np.inf
-    reasons[times_s < first] = "before the first reading"
+    reasons[times_s < first] = BEFORE_THE_FIRST
     return reasons
 
 
