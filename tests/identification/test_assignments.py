@@ -95,6 +95,19 @@ def test_one_value_in_each_set_up_with_its_own_zero_tells_nothing():
     )
 
 
+def test_one_value_in_each_set_up_leaves_the_figures_to_points():
+    campaign = campaign_of(datum="free")
+    cut = []
+    for one in campaign.verifications:
+        others = [o for o in one.observations if o.component != "EYY"]
+        alone = replace(next(o for o in others if o.component), component="EYY", position_mm=200.0)
+        cut.append(replace(one, observations=[*others, alone]))
+    found = judged(replace(campaign, verifications=cut))["EYY"]
+    assert found.at_points
+    assert found.before_rms > 0.1
+    assert "0 instead of 0" not in found.sentence
+
+
 def test_few_set_ups_say_why_nothing_is_judged():
     found = judged(assigned(campaign_of(visits=6), EXX="bed"))
     assert found["EXX"].why_not == "needs at least 8 set-ups in which it shows, got 6"

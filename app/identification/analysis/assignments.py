@@ -504,14 +504,24 @@ def _not_judged(one: _Reading, set_ups: SetUps, why: str) -> TriedAssignment:
 
 
 def _is_direct(one: _Reading, set_ups: SetUps) -> bool:
-    return one.code in set_ups.residuals.rows.channels
+    """Say whether values of the component by itself are judged; else those at points.
+
+    One value in a set-up is that set-up's zero: nothing is left of it whatever the sensor.
+    """
+    direct = _of_itself(one, set_ups)
+    tells = np.any(np.abs(set_ups.left[direct]) > ROUNDING)
+    return bool(tells or direct[one.view.rows].all())
 
 
 def _shown(set_ups: SetUps, one: _Reading, shows: IntArray) -> BoolArray:
-    if not _is_direct(one, set_ups):
-        return np.ones(len(shows), dtype=np.bool_)
-    number = set_ups.residuals.rows.channels.index(one.code)
-    found: BoolArray = set_ups.channel[shows] == number
+    direct = _of_itself(one, set_ups)[shows]
+    return direct if _is_direct(one, set_ups) else ~direct
+
+
+def _of_itself(one: _Reading, set_ups: SetUps) -> BoolArray:
+    channels = set_ups.residuals.rows.channels
+    number = channels.index(one.code) if one.code in channels else -1
+    found: BoolArray = set_ups.channel == number
     return found
 
 
