@@ -148,6 +148,17 @@ def existing_names(names: Iterable[str]) -> str:
     return f"it has: {list_names(shown)}" if shown else "it has none yet"
 
 
+def capitalised(sentence: str, names: Iterable[str] = ()) -> str:
+    """Begin a sentence with a capital, unless it begins with a name: upper case is another name.
+
+    >>> capitalised("the disk is full"), capitalised("bed was stuck for 5 h", ["bed"])
+    ('The disk is full', 'bed was stuck for 5 h')
+    """
+    if any(sentence.startswith(name) for name in names):
+        return sentence
+    return f"{sentence[:1].upper()}{sentence[1:]}"
+
+
 def counted(number: int, one: str, more: str | None = None) -> str:
     """Write a number of things for a sentence; `more` where an s does not make the plural.
 

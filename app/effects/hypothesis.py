@@ -23,7 +23,7 @@ Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""
 
 
-IN_TURN: Final = "through two bodies in turn"
+IN_SERIES: Final = "as two lags in series"
 """The variant of what comes late through a second body behind the first."""
 
 SECOND_BODY: Final = 0.5
@@ -184,11 +184,11 @@ class Hypothesis:
 
     @property
     def forms(self) -> tuple[Hypothesis, ...]:
-        """The same cause with another course: of what is late, late through two bodies in turn."""
+        """The same cause with another course: of what is late, late by two lags in series."""
         if self.nonlinear is None or not self.nonlinear.is_time or self.supposed is not None:
             return ()
-        variant = f"{self.variant}, {IN_TURN}".removeprefix(", ")
-        return (replace(self, variant=variant, unit_terms=partial(_in_turn, self.unit_terms)),)
+        variant = f"{self.variant}, {IN_SERIES}".removeprefix(", ")
+        return (replace(self, variant=variant, unit_terms=partial(_in_series, self.unit_terms)),)
 
     def _flexible(self, projection: Projection, theta: float | None) -> list[Flexible]:
         bounds = self.nonlinear.bounds if self.nonlinear and self.nonlinear.is_time else None
@@ -231,20 +231,20 @@ class Hypothesis:
         return reported
 
 
-def in_turn(nonlinear: Nonlinear, theta: float) -> str:
-    """Tell of a form how late it is by each of its bodies.
+def series_text(nonlinear: Nonlinear, theta: float) -> str:
+    """Tell of two lags in series how late each is.
 
-    >>> in_turn(Nonlinear("time_constant_min", 60.0, (600.0, 3600.0)), 3400.0)
-    'through two bodies in turn (57 and 28 min)'
+    >>> series_text(Nonlinear("time_constant_min", 60.0, (600.0, 3600.0)), 3400.0)
+    'two lags in series (57 and 28 min: heat that passes two bodies)'
     """
     first, second = (share * theta / nonlinear.per_unit for share in (1.0, SECOND_BODY))
-    return f"{IN_TURN} ({first:.0f} and {second:.0f} min)"
+    return f"two lags in series ({first:.0f} and {second:.0f} min: heat that passes two bodies)"
 
 
-def _in_turn(unit_terms: Callable[[float | None], Amplitudes], theta: float | None) -> Amplitudes:
+def _in_series(unit_terms: Callable[[float | None], Amplitudes], theta: float | None) -> Amplitudes:
     """Make what is late by θ late through a second body too.
 
-    Two low-passes in turn are a difference of the two, exactly, by partial fractions:
+    Two low-passes in series are a difference of the two, exactly, by partial fractions:
     1/((1 + sθ)(1 + srθ)) = (1/(1 + sθ) − r/(1 + srθ)) / (1 − r).
     """
     first, second = (unit_terms(share * float(theta or 0.0)) for share in (1.0, SECOND_BODY))

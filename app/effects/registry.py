@@ -8,7 +8,7 @@ from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import IN_TURN, Hypothesis
+from app.effects.hypothesis import IN_SERIES, Hypothesis
 from app.effects.kind import EffectKind, Named, NotTested
 from app.effects.kinds.additional_sensor import AdditionalSensor
 from app.effects.kinds.ageing_sensor import AgeingSensor
@@ -116,7 +116,8 @@ def repertoire(view: CampaignView, kinds: Sequence[str] | None = None) -> Repert
 
 
 def _candidate(hypothesis: Hypothesis, projection: Projection) -> Candidate:
-    forms = tuple(Form(f"it responds {IN_TURN}", f.candidate(projection)) for f in hypothesis.forms)
+    words = f"it responds {IN_SERIES}"
+    forms = tuple(Form(words, f.candidate(projection)) for f in hypothesis.forms)
     return replace(hypothesis.candidate(projection), forms=forms)
 
 

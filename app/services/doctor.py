@@ -14,7 +14,14 @@ from time import sleep
 from typing import TYPE_CHECKING, Final, Protocol
 
 from app.access.keys import Role
-from app.errors import InvalidContent, StorageTooNew, StorageUnavailable, ThermapError, counted
+from app.errors import (
+    InvalidContent,
+    StorageTooNew,
+    StorageUnavailable,
+    ThermapError,
+    capitalised,
+    counted,
+)
 from app.services.access_keys import show_keys
 from app.services.context import CLOCKS_DIFFER, FUTURE_TOLERANCE, Context, utc_now
 from app.services.status import show_status
@@ -114,12 +121,12 @@ def examine_database(database_url: str) -> Iterator[Finding]:
     try:
         database = Database(database_url, may_be_new=False)
     except StorageUnavailable as error:
-        yield trouble("database", f"{_capital(error.detail)}.")
+        yield trouble("database", f"{capitalised(error.detail)}.")
         return
     try:
         yield from _examine(database)
     except StorageUnavailable as error:
-        yield trouble("database", f"{_capital(error.detail)}.")
+        yield trouble("database", f"{capitalised(error.detail)}.")
     finally:
         database.close()
 
@@ -129,7 +136,7 @@ def _examine(database: Database) -> Iterator[Finding]:
     try:
         revision = revision_of(database)
     except StorageTooNew as error:
-        yield trouble("database", f"{_capital(error.detail)}.")
+        yield trouble("database", f"{capitalised(error.detail)}.")
         return
     if revision is None:
         yield trouble(
@@ -204,7 +211,7 @@ def examine_backups(folder: Path) -> Finding:
     try:
         check_backup(newest)
     except InvalidContent as error:
-        return trouble("backups", f"{_capital(error.detail)}.")
+        return trouble("backups", f"{capitalised(error.detail)}.")
     age = utc_now() - datetime.fromtimestamp(newest.stat().st_mtime, utc_now().tzinfo)
     words = f"The newest backup, {newest}, is whole and {_span(age)} old"
     if age > OLD_BACKUP:
@@ -287,7 +294,7 @@ def _statuses(database: Database) -> Iterator[Judged]:
         except StorageUnavailable:
             raise
         except ThermapError as error:
-            yield _NotJudged(name, [f"{_capital(error.detail)}."])
+            yield _NotJudged(name, [f"{capitalised(error.detail)}."])
     if len(names) > MOST_MACHINES:
         left = counted(len(names) - MOST_MACHINES, "machine")
         yield _NotJudged(f"{names[MOST_MACHINES]} and after", [f"{left} not looked at."], "limited")
@@ -318,7 +325,3 @@ def _span(time: timedelta) -> str:
     if hours < 1.0:
         return counted(int(60.0 * hours), "minute")
     return counted(int(hours), "hour") if hours < 48.0 else counted(int(hours / 24.0), "day")
-
-
-def _capital(sentence: str) -> str:
-    return f"{sentence[:1].upper()}{sentence[1:]}"

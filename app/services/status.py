@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from sqlalchemy.orm import Session
 
-from app.errors import InvalidContent, NoReading, StorageUnavailable
+from app.errors import InvalidContent, NoReading, StorageUnavailable, capitalised
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import (
@@ -119,7 +119,7 @@ def _notes(context: Context, live: LiveMachine) -> list[str]:
         *database_warnings(context, live.current),
         *ahead_warnings(held.ahead, more_ahead=held.more_ahead),
     ]
-    return [f"{words[0].upper()}{words[1:]}." for words in said]
+    return [f"{capitalised(words)}." for words in said]
 
 
 def read_stored(session: Session) -> Stored:

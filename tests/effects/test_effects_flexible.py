@@ -63,7 +63,7 @@ def test_two_bodies_in_turn_are_a_low_pass_of_a_low_pass(candidates):
     """By partial fractions from two low-passes of the sensor, exactly; against the filter twice."""
     lag = candidates["thermal-lag"]
     (form,) = lag.forms
-    assert form.words == "it responds through two bodies in turn"
+    assert form.words == "it responds as two lags in series"
     assert candidates["backlash"].forms == ()
     times_s = np.arange(0.0, 86400.0, 60.0)
     room = 20.0 + 3.0 * np.sin(times_s / 9000.0)

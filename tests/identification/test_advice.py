@@ -4,6 +4,7 @@ import json
 
 from app.identification.analysis.advice import summary, what_next
 from app.identification.analysis.analysis import UnexplainedPart
+from app.identification.analysis.found_effects import PROXY
 from app.pages.report_parts.effect_names import adoption_text
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, STEP, rival
@@ -65,9 +66,14 @@ def test_two_of_one_kind_are_told_apart_by_what_they_act_on():
 
 
 def test_a_proxy_that_is_named_second_goes_on_in_the_sentence():
-    proxy = LAG | {"is_proxy": True, "explanation": "Stands for something unexplained: EZZ is late"}
+    proxy = LAG | {"is_proxy": True, "explanation": f"{PROXY}EZZ is late"}
     said = summed_up(proxy, proxy)
-    assert said.startswith("Stands for something unexplained: EZZ is late; stands for something")
+    assert said.startswith(f"P{PROXY[1:]}EZZ is late; {PROXY}EZZ is late. ")
+
+
+def test_a_sensor_s_name_keeps_its_letters_at_the_beginning_of_a_sentence():
+    stuck = LAG | {"explanation": "z-column was stuck for 5 h"}
+    assert summed_up(stuck).startswith("z-column was stuck for 5 h. ")
 
 
 def test_what_nobody_knows_more_of_is_looked_at_together():

@@ -8,7 +8,7 @@ from typing import Final
 
 from app.effects.kind import NotTested, do_the_same
 from app.effects.registry import kind_of
-from app.errors import list_names
+from app.errors import capitalised, list_names
 from app.identification.analysis.analysis import (
     Alternative,
     Figures,
@@ -79,7 +79,8 @@ def summary(
     held = "" if after.holdout_rms is None else " on held-out visits"
     changed = f"The residuals {moves} {unit}{held}{scatter}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
-    return f"{found[0].upper()}{found[1:]}. {changed}{rest}."
+    sensors = [name for one in (*effects, *refitted) for name in one.effect.sensors]
+    return f"{capitalised(found, sensors)}. {changed}{rest}."
 
 
 def _named(effects: Sequence[FoundEffect]) -> list[str]:
@@ -123,8 +124,7 @@ def left_out_visits(apart: Sequence[str]) -> str:
 def _how_sure(effect: FoundEffect) -> str:
     """Say what was found, and where its name is not sure; a proxy says so itself."""
     if effect.is_proxy:
-        # Inside a sentence that names several.
-        return f"{effect.explanation[:1].lower()}{effect.explanation[1:]}"
+        return effect.explanation
     sure = effect.status == Status.CONFIRMED
     return effect.explanation if sure else f"{effect.explanation} ({effect.status})"
 
@@ -236,8 +236,7 @@ def _from_rival(effect: FoundEffect, rival: Alternative) -> str:
 
 def _of_effect(effect: FoundEffect) -> list[str]:
     found = [
-        f"{a.separating_measurement[:1].upper()}{a.separating_measurement[1:]} (this separates "
-        f"{_from_rival(effect, a)})."
+        f"{capitalised(a.separating_measurement)} (this separates {_from_rival(effect, a)})."
         for a in effect.ties[:2]
         if a.separating_measurement and not do_the_same(a, effect.effect)
     ]
@@ -250,10 +249,10 @@ def _of_effect(effect: FoundEffect) -> list[str]:
         )
     if effect.doubt:
         found.append(
-            f"{effect.doubt[:1].upper()}{effect.doubt[1:]}: look for what else changes there."
+            f"{capitalised(effect.doubt, effect.sensors)}: look for what else changes there."
         )
     if effect.leverage_warning:
-        found.append(f"{effect.leverage_warning[:1].upper()}{effect.leverage_warning[1:]}.")
+        found.append(f"{capitalised(effect.leverage_warning)}.")
     if to_do := what_to_do(effect):
         found.append(to_do)
     if effect.measure_again:

@@ -10,7 +10,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.effects.adopted.held import use_until
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis, in_turn
+from app.effects.hypothesis import Hypothesis, series_text
 from app.effects.registry import explain, kind_of, separating_measurement
 from app.identification.analysis.adoption import Help, Judged
 from app.identification.analysis.analysis import Alternative, Evidence, FoundEffect, StrongVisit
@@ -125,7 +125,7 @@ def _other_course(found: FinishedSearch, term: FoundTerm) -> str:
     keys = {form.key for form in own.forms}
     tied = (rival for rival in term.rivals if rival.key in keys and rival.tied)
     return "".join(
-        f"; a lag {in_turn(own.nonlinear, rival.theta)} fits as well"
+        f"; {series_text(own.nonlinear, rival.theta)} fit as well"
         for rival in tied
         if own.nonlinear is not None and rival.theta is not None
     )

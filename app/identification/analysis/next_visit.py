@@ -16,7 +16,7 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.observations import Observation, Verification, observation_rows
-from app.errors import list_names
+from app.errors import capitalised, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.analysis.analysis import (
     FoundEffect,
@@ -158,7 +158,7 @@ def _apart(
             "while the machine is used as it is; until that changes, it does not matter which is "
             "adopted"
         )
-        return replace(found, sentence=f"{never[0].upper()}{never[1:]}. {found.sentence}")
+        return replace(found, sentence=f"{capitalised(never)}. {found.sentence}")
     best = int(np.nanargmax(np.abs(off)))
     time_s = float(moments_s[best])
     side = "above" if off[best] > 0 else "below"

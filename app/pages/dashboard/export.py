@@ -10,6 +10,7 @@ from typing import Any, Final
 from app.controllers.format import SIGN_WORDS, Format, Status
 from app.controllers.option_fields import OptionField, Takes, option_fields
 from app.controllers.registry import FORMATS
+from app.errors import capitalised
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import MINUS, NO_BREAK
 from app.pages.environment import render_live
@@ -61,7 +62,7 @@ def _option(option: OptionField, writable: Sequence[str]) -> dict[str, Any]:
     stated = option.name.removesuffix(_SUFFIXES.get(unit, "")).replace("_", " ")
     return {
         "name": option.name,
-        "label": stated[:1].upper() + stated[1:],
+        "label": capitalised(stated),
         "unit": unit,
         "about": option.description.replace("`", ""),
         "takes": option.takes.value,

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any, Final
 
 from app.effects.registry import KINDS, kind_of
-from app.errors import counted, list_names
+from app.errors import capitalised, counted, list_names
 from app.identification.analysis.analysis import (
     Analysis,
     ComponentFigures,
@@ -263,7 +263,7 @@ def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
         "ties": [rival_name(one, tie) for tie in one.ties],
         "adoption": adoption_text(one),
         "can_be_adopted": not kind_of(one.kind).not_adopted,
-        "warnings": [f"{w[:1].upper()}{w[1:]}." for w in warnings],
+        "warnings": [f"{capitalised(w, one.sensors)}." for w in warnings],
         "parameters": [
             (
                 parameter_name(name),

@@ -50,9 +50,9 @@ TESTS: Final = {
 
 _UNIX_TIME: Final = "_unix_s"
 _PARAMETER: Final = re.compile(
-    r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|k|c)(_per_(?P<per>\w+))?"
+    r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|h|k|c)(_per_(?P<per>\w+))?"
 )
-_SYMBOLS: Final = {"min": "min", "k": "K", "c": "°C", "k2": "K²", "day": "day"}
+_SYMBOLS: Final = {"min": "min", "h": "h", "k": "K", "c": "°C", "k2": "K²", "day": "day"}
 
 
 def parameter_name(name: str) -> str:
@@ -111,6 +111,8 @@ def parameter_text(name: str, value: float, error: float | None) -> str:
     --------
     >>> parameter_text("slope_um_per_k", -0.2137, 0.0114)
     '−0.214 ± 0.011 µm/K'
+    >>> parameter_text("lasted_h", 5.0, None)
+    '5 h'
     >>> parameter_text("changed_at_unix_s", 1.7e9, 43200.0)
     '2023-11-14 22:13 UTC ± 12 h'
     """
@@ -145,11 +147,13 @@ def adoption_text(effect: FoundEffect) -> str:
 
 
 def learnt_text(effect: FoundEffect) -> str:
-    """Say in which ranges an effect was learnt; empty of one that is never adopted.
+    """Say in which ranges an effect was learnt; empty where nothing is ever held at their edge.
 
-    Where it is not adopted nothing is ever held at the edge of these ranges.
+    That is so of what is never adopted, and of a sensor whose readings themselves show its fault.
     """
-    return "" if kind_of(effect.kind).not_adopted else learnt_words(effect.valid)
+    if kind_of(effect.kind).not_adopted or effect.evidence.seen_in_readings:
+        return ""
+    return learnt_words(effect.valid)
 
 
 def learnt_words(valid: LearntIn | None) -> str:
