@@ -49,10 +49,12 @@ class Chain:
             or len(set(axes)) != len(axes)
             or not set(axes) <= set(LINEAR_LETTERS)
         ):
+            rotary = not set(letters).isdisjoint("abc")
+            hint = ": rotary axes do not belong in it" if rotary else ""
             raise InvalidContent.of_field(
                 "configuration",
                 "expected the axes X, Y, Z in the order of the machine around one F, such as "
-                f"FXYZ, XFYZ, XYFZ, XYZF or FYXZ (two axes: FZX), got {text!r}",
+                f"FXYZ, XFYZ, XYFZ, XYZF or FYXZ (two axes: FZX), got {text!r}{hint}",
             )
         before, _, after = letters.partition("f")
         return cls(tuple(before), tuple(after))

@@ -57,3 +57,8 @@ def test_what_is_no_chain_is_refused_with_what_would_be_one(text):
         Chain.parse(text)
     assert f"got {text!r}" in refusal.value.detail
     assert refusal.value.errors[0].field == "configuration"
+
+
+def test_a_rotary_axis_in_a_chain_is_told_that_it_does_not_belong_there():
+    with pytest.raises(InvalidContent, match="got 'XYFZC': rotary axes do not belong in it"):
+        Chain.parse("XYFZC")
