@@ -142,6 +142,22 @@ def date_text(time_s: float) -> str:
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
 
 
+def duration_text(seconds: float) -> str:
+    """Write a span of time in seconds, hours or days, whichever is read most easily.
+
+    Examples
+    --------
+    >>> duration_text(601.4), duration_text(43200.0), duration_text(345600.0)
+    ('601 s', '12 h', '4 days')
+    >>> duration_text(24928676.0)
+    '289 days'
+    """
+    days, hours = seconds / SECONDS_PER_DAY, seconds / SECONDS_PER_H
+    if days >= 2.0:
+        return f"{days:.0f} days" if days >= 10.0 else f"{days:.2g} days"
+    return f"{hours:.2g} h" if hours >= 2.0 else f"{seconds:.0f} s"
+
+
 def utc_time(time_s: float) -> datetime:
     """Give a time with its zone, to the second.
 

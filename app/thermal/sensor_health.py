@@ -12,7 +12,7 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import FieldError, InvalidContent, UnknownThing
 from app.thermal.machine import Machine, Sensor
 from app.thermal.temperature_history import TemperatureHistory
-from app.units import SECONDS_PER_MIN
+from app.units import SECONDS_PER_MIN, duration_text
 
 CLEARLY = 10.0
 """A movement of this many resolutions is one that a sensor must show."""
@@ -257,7 +257,7 @@ def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorS
     age_s = state.age_s + elapsed_s
     if state.health in (Health.OK, Health.STALE) and age_s > sensor.max_age_s:
         detail = (
-            f"{sensor.name} is stale: its last value is {age_s:.0f} s old, "
+            f"{sensor.name} is stale: its last value is {duration_text(age_s)} old, "
             f"at most {sensor.max_age_s:g} s are allowed"
         )
         return SensorState(sensor.name, Health.STALE, state.temperature_c, age_s, detail)

@@ -90,7 +90,7 @@ def test_a_stale_sensor_is_told_with_the_age_that_it_has_now():
     late = assessed([(0.0, {"a": 20.0, "b": 20.0}), (700.0, {"b": 20.0})])
     days = {s.sensor: s for s in grow_older(THREE, late.values(), 258_500.0)}
     assert days["a"].age_s == 259_200.0
-    assert "last value is 259200 s old" in days["a"].detail
+    assert "last value is 3 days old" in days["a"].detail
 
 
 def test_after_one_wrong_first_value_the_sentence_says_how_to_be_rid_of_it():

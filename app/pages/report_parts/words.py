@@ -8,8 +8,6 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from app.units import SECONDS_PER_DAY, SECONDS_PER_H
-
 MOST_DECIMALS: Final = 4
 
 ORIGINS: Final = {
@@ -145,18 +143,6 @@ def percent_text(share: float) -> str:
     '50\xa0%'
     """
     return f"{share:.0%}".replace("%", "\xa0%")
-
-
-def duration_text(seconds: float) -> str:
-    """Write a span of time in hours or days.
-
-    Examples
-    --------
-    >>> duration_text(43200.0), duration_text(345600.0)
-    ('12 h', '4 days')
-    """
-    days = seconds / SECONDS_PER_DAY
-    return f"{days:.2g} days" if days >= 2 else f"{seconds / SECONDS_PER_H:.2g} h"
 
 
 def true_minus(number: str) -> str:
