@@ -385,7 +385,7 @@ def _store(
         typer.echo(
             f"{one.file}: verification {stored.label!r}, number {stored.id}, "
             f"{stored.count} observations"
-            + (f"; {stored.judgement.summary}" if stored.judgement else ""),
+            + (f". {stored.judgement.summary}" if stored.judgement else ""),
             err=True,
         )
         stored_ids.append(stored.id)
