@@ -66,6 +66,38 @@ def test_an_effect_is_found_adopted_and_taken_back(chromium, shop):
         assert wrong == []
 
 
+def test_a_few_values_are_typed_in(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(shop.url + LOOP)
+        page.locator("#typed summary").click()
+        page.locator("#typed-label").fill("gauge block")
+        page.locator("#typed [name=component]").fill("EXX")
+        page.locator("#typed [name=position]").fill("100")
+        page.locator("#typed [name=direction]").select_option("-")
+        page.locator("#typed [name=error]").fill("1.5")
+        expect(page.locator("#typed [name=time]")).not_to_have_value("")
+        page.locator("#typed [name=time]").fill("2026-03-02T06:00:05")
+        page.locator("#typed-more").click()
+        page.locator("#typed [name=component]").last.fill("S_xy")
+        page.locator("#typed [name=error]").last.fill("-8.2")
+        page.locator("#typed [name=time]").last.fill("2026-03-02T06:01:00")
+        # A row without an error is none.
+        page.locator("#typed-more").click()
+        assert barriers(page) == []
+        page.locator("#typed button[type=submit]").click()
+        expect(page.locator("#checks-said, table.checks th a").first).to_have_text("gauge block")
+        rooms = f"{shop.url}{ROOM}/verifications"
+        *_, stored = httpx.get(rooms, timeout=60, trust_env=False).json()
+        assert (stored["label"], stored["datum"]) == ("gauge block", "absolute")
+        whole = httpx.get(f"{rooms}/{stored['id']}", timeout=60, trust_env=False).json()
+        found = whole["observations"]
+        assert [(o["component"], o["measured_um"]) for o in found] == [("EXX", 1.5), ("SXY", -8.2)]
+        assert (found[0]["position_mm"], found[0]["direction"]) == (100.0, "-")
+        assert (found[1]["position_mm"], found[1]["direction"]) == (None, None)
+        assert found[0]["time"] == "2026-03-02T06:00:05Z"
+        assert wrong == []
+
+
 def test_what_is_refused_is_said_where_it_was_asked(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, _):
         page.goto(shop.url + LOOP)

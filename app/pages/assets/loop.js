@@ -213,24 +213,66 @@ on("every", "change", () => {
   for (const box of document.querySelectorAll("input[name=check]")) box.checked = by("every").checked;
 });
 
-on("file", "change", async () => {
-  const [file] = by("file").files;
-  if (!file) return;
-  by("file").value = "";
+async function store(name, path, content) {
   try {
-    const isJson = file.name.toLowerCase().endsWith(".json");
-    const stored = isJson
-      ? await send("POST", `${api}/verifications`, await file.text())
-      : await send("POST", `${api}/verifications/from-file?name=${encodeURIComponent(file.name.slice(-200))}`, await file.arrayBuffer());
+    const stored = await send("POST", `${api}/${path}`, content);
     const words = stored.judgement ? stored.judgement.summary : "";
     if (stored.warnings.length) {
       told(by("checks-said"), `Stored as check ${stored.id}: ${words}`);
       by("checks-said").append(list(stored.warnings));
     } else shown(number);
   } catch (error) {
-    refused(by("checks-said"), `${file.name} was not stored; nothing has changed.`, error);
+    refused(by("checks-said"), `${name} was not stored; nothing has changed.`, error);
   }
+}
+
+on("file", "change", async () => {
+  const [file] = by("file").files;
+  if (!file) return;
+  by("file").value = "";
+  if (file.name.toLowerCase().endsWith(".json")) await store(file.name, "verifications", await file.text());
+  else await store(file.name, `verifications/from-file?name=${encodeURIComponent(file.name.slice(-200))}`, await file.arrayBuffer());
 });
+
+// Values that are typed in, a row each; a row without an error is none.
+
+const rows = document.querySelector("#typed tbody");
+const field = (row, name) => row.querySelector(`[name=${name}]`);
+
+function another() {
+  const last = rows.lastElementChild;
+  const row = last.cloneNode(true);
+  for (const name of ["position", "error", "time"]) field(row, name).value = "";
+  field(row, "direction").value = field(last, "direction").value;
+  rows.append(row);
+  field(row, "position").focus();
+}
+
+function observation(row) {
+  const value = (name) => field(row, name).value;
+  return {
+    time: `${value("time")}Z`,
+    component: value("component").trim(),
+    measured_um: Number(value("error")),
+    // What has no position, squareness, has no approach either.
+    ...(value("position") && { position_mm: Number(value("position")) }),
+    ...(value("position") && value("direction") && { direction: value("direction") }),
+  };
+}
+
+if (rows) {
+  on("typed-more", "click", another);
+  rows.addEventListener("input", ({ target }) => {
+    const time = field(target.closest("tr"), "time");
+    if (target.name === "error" && !time.value) time.value = new Date().toISOString().slice(0, 19);
+  });
+  document.querySelector("#typed form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const label = by("typed-label").value;
+    const observations = [...rows.rows].filter((row) => field(row, "error").value).map(observation);
+    store(label, "verifications", { label, datum: by("typed-datum").value, observations });
+  });
+}
 
 function deleting(attribute, what, path, place) {
   for (const button of document.querySelectorAll(`[data-${attribute}]`)) {

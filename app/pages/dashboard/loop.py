@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from app.effects.registry import KINDS, kind_of
 from app.errors import capitalised, counted, list_names
+from app.geometry.components import COMPONENTS, Kind
 from app.identification.analysis.analysis import (
     Analysis,
     ComponentFigures,
@@ -48,6 +49,13 @@ MOST_RIVALS: Final = 6
 VERY_STRONG: Final = 10.0
 """2 ln B, after Kass and Raftery (1995)."""
 
+RIGID: Final = [
+    code
+    for code, one in COMPONENTS.items()
+    if one.kind in (Kind.LINEAR, Kind.STRAIGHTNESS, Kind.ANGULAR, Kind.SQUARENESS)
+]
+"""What is measured along a rigid machine's linear axes; others can be typed in as well."""
+
 _STATUSES: Final = {
     "confirmed": "Confirmed",
     "suspected": "Suspected",
@@ -75,6 +83,7 @@ def loop_page(view: LoopView, now: datetime) -> str:
         jobs=[_job(one, now) for one in reversed(view.analyses)],
         later="" if view.later is None else later_words(view.later),
         kinds=[(kind, kind_name(kind)) for kind in sorted(KINDS)],
+        codes=RIGID,
         result=result,
         **({} if result is None else _result(view, result)),
     )
