@@ -16,7 +16,7 @@ from uuid import uuid4
 
 import psycopg
 import pytest
-from sqlalchemy import make_url
+from sqlalchemy import Engine, event, make_url
 
 from app.storage.database import Database
 from app.storage.job_queue import SCHEMA
@@ -31,6 +31,19 @@ PREFIX = "thermap_test_"
 
 NO_WAIT = {"options": "-c synchronous_commit=off"}
 """PostgreSQL answers before its disk does: its durability is not what is tested here."""
+
+
+WAITS_FOR_THE_DISK = False
+"""Whether SQLite, in this process, waits as the service has it do: for the same reason."""
+
+
+@event.listens_for(Engine, "begin")
+def _let_sqlite_not_wait(connection):
+    """The service's own listener of a new connection comes after ours, so before each BEGIN."""
+    opened = connection.connection.driver_connection
+    if isinstance(opened, sqlite3.Connection) and not WAITS_FOR_THE_DISK:
+        opened.execute("PRAGMA synchronous = OFF")
+
 
 TABLES = [table.name for table in Base.metadata.sorted_tables]
 NUMBERED = [t.name for t in Base.metadata.sorted_tables if t.autoincrement_column is not None]

@@ -77,8 +77,11 @@ def test_reading_commits_nothing(database):
     assert names(database) == []
 
 
-def test_every_connection_of_sqlite_keeps_what_was_answered(sqlite):
+def test_every_connection_of_sqlite_keeps_what_was_answered(sqlite_url, monkeypatch):
+    monkeypatch.setattr("tests.databases.WAITS_FOR_THE_DISK", True)
+    sqlite = Database(sqlite_url)
     with ExitStack() as stack:
+        stack.callback(sqlite.close)
         sessions = [stack.enter_context(sqlite.reading()) for _ in range(7)]
         for session in sessions:
             found = [
