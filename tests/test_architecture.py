@@ -7,14 +7,14 @@ import itertools
 import pkgutil
 import re
 import sys
+from functools import cache
 from pathlib import Path
 
 import app
 import thermap
 
 PACKAGE = Path(app.__file__).parent
-TREES = {p: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(PACKAGE.rglob("*.py"))}
-MODULES = list(TREES)
+MODULES = sorted(PACKAGE.rglob("*.py"))
 
 FLOORS = [
     {"units", "errors", "arrays", "answer"},
@@ -80,10 +80,16 @@ def floor_of(room):
     return next(i for i, rooms in enumerate(FLOORS) if room in rooms)
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports_of(path):
     """Name every module that a file imports, whole paths."""
     found = set()
-    for node in ast.walk(TREES.get(path) or ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -172,7 +178,7 @@ def test_pure_rooms_know_no_clock_and_no_world():
     for path in (p for p in MODULES if room_of(p) in PURE):
         roots = {module.split(".")[0] for module in imports_of(path)}
         assert roots <= PURE_LIBRARIES, f"{path} imports {roots - PURE_LIBRARIES}"
-        for node in ast.walk(TREES[path]):
+        for node in ast.walk(tree_of(path)):
             assert not (
                 isinstance(node, ast.Attribute) and node.attr in {"now", "utcnow", "today"}
             ), f"{path} reads the clock"
@@ -244,7 +250,7 @@ def missing_in(function):
 def test_factors_of_thousand_stand_in_units_alone():
     for path in MODULES:
         if room_of(path) in PURE - {"units"}:
-            for node in ast.walk(TREES[path]):
+            for node in ast.walk(tree_of(path)):
                 assert not (
                     isinstance(node, ast.BinOp)
                     and isinstance(node.right, ast.Constant)
