@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +50,9 @@ other numbers, which the listings show.
 """
 
 
+@cache
 def openapi_document() -> dict[str, Any]:
-    """Ask a service on an empty database for its document."""
+    """Ask a service on an empty database for its document, which is the same for all services."""
     with tempfile.TemporaryDirectory() as folder:
         service = create_app(Settings(database_url=f"sqlite:///{folder}/empty.db"))
         try:

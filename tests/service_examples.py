@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache, lru_cache
-from tempfile import TemporaryDirectory
 
 import httpx
 import jsonschema_rs
@@ -19,6 +18,7 @@ from sqlalchemy import select
 from app.main import create_app
 from app.settings import Settings
 from app.storage.tables import Base
+from scripts.write_http_reference import openapi_document
 
 START = datetime(2026, 3, 1, 6, 0, tzinfo=UTC)
 """When the tests' clock stands."""
@@ -145,17 +145,10 @@ async def as_published(answer):
         assert not errors, errors[:3]
 
 
-@cache
-def _document():
-    """The OpenAPI document, which is the same for all services."""
-    with TemporaryDirectory() as folder, running(f"sqlite:///{folder}/thermap.db") as service:
-        return service.openapi()
-
-
 @lru_cache(maxsize=1000)
 def _route_of(path):
     """The route of a path; one without a parameter comes first, as in the service."""
-    for route in sorted(_document()["paths"], key=lambda route: route.count("{")):
+    for route in sorted(openapi_document()["paths"], key=lambda route: route.count("{")):
         if re.fullmatch(re.sub(r"\{.*?\}", "[^/]+", route), path):
             return route
     return None
@@ -164,12 +157,12 @@ def _route_of(path):
 @cache
 def _published(route, method, status):
     """What checks a route's answer of one status; None where no shape of it is published."""
-    operation = _document()["paths"].get(route, {}).get(method.lower(), {})
+    operation = openapi_document()["paths"].get(route, {}).get(method.lower(), {})
     contents = operation.get("responses", {}).get(str(status), {}).get("content", {})
     shapes = [c["schema"] for kind, c in contents.items() if kind.endswith("json")]
     if not shapes:
         return None
-    components = {"components": _document()["components"]}
+    components = {"components": openapi_document()["components"]}
     return jsonschema_rs.Draft202012Validator(shapes[0] | components, validate_formats=True)
 
 

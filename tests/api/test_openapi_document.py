@@ -6,6 +6,7 @@ import re
 import pytest
 
 from app.units import unit_of_field
+from scripts.write_http_reference import openapi_document
 
 NO_UNIT = {
     *("weight", "r", "confidence_95", "ratio", "ratios", "exaggeration"),
@@ -25,13 +26,8 @@ UNITS = re.compile(
 
 
 @pytest.fixture(scope="module")
-def document(databases):
-    from app.main import create_app
-    from app.settings import Settings
-
-    service = create_app(Settings(database_url=databases.migrated("sqlite")))
-    service.state.context.database.close()
-    return json.loads(json.dumps(service.openapi()))
+def document():
+    return json.loads(json.dumps(openapi_document()))
 
 
 def fields(document):
