@@ -256,8 +256,12 @@ async def test_a_refusal_names_a_number_that_could_be_adopted(app, client):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("campaign_app", ["sqlite"], indirect=True)
 async def test_a_plan_says_what_could_be_seen_and_stores_nothing(campaign, campaign_app):
-    """The same visits again a month later, without values: nobody looks at those."""
+    """The same visits again a month later, without values: nobody looks at those.
+
+    On one kind of database: it stores nothing, and reads what an analysis reads.
+    """
     before = contents(campaign_app)
     stored = [(await campaign.get(f"{ROOM}/verifications/{i}")).json() for i in ALL]
     planned = [{"observations": [_to_come(o) for o in v["observations"]]} for v in stored]
