@@ -126,6 +126,15 @@ def plus_minus(value: float, error: float | None, unit: str) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f} {unit}"
 
 
+def true_minus(number: str) -> str:
+    """Write a number's hyphens as minus signs.
+
+    >>> true_minus("-1.2")
+    '−1.2'
+    """
+    return number.replace("-", "−")
+
+
 def date_text(time_s: float) -> str:
     """Write a time as people do.
 
@@ -140,6 +149,15 @@ def date_text(time_s: float) -> str:
     '1970-01-01 00:00 UTC'
     """
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def exact_time(time: datetime) -> str:
+    """Write a time in UTC with all the digits that it has, as it may be stated again.
+
+    >>> exact_time(datetime(2026, 3, 1, 6, 0, 0, 250000, UTC))
+    '2026-03-01T06:00:00.250000Z'
+    """
+    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
 def duration_text(seconds: float) -> str:

@@ -23,6 +23,7 @@ from app.cli.options import (
     read_time,
 )
 from app.errors import counted
+from app.units import exact_time
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -142,7 +143,9 @@ def withdraw(
         chosen = chosen_machine(thermap, machine)
         number = len(thermap.readings(chosen, first, last, limit=MOST_COUNTED))
         what = counted(number, "reading") + (" or more" if number == MOST_COUNTED else "")
-        when = f"of {_exact(first)}" if time else f"from {_exact(first)} to {_exact(last)}"
+        when = (
+            f"of {exact_time(first)}" if time else f"from {exact_time(first)} to {exact_time(last)}"
+        )
         are = "was" if number == 1 else "were"
         confirm(
             f"{what} of {chosen!r} {are} not withdrawn",
@@ -168,11 +171,6 @@ def _span(time: str | None, since: str | None, until: str | None) -> tuple[datet
         "without the other would mean all readings before or after it",
         param_hint="--time",
     )
-
-
-def _exact(time: datetime) -> str:
-    """Write a time as it may be stated again."""
-    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
 def readings_view(found: Sequence[ReadingSchema], first: datetime, limit: int) -> RenderableType:

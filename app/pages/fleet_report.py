@@ -16,7 +16,8 @@ from app.pages.report_parts.effect_names import (
     explanation_name,
     parameter_text,
 )
-from app.pages.report_parts.words import decimals_for, figure_text, true_minus
+from app.pages.report_parts.words import decimals_for, figure_text
+from app.units import true_minus
 
 ANSWERS: Final = {
     "yes": ("yes", "confirmed"),

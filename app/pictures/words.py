@@ -9,6 +9,7 @@ from app.arrays import FloatArray
 from app.geometry.components import LINEAR_LETTERS
 from app.pictures.distorted_volume import DistortedVolume
 from app.pictures.traces import Rounding
+from app.units import true_minus
 
 
 def drawn_sentence(distorted: DistortedVolume, rounding: Rounding) -> str:
@@ -53,7 +54,7 @@ def place_words(point_mm: FloatArray) -> str:
     'X 500, Y −12.5, Z 0 mm'
     """
     places = zip(LINEAR_LETTERS.upper(), point_mm, strict=True)
-    return ", ".join(f"{a} {_minus(f'{place:.7g}')}" for a, place in places) + " mm"
+    return ", ".join(f"{a} {true_minus(f'{place:.7g}')}" for a, place in places) + " mm"
 
 
 def wrapped(text: str, letters: int) -> list[str]:
@@ -82,8 +83,4 @@ def _factor_words(exaggeration: float) -> str:
 
 def _signed(error: float, decimals: int) -> str:
     # Rounded first: −0.04 is no −0.0.
-    return _minus(f"{round(error, decimals) + 0.0:+.{decimals}f}")
-
-
-def _minus(number: str) -> str:
-    return number.replace("-", "−")
+    return true_minus(f"{round(error, decimals) + 0.0:+.{decimals}f}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from hashlib import blake2s
 
 from app.compensation.table import CompensationTable, compensation_table
@@ -17,6 +17,7 @@ from app.live.registry import LiveMachine, LiveModel
 from app.services.context import Context
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import Health, SensorState, check_temperatures, grow_older
+from app.units import exact_time
 
 TAGGED_DIGITS = 9
 """Digits of a filter's output that count for the tag: two services may differ in the last."""
@@ -226,11 +227,6 @@ def early_warnings(early: Sequence[Reading]) -> list[str]:
         "what is stamped wrongly"
         for reading in early
     ]
-
-
-def exact_time(time: datetime) -> str:
-    """Write a time in UTC with all the digits that it has."""
-    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
 def _between(ahead: Sequence[Reading]) -> str:

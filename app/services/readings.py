@@ -27,7 +27,7 @@ from app.errors import (
 from app.events.event import EventKind
 from app.live.registry import Arrived, LiveModel
 from app.services.context import CLOCKS_DIFFER, Context, repeated
-from app.services.live_table import ahead_warnings, exact_time
+from app.services.live_table import ahead_warnings
 from app.services.load_machine import load_machine, restore_past
 from app.services.together import Wanted
 from app.storage.events import write_event
@@ -43,6 +43,7 @@ from app.storage.readings import (
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import are_in_range, check_temperatures
+from app.units import exact_time
 
 MOST_AHEAD_OF_CLOCK: Final = timedelta(days=1)
 """Wrong clocks and zones put a reading less far ahead; what lies further is refused."""

@@ -14,7 +14,6 @@ from app.api.media_types import CSV, HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
-from app.api.residuals_html import residuals_html
 from app.api.rounding import to_digits_in
 from app.api.router import Router
 from app.api.schemas.residuals import (
@@ -24,6 +23,8 @@ from app.api.schemas.residuals import (
     ResidualsAnswer,
     ResidualsRequest,
 )
+from app.identification.analysis.residual_curves import residual_curves
+from app.pages.residuals_page import ResidualsHead, residuals_page
 from app.services.residuals import ShownResiduals, compare_models, show_residuals
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])
@@ -94,7 +95,23 @@ def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
     if form == CSV:
         return Response(residuals_csv(shown), media_type=CSV, headers=headers)
     if form == HTML:
-        return Page(residuals_html(shown), scripts=2, headers=headers)
+        return Page(_page(shown), scripts=2, headers=headers)
     answer = ResidualsAnswer.of(shown, residual_rows(shown, rows))
     written = to_digits_in(answer.model_dump(mode="json"), stored=("measured",))
     return Response(orjson.dumps(written), media_type=JSON, headers=headers)
+
+
+def _page(shown: ShownResiduals) -> str:
+    """Write residuals as HTML that needs no other file."""
+    residuals = shown.report.residuals
+    machine, times_s = residuals.projection.model.machine, residuals.rows.times_s
+    head = ResidualsHead(
+        machine_id=machine.id,
+        machine_name=machine.name,
+        chain=machine.chain.text,
+        model_version=shown.model_version,
+        verifications=[(v.label, str(v.datum)) for v in shown.verifications],
+        first_s=float(times_s.min()),
+        last_s=float(times_s.max()),
+    )
+    return residuals_page(head, shown.report, residual_curves(shown.report))

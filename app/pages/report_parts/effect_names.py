@@ -12,8 +12,7 @@ from app.effects.valid import LearntIn
 from app.errors import list_names
 from app.identification.analysis import advice
 from app.identification.analysis.analysis import Evidence, FoundEffect
-from app.pages.report_parts.words import true_minus
-from app.units import date_text, duration_text, plus_minus, unit_of_field
+from app.units import date_text, duration_text, plus_minus, true_minus, unit_of_field
 
 VERDICTS: Final = {
     "effects-found": "Effects found",

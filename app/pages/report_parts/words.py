@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from app.units import true_minus
+
 MOST_DECIMALS: Final = 4
 
 ORIGINS: Final = {
@@ -143,19 +145,3 @@ def percent_text(share: float) -> str:
     '50\xa0%'
     """
     return f"{share:.0%}".replace("%", "\xa0%")
-
-
-def true_minus(number: str) -> str:
-    """Write a number's hyphen as a minus.
-
-    Parameters
-    ----------
-    number
-        Such as `-1.2`.
-
-    Examples
-    --------
-    >>> true_minus("-1.2")
-    '−1.2'
-    """
-    return number.replace("-", "−")
