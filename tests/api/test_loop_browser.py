@@ -71,6 +71,7 @@ def test_a_few_values_are_typed_in(chromium, shop):
         page.goto(shop.url + LOOP)
         page.locator("#typed summary").click()
         page.locator("#typed-label").fill("gauge block")
+        page.locator("#typed-repeatability").fill("0.5")
         page.locator("#typed [name=component]").fill("EXX")
         page.locator("#typed [name=position]").fill("100")
         page.locator("#typed [name=direction]").select_option("-")
@@ -85,16 +86,23 @@ def test_a_few_values_are_typed_in(chromium, shop):
         page.locator("#typed-more").click()
         assert barriers(page) == []
         page.locator("#typed button[type=submit]").click()
-        expect(page.locator("#checks-said, table.checks th a").first).to_have_text("gauge block")
+        expect(page.locator("#answer h1")).to_have_text("9 checks, not analysed yet.")
         rooms = f"{shop.url}{ROOM}/verifications"
-        *_, stored = httpx.get(rooms, timeout=60, trust_env=False).json()
-        assert (stored["label"], stored["datum"]) == ("gauge block", "absolute")
+        checks = httpx.get(rooms, timeout=60, trust_env=False).json()
+        (stored,) = (one for one in checks if one["label"] == "gauge block")
+        assert (stored["datum"], stored["repeatability_um"]) == ("absolute", 0.5)
         whole = httpx.get(f"{rooms}/{stored['id']}", timeout=60, trust_env=False).json()
         found = whole["observations"]
-        assert [(o["component"], o["measured_um"]) for o in found] == [("EXX", 1.5), ("SXY", -8.2)]
-        assert (found[0]["position_mm"], found[0]["direction"]) == (100.0, "-")
-        assert (found[1]["position_mm"], found[1]["direction"]) == (None, None)
-        assert found[0]["time"] == "2026-03-02T06:00:05Z"
+        place = {"position_mm": 100.0, "direction": "-", "measured_um": 1.5, "state": {}}
+        assert found == [
+            {"time": "2026-03-02T06:00:05Z", "component": "EXX", **place},
+            {
+                "time": "2026-03-02T06:01:00Z",
+                "component": "SXY",
+                "measured_um_per_m": -8.2,
+                "state": {},
+            },
+        ]
         assert wrong == []
 
 

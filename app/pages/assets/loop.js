@@ -270,7 +270,9 @@ if (rows) {
     event.preventDefault();
     const label = by("typed-label").value;
     const observations = [...rows.rows].filter((row) => field(row, "error").value).map(observation);
-    store(label, "verifications", { label, datum: by("typed-datum").value, observations });
+    const stated = by("typed-repeatability").value;
+    const repeatability_um = stated ? Number(stated) : null;
+    store(label, "verifications", { label, datum: by("typed-datum").value, repeatability_um, observations });
   });
 }
 
