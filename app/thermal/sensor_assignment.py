@@ -161,7 +161,7 @@ def _change(code: str, maps: Sequence[ErrorMap]) -> tuple[FloatArray | None, str
         [np.hstack([sample_table(t, positions, backward=b) for b in both]) for t in tables]
     )
     if np.ptp(errors, axis=0).max() <= NO_CHANGE * np.abs(errors).max():
-        return None, f"{code} does not change over its {len(maps)} maps"
+        return None, f"it does not change over its {len(maps)} maps"
     return _first_scores(errors), ""
 
 

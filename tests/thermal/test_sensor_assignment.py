@@ -285,7 +285,7 @@ def test_a_component_that_does_not_change_keeps_its_sensor(value):
     maps = maps_with(single_values([value] * 6), x_middle=x_middle, spindle=spindle)
     found, by = proposal(maps)
     assert found.proposed_sensor == "x-middle"
-    assert found.reason == "SXY does not change over its 6 maps"
+    assert found.reason == "it does not change over its 6 maps"
     assert all(without_numbers(c) and not c.ties_with_best for c in by.values())
 
 
@@ -295,7 +295,7 @@ def test_what_only_resampling_changes_is_no_change():
     x_middle, spindle = warm_up(4)
     tables = [table("EXX", 0.1 + 0.3 * g, g) for g in grids]
     found, by = proposal(maps_with(tables, x_middle=x_middle, spindle=spindle))
-    assert found.reason == "EXX does not change over its 4 maps"
+    assert found.reason == "it does not change over its 4 maps"
     assert by["spindle"].r is None
 
 
