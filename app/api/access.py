@@ -28,6 +28,15 @@ from app.events.event import LONGEST_NAME, acting
 from app.services.access_keys import KeyRing
 
 _LONGEST_AGENT: Final = 40
+_BROWSERS: Final = (
+    ("Edg", "Edge"),
+    ("OPR", "Opera"),
+    ("Firefox", "Firefox"),
+    ("Chrome", "Chrome"),
+    ("Safari", "Safari"),
+)
+"""A mark in User-Agent to the browser, those first that state others' marks too."""
+
 
 COOKIE: Final = "thermap-session"
 
@@ -187,10 +196,23 @@ def name_who_asks(scope: Scope) -> None:
     key: AccessKey | None = scope.get("state", {}).get("access_key")
     client = scope.get("client")
     agent = dict(scope["headers"]).get(b"user-agent", b"").decode("latin-1")
-    program = "".join(letter for letter in agent if letter.isprintable())[:_LONGEST_AGENT]
+    program = program_name("".join(letter for letter in agent if letter.isprintable()))
     whom = [key.name] if key is not None else []
     named = ", ".join([*whom, client[0] if client else "", program]).strip(", ")
     acting.set(named[:LONGEST_NAME] or "unknown")
+
+
+def program_name(agent: str) -> str:
+    """Name a program by its User-Agent; a browser, which names all others too, by itself.
+
+    >>> program_name("Mozilla/5.0 (X11; Linux x86_64; rv:128.0) Gecko/20100101 Firefox/128.0")
+    'Firefox'
+    >>> program_name("cell-controller/7")
+    'cell-controller/7'
+    """
+    if not agent.startswith("Mozilla/"):
+        return agent[:_LONGEST_AGENT]
+    return next((name for mark, name in _BROWSERS if f"{mark}/" in agent), "browser")
 
 
 def too_many(wait_s: float) -> Response:
