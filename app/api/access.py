@@ -37,7 +37,6 @@ _BROWSERS: Final = (
 )
 """A mark in User-Agent to the browser, those first that state others' marks too."""
 
-
 COOKIE: Final = "thermap-session"
 
 LOGIN: Final = "/login"
