@@ -265,7 +265,8 @@ def _as_all_say(
     for term, match in zip(wanted, matches, strict=True):
         if match is None or terms[match].candidate.key != term.candidate.key:
             continue
-        if terms[match].theta == term.theta:
+        # A part of the visits need not have all channels, nor a shape in all of them.
+        if terms[match].theta == term.theta or terms[match].columns.keys() != term.columns.keys():
             continue
         known = {c: term.columns[c] * term.norms for c in term.columns}
         own = {c: terms[match].columns[c] * terms[match].norms for c in term.columns}

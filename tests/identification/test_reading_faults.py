@@ -68,3 +68,17 @@ def test_a_sensor_that_goes_on_by_one_of_its_steps_had_not_stopped(step_c, found
     others = {**whole.readings.temperatures_c, SENSOR: values}
     record = TemperatureHistory(whole.readings.times_s, others)
     assert [e.variant for e in reading_faults(replace(whole, readings=record)).effects] == found
+
+
+@pytest.mark.parametrize(("spike_k", "found"), [(0.0, ()), (8.0, ("spikes",))])
+def test_what_changes_by_one_step_between_two_readings_is_no_spike(spike_k, found):
+    """Whole degrees of a sensor that scatters by a tenth jump away and back now and then."""
+    whole = campaign("spikes", 0)
+    history, _ = readings()
+    values = history.temperatures_c[SENSOR]
+    slow = np.repeat([22.3, 23.3, 24.3], -(-len(values) // 3))[: len(values)]
+    read = np.round(slow + np.random.default_rng(1).normal(0.0, 0.1, len(values)))
+    read[::40] += spike_k
+    record = TemperatureHistory(history.times_s, {**history.temperatures_c, SENSOR: read})
+    said = reading_faults(replace(whole, readings=record)).effects
+    assert tuple(e.variant for e in said) == found

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.search.candidate import Candidate
 from app.search.findings import Slope, Status, Verdict
-from app.search.foresight import learn
-from app.search.problem import make_problem
+from app.search.foresight import Learned, learn
+from app.search.problem import Term, make_problem
 from app.search.rows import DeclaredNoise, Rows
 from app.search.search import search
 from app.search.splits import PARTS, split
-from app.search.validation import Validation, _open
+from app.search.validation import Validation, _as_all_say, _open
 from tests.search.search_campaigns import make_campaign, make_library, single, smooth
 
 
@@ -187,3 +188,13 @@ def test_what_teaching_leaves_open_is_that_of_the_amplitude_and_of_the_maps():
     with_maps, _ = left_open(campaign.nuisance, 6)
     assert with_maps[0].mean() > found[0].mean()
     assert 0.0 < with_maps[1].mean() < 2 * 0.4**2  # never more than the maps' own prior
+
+
+def test_a_part_of_the_visits_that_lacks_a_channel_keeps_its_own_nonlinear_parameter():
+    """An hour between two clocks that one component did not show in that part ended an analysis."""
+    candidate = Candidate("one", "clock-offset", lambda theta: [])
+    norms, column = np.ones(1), np.ones((3, 1))
+    whole = Term(candidate, 60.0, {0: column, 2: column}, norms)
+    part = Term(candidate, 40.0, {0: column}, norms)
+    learned = Learned([part], None, {})
+    assert _as_all_say(None, learned, [0], [whole], np.ones(1, dtype=bool)).terms == [part]

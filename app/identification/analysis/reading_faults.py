@@ -21,6 +21,7 @@ from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.identification.campaign import Campaign
 from app.search.noise import NORMAL
+from app.thermal.coarse_readings import step_k as reading_step_k
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.sensor_health import CLEARLY, Health, goes_on, judge_record
 from app.thermal.temperature_history import TemperatureHistory
@@ -37,6 +38,9 @@ FAR: Final = 8.0
 FASTEST: Final = 0.99
 STEPS: Final = 6.0
 """A spike is larger than so many of the sensor's own fast steps."""
+
+BETWEEN: Final = 1.5
+"""Steps of a coarse sensor: between one, which is none, and two."""
 
 OFTEN: Final = 20
 OFTEN_SHARE: Final = 0.005
@@ -135,7 +139,9 @@ def _far(values: FloatArray, resolution_c: float) -> BoolArray:
     usual = NORMAL * float(np.median(np.abs(away)))
     # Where heating begins or ends, a true reading lies one step from its neighbours' median.
     step_c = float(np.quantile(np.abs(np.diff(middle)), FASTEST))
-    far = np.abs(away) > max(CLEARLY * resolution_c, FAR * usual, STEPS * step_c)
+    # What a coarse sensor reads near the middle between two of its steps changes by one of them.
+    coarse_c = BETWEEN * reading_step_k(values[known])
+    far = np.abs(away) > max(CLEARLY * resolution_c, FAR * usual, STEPS * step_c, coarse_c)
     if far.mean() < RARE:
         found[known[far]] = True
     return found
