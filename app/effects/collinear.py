@@ -5,6 +5,11 @@ whether that is on, each late by a time constant; the difference of a body from 
 record began, and how that dies out; and a late temperature times the level of all of them. Before
 the record the machine is taken to have rested at the temperatures of its first reading, with all
 states 0. Where nothing changes at first, the record begins when something does.
+
+Beside maps that one sensor leads through, a column can also be how far another late temperature is
+from what it was in the maps. Where a machine is linear in all of its temperatures, late ones
+included, what interpolated maps leave is linear in these columns exactly, however the maps were
+spaced: interpolation is linear too.
 """
 
 from __future__ import annotations
@@ -27,6 +32,7 @@ from app.search.wander import Wander
 from app.units import SECONDS_PER_MIN, unit_of_field
 
 LATE, STATE, ON, START, LEVEL = "late", "state", "on", "start", "level"
+OFF_MAPS: Final = "off maps"
 """Forms of columns."""
 
 LATE_MIN: Final = (0.0, 20.0, 80.0)
@@ -76,6 +82,7 @@ class Column(NamedTuple):
             ON: f"how long {self.name} has been on{late}",
             START: f"the initial offset of {self.name}, dying out over {self.minutes:g} min",
             LEVEL: f"the rise of {self.name}{late}, times the machine's temperature level",
+            OFF_MAPS: f"{self.name}{late} above what it was in the maps",
         }[self.form]
 
     @property
@@ -93,6 +100,51 @@ class Column(NamedTuple):
         return Signal("temperature", self.name)
 
 
+class InMaps(NamedTuple):
+    """What columns were when the maps were measured.
+
+    Parameters
+    ----------
+    sensor
+        The sensor that the maps follow.
+    temperatures_c
+        Its temperatures in the maps, rising [°C].
+    columns_c
+        For each column what it was in each of them [°C].
+    goes_on
+        Whether the maps' straight lines go on beyond their ends, as the machine's policy has it.
+    """
+
+    sensor: str
+    temperatures_c: tuple[float, ...]
+    columns_c: tuple[tuple[float, ...], ...]
+    goes_on: bool = False
+
+    def at(self, column: int, here_c: FloatArray) -> FloatArray:
+        """Say what a column is in the maps as they are interpolated, shape (n,) [°C].
+
+        Parameters
+        ----------
+        column
+            Its number.
+        here_c : ndarray, shape (n,) [°C]
+            Temperatures of the maps' sensor.
+
+        Examples
+        --------
+        >>> maps = InMaps("frame", (20.0, 30.0), ((20.0, 60.0),), goes_on=True)
+        >>> maps.at(0, np.array([19.0, 25.0])).tolist()
+        [16.0, 40.0]
+        """
+        scale, there = np.array(self.temperatures_c), np.array(self.columns_c[column])
+        found: FloatArray = np.interp(here_c, scale, there)
+        if self.goes_on and scale.size > 1:
+            slopes = np.diff(there)[[0, -1]] / np.diff(scale)[[0, -1]]
+            found = found + slopes[0] * np.minimum(here_c - scale[0], 0.0)
+            found = found + slopes[1] * np.maximum(here_c - scale[-1], 0.0)
+        return found
+
+
 class Zero(NamedTuple):
     """What temperatures are counted from.
 
@@ -104,11 +156,14 @@ class Zero(NamedTuple):
         Whose temperature is the level; empty: the mean of all.
     level_c
         The level at which the response is that of the other columns [°C].
+    in_maps
+        What columns were in the maps, of those that are counted from there (`InMaps`).
     """
 
     references_c: tuple[float, ...] = ()
     level_sensor: str = ""
     level_c: float = 0.0
+    in_maps: InMaps | None = None
 
 
 class Columns(NamedTuple):
@@ -155,7 +210,7 @@ def needed_signals(columns: Sequence[Column]) -> dict[Column, float]:
     """
     longest: dict[str, float] = {}
     for column in columns:
-        if column.form in (LATE, LEVEL):
+        if column.form in (LATE, LEVEL, OFF_MAPS):
             longest[column.name] = max(longest.get(column.name, 0.0), column.minutes)
     return {
         column: SECONDS_PER_MIN
@@ -198,8 +253,11 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
         found = past[column.signal, taus[column]]
         reference = zero.references_c[j] if zero.references_c else found.first
         late = found.outputs
-        if column.form == LATE and column.minutes == 0.0:
+        if column.form in (LATE, OFF_MAPS) and column.minutes == 0.0:
             late = conditions.temperature(column.name)
+        if column.form == OFF_MAPS and zero.in_maps is not None:
+            own_c = conditions.temperature(zero.in_maps.sensor)
+            values[:, j] = late - zero.in_maps.at(j, own_c)
         if column.form in (LATE, LEVEL):
             values[:, j] = late - reference
         if column.form == LEVEL:
@@ -299,6 +357,10 @@ class Responding(Driver):
     counted
         How often caution counts the variances. These are of all set-ups, odd
         ones among them, and what to correct is decided for the usual one.
+    in_maps
+        Of columns that are counted from what they were in the maps (`InMaps`); None of others.
+        Such a response is a straight line through 0 where the maps are right, and what wanders
+        beside it does so with a correction as without it: caution counts what was learnt alone.
     """
 
     name: ClassVar[str] = "response"
@@ -316,10 +378,13 @@ class Responding(Driver):
     maps_sensor: str = ""
     maps: tuple[Range, ...] = ()
     counted: float = 1.0
+    in_maps: InMaps | None = None
 
     def __post_init__(self) -> None:
         """Read columns as they are stored."""
         object.__setattr__(self, "columns", tuple(Column(*column) for column in self.columns))
+        if self.in_maps is not None:
+            object.__setattr__(self, "in_maps", InMaps(*self.in_maps))
 
     def __hash__(self) -> int:
         """Tell responses apart by their latest coefficients: there are thousands of numbers."""
@@ -360,7 +425,8 @@ class Responding(Driver):
         learnt, wander = np.sqrt(variance), np.sqrt(np.maximum(wander, 0.0))
         maps = np.zeros(mean.shape) if maps is None else maps
         by = np.sqrt(self.counted)
-        return Told(mean, learnt, wander, cautious(mean, maps, by * learnt, by * wander), is_held)
+        beside = np.zeros(mean.shape) if self.in_maps is not None else by * wander
+        return Told(mean, learnt, wander, cautious(mean, maps, by * learnt, beside), is_held)
 
     def farthest(self, conditions: Conditions) -> Outside | None:
         """Find the column that lies farthest beyond where it is held; None where none does."""
@@ -383,7 +449,7 @@ class Responding(Driver):
     @property
     def zero(self) -> Zero:
         """What temperatures are counted from."""
-        return Zero(self.references_c, self.level_sensor, self.level_c)
+        return Zero(self.references_c, self.level_sensor, self.level_c, self.in_maps)
 
     @property
     def is_held_by_signal(self) -> bool:

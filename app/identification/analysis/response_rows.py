@@ -203,6 +203,7 @@ class ResponseRows:
             maps_sensor="" if spares_maps else self.own_sensor,
             maps=() if spares_maps else self.maps,
             counted=counted,
+            in_maps=self.zero.in_maps,
         )
 
 

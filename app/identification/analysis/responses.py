@@ -21,6 +21,7 @@ from app.effects.kind import NotTested
 from app.effects.kinds.response import (
     AFTER,
     BEFORE,
+    OF_RECORDS,
     SET_UPS,
     WORST_AFTER,
     WORST_BEFORE,
@@ -35,6 +36,7 @@ from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.response_causes import causes_of
 from app.identification.analysis.response_judged import Judged, judge
+from app.identification.analysis.response_records import JudgedRecords, judge_records
 from app.identification.analysis.response_rows import (
     ResponseRows,
     courses,
@@ -97,6 +99,9 @@ class Offered:
     def found(self) -> FoundEffect:
         """Describe it."""
         parts = [explain(self.effect)]
+        few = isinstance(self.judged, JudgedRecords)
+        if isinstance(self.judged, JudgedRecords) and self.judged.tied:
+            parts.append(f"{list_names(self.judged.tied)} would explain it as well")
         if self.judged.care > 1.0:
             parts.append(
                 "so that no set-up gets markedly worse, uncertainty is weighted "
@@ -120,7 +125,7 @@ class Offered:
             before_rms=self.judged.before_rms,
             after_rms=self.judged.after_rms,
             unit=self._symbol,
-            status=str(Status.CONFIRMED),
+            status=str(Status.SUSPECTED if few else Status.CONFIRMED),
             helps=True,
             why_not=None,
             is_proxy=False,
@@ -209,9 +214,13 @@ def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offere
         rows = response_rows(residuals, code)
         count = len(rows.set_ups)
     if count < FEWEST:
+        few = judge_records(campaign, residuals, code)
+        if isinstance(few, JudgedRecords) and not few.why_not:
+            return Offered(code, _effect(few.rows, few, residuals), few)
+        why_not = few.why_not if isinstance(few, JudgedRecords) else few
         return (
             f"needs at least {FEWEST} set-ups that each cover an hour with sensor readings, got "
-            f"{count}"
+            f"{count}; a second sensor alone, which fewer show: {why_not}"
         )
     judged = judge(rows)
     if judged.why_not:
@@ -238,10 +247,13 @@ def _effect(rows: ResponseRows, judged: Judged, residuals: Residuals) -> Effect:
     unit = COMPONENTS[rows.code].unit
     before, after = judged.each
     worst = int(np.argmax(after - before))
+    few = isinstance(judged, JudgedRecords)
+    sensors = dict.fromkeys(c.name for c in rows.columns if not c.is_of_state)
     effect = Effect(
         kind=Response.kind,
+        variant=OF_RECORDS if few else "",
         components=(rows.code,),
-        sensors=tuple(dict.fromkeys(c.name for c in rows.columns if not c.is_of_state)),
+        sensors=(*sensors, *([rows.own_sensor] if few else [])),
         states=tuple(dict.fromkeys(c.name for c in rows.columns if c.is_of_state)),
         parameters={
             f"{BEFORE}_{unit}": judged.before_rms,
