@@ -15,7 +15,7 @@ from app.search.findings import Rival
 from app.search.joint_fit import fit_terms, inverse, share_of
 from app.search.names import offset_of
 from app.search.problem import Term
-from app.search.selection import Selector, best_entries
+from app.search.selection import GRID_MARGIN, GRID_SHARE, Selector, best_entries
 
 TIED_BELOW: Final = 6.0
 """2 ln B below which evidence is hardly more than positive."""
@@ -25,9 +25,6 @@ SAME_SIGNAL: Final = 0.95
 
 OF_A_FAMILY: Final = 3
 """Members of a family that are looked at closely."""
-
-GRID_MARGIN: Final = 40.0
-"""A coarse grid may hide so much evidence."""
 
 
 def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[tuple[Rival, Term]]:
@@ -48,7 +45,7 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
     for candidate in _candidates(selector, term, score, own):
         rival = selector.library.term(candidate)
         # Of an expected amplitude the scan says at most too much.
-        hidden = GRID_MARGIN + (0.0 if rival.candidate.expected else 0.5 * abs(own))
+        hidden = GRID_MARGIN + (0.0 if rival.candidate.expected else GRID_SHARE * abs(own))
         if score[candidate] > own - hidden:
             rival = selector.refined(rival, others)
         behind = own - selector.evidence(rival, others, base)

@@ -40,6 +40,13 @@ EXCHANGES: Final = 3
 FINALISTS: Final = 6
 """So many of the best are refined before one is picked: the grid must not decide."""
 
+GRID_MARGIN: Final = 40.0
+"""A coarse grid may hide so much evidence,"""
+
+GRID_SHARE: Final = 0.5
+"""and so much of it again in share: at a time of change that is half a step of the grid off, some
+of the rows have the whole effect where there is none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stage:
@@ -260,10 +267,22 @@ class Selector:
         top = float((free if np.isfinite(free).any() else bound).max())
         floor = top - 10.0 - 0.1 * abs(top)
         each = (best_entries(own, self.groups, floor)[:FINALISTS] for own in (free, bound))
-        entries = [entry for own in each for entry in own]
+        hidden = self._hidden(score, top)
+        entries = list(dict.fromkeys([*(entry for own in each for entry in own), *hidden]))
         base = self.fit(others).log_likelihood
         terms = [self.refined(self.library.term(i), others) for i in entries]
         return max(terms, key=lambda t: self.evidence(t, others, base))
+
+    def _hidden(self, score: FloatArray, top: float) -> list[int]:
+        """List the best entry of each family that may be ahead of all others between grid values.
+
+        Only what was sampled too coarsely: the best of a family without a nonlinear parameter is
+        what its scan says it is.
+        """
+        of_entry = (self.library.candidates[e.candidate].bounds for e in self.library.entries)
+        is_sampled = np.array([bounds is not None for bounds in of_entry], dtype=np.bool_)
+        floor = top - GRID_MARGIN - GRID_SHARE * abs(top)
+        return best_entries(np.where(is_sampled, score, -np.inf), self.families, floor)
 
     def _settled(self, terms: list[Term], rounds: int) -> list[Term]:
         """Refine again, exchange, and take out what no longer pays."""

@@ -82,6 +82,21 @@ def test_change_time_stays_on_its_grid_between_the_right_visits():
     assert term.theta_error is None
 
 
+def test_a_change_between_two_values_of_a_coarse_grid_gives_way_to_no_likeness():
+    """Swapped plugs looked better than the bias at every time that was tried."""
+    campaign = make_campaign(22, visits=40)
+    step = (campaign.time > 0.47) * 1.0
+    like = step + 0.12 * campaign.twin
+    coarse = {"grid": (0.1, 0.55, 0.8), "bounds": (0.1, 0.8), "log_scale": False}
+    candidates = [
+        single(campaign, "step", "step", 0, lambda t: (campaign.time > t) * 1.0, **coarse),
+        single(campaign, "like it", "likeness", 0, lambda _: like),
+    ]
+    (term,) = found_in(campaign.plus(20.0 * step * campaign.on(0)), candidates).terms
+    assert term.key == "step"
+    assert 0.45 <= term.theta <= 0.475
+
+
 @pytest.mark.slow
 def test_fingerprint_is_one_parameter_on_two_channels():
     campaign = make_campaign(23, visits=20)
