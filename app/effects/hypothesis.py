@@ -162,6 +162,7 @@ class Hypothesis:
             trending=self.is_trending,
             within_visit=self.is_within_visit,
             only_once=self.is_only_once,
+            about=partial(self._about, projection) if self._is_bent else None,
             expected=self.expected,
             flexible=None if self.supposed else partial(self._flexible, projection),
             apart=self._apart(projection) if self.apart else None,
@@ -171,6 +172,20 @@ class Hypothesis:
                 for sensor, sign in self.follows.items()
             },
         )
+
+    @property
+    def _is_bent(self) -> bool:
+        """Whether `unit_terms` are only the linear part of what it does, and its size is open."""
+        return bool(self.adopted_terms) and self.supposed is None and self.expected is None
+
+    def _about(self, projection: Projection, theta: float | None, amplitude: float) -> list[Part]:
+        """Lay out what an amplitude as large as this does, for each unit of it."""
+        terms = self.adopted_terms
+        estimate = Estimate(theta, None, np.array([amplitude]), np.zeros((1, 1)))
+        linear = projection.columns(self.unit_terms(theta))
+        whole = projection.columns([terms(estimate)] if terms else []) / amplitude
+        # Beyond the maps' temperatures the linear part is what is known.
+        return projection.parts_of(np.where(np.isnan(whole), linear, whole))
 
     def _apart(self, projection: Projection) -> Candidate:
         """Lay out what it does with a size for each place."""

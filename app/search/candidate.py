@@ -114,6 +114,9 @@ class Candidate:
     generic
         Whether it is a smooth shape without a physical meaning: it is never found, but
         says that something is left.
+    about
+        Of an effect that is not proportional to its one amplitude: its parts for each unit, where
+        the amplitude is about as large as stated. `columns` are its parts where it is small.
     expected
         What its one amplitude is, where that is known beforehand: it then costs no parameter,
         and an estimate that differs is evidence against the candidate.
@@ -143,6 +146,7 @@ class Candidate:
     within_visit: bool = False
     only_once: bool = False
     generic: bool = False
+    about: Callable[[float | None, float], Sequence[Part]] | None = None
     expected: Expected | None = None
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None
     forms: tuple[Form, ...] = ()

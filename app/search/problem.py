@@ -35,6 +35,9 @@ class Term:
         Standard error of theta; None where theta stays on the grid.
     origin
         Of a term that the model has already, its number there; None for what is new.
+    about
+        The amplitude about which its columns are right, where its candidate is not proportional
+        to it; None: about 0.
     """
 
     candidate: Candidate
@@ -43,6 +46,7 @@ class Term:
     norms: FloatArray
     theta_error: float | None = None
     origin: int | None = None
+    about: float | None = None
     _moments: dict[int, Moments] = field(default_factory=dict)
 
     @property
@@ -109,16 +113,20 @@ class Problem:
         """
         return {c: State(f, cells) for c, f in self.fixed.items() if cells[f.channel.cells].any()}
 
-    def term(self, candidate: Candidate, theta: float | None) -> Term:
-        """Evaluate a candidate on all rows that take part."""
+    def term(self, candidate: Candidate, theta: float | None, about: float | None = None) -> Term:
+        """Evaluate a candidate on all rows that take part, about an amplitude where stated."""
         columns: dict[int, FloatArray] = {}
-        for part in candidate.columns(theta):
+        if about is None or candidate.about is None:
+            about, parts = None, candidate.columns(theta)
+        else:
+            parts = candidate.about(theta, about)
+        for part in parts:
             if part.channel not in self.fixed:
                 continue
             own = self._laid_out(candidate, part) / self.fixed[part.channel].channel.scale
             known = columns.get(part.channel)
             columns[part.channel] = own if known is None else known + own
-        return _unit_length(candidate, theta, columns)
+        return replace(_unit_length(candidate, theta, columns), about=about)
 
     def _laid_out(self, candidate: Candidate, part: Part) -> FloatArray:
         """Put a part's rows where they stand in its channel; most parts have the same rows."""

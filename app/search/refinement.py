@@ -34,6 +34,12 @@ INTERVAL_DROP: Final = 0.5 * INTERVAL**2
 ENDS_WITHIN: Final = 0.02
 """Share of a step of the grid to which the interval's end is looked for."""
 
+MOST_STEPS: Final = 8
+"""So many times at most a term is laid out about its amplitude,"""
+
+SETTLED: Final = 0.01
+"""or until that changes by no more than this share of it."""
+
 MOST_PLACES: Final = 100
 """A longer grid, of pitches, is not walked: there the width around the best is what is known."""
 
@@ -47,20 +53,49 @@ def refine(
 ) -> Term:
     """Move a term's nonlinear parameter to where the likelihood is largest.
 
+    Where it is not proportional to its amplitude, it is then laid out anew about what that is.
+
     Parameters
     ----------
     states
         Channel to state, without given terms.
     term
-        The term; without bounds it comes back as it is.
+        The term; without bounds its nonlinear parameter stays.
     errors
         Whether the standard error is wanted too.
     """
-    if term.theta is None or term.candidate.bounds is None:
-        return term
     near = {c: s for c, s in states.items() if any(c in t.columns for t in (term, *others))}
-    search = _Search(problem, near, term.candidate, others)
-    theta = term.theta
+    if term.theta is not None and term.candidate.bounds is not None:
+        term = _moved(problem, near, term, others, errors)
+    return term if term.candidate.about is None else _laid_out(problem, near, term, others)
+
+
+def _laid_out(
+    problem: Problem, states: Mapping[int, State], term: Term, others: Sequence[Term]
+) -> Term:
+    """Lay a term out about its amplitude for as long as that makes it more likely."""
+    fit, found = fit_terms(states, [*others, term]), term
+    for _ in range(MOST_STEPS):
+        size = float(fit.amplitudes[-1]) / max(float(found.norms[0]), np.finfo(float).tiny)
+        if abs(size - (found.about or 0.0)) <= SETTLED * abs(size):
+            break
+        about = problem.term(term.candidate, found.theta, size)
+        better = fit_terms(states, [*others, about])
+        if better.log_likelihood <= fit.log_likelihood:
+            break
+        fit, found = better, about
+    return replace(found, origin=term.origin, theta_error=term.theta_error)
+
+
+def _moved(
+    problem: Problem,
+    near: Mapping[int, State],
+    term: Term,
+    others: Sequence[Term],
+    errors: bool,
+) -> Term:
+    search = _Search(problem, near, term.candidate, others, term.about)
+    theta = float(term.theta or 0.0)
     if term.candidate.expected is not None:
         theta = min(search.starts(term), key=lambda t: search.loss(search.inside(t)))
     low, high = (search.inside(v) for v in term.candidate.around(theta))
@@ -86,9 +121,10 @@ class _Search:
         states: Mapping[int, State],
         candidate: Candidate,
         others: Sequence[Term],
+        about: float | None,
     ) -> None:
         self.problem, self.states = problem, states
-        self.candidate, self.others = candidate, others
+        self.candidate, self.others, self.about = candidate, others, about
 
     def inside(self, theta: float) -> float:
         """Go to the scale that is stepped in."""
@@ -96,7 +132,7 @@ class _Search:
 
     def term(self, place: float) -> Term:
         """Evaluate the candidate."""
-        return self.problem.term(self.candidate, self._outside(place))
+        return self.problem.term(self.candidate, self._outside(place), self.about)
 
     def _outside(self, place: float) -> float:
         """Come back from the scale that is stepped in."""

@@ -330,7 +330,7 @@ def _by_nonlinear(selector: Selector, term: Term, others: Sequence[Term]) -> Flo
 def _amplitudes_at(
     selector: Selector, term: Term, theta: float, others: Sequence[Term]
 ) -> FloatArray:
-    moved = selector.library.problem.term(term.candidate, theta)
+    moved = selector.library.problem.term(term.candidate, theta, term.about)
     fit = selector.fit([moved, *others])
     return _sizes(moved, fit, slice(0, moved.size))[0]
 

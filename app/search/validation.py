@@ -268,7 +268,9 @@ def _as_all_say(
         # A part of the visits need not have all channels, nor a shape in all of them.
         if terms[match].theta == term.theta or terms[match].columns.keys() != term.columns.keys():
             continue
-        known = {c: term.columns[c] * term.norms for c in term.columns}
+        # As large as these visits say that it is: other sizes have other columns.
+        moved = problem.term(term.candidate, term.theta, terms[match].about)
+        known = {c: moved.columns[c] * moved.norms for c in term.columns}
         own = {c: terms[match].columns[c] * terms[match].norms for c in term.columns}
         taught = {c: problem.fixed[c].channel for c in term.columns}
         rows = {c: train[channel.cells][channel.block] for c, channel in taught.items()}

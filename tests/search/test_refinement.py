@@ -1,10 +1,14 @@
 """How well a nonlinear parameter is said to be known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from app.search.candidate import Candidate
+from app.search.candidate import Candidate, Part
+from app.search.joint_fit import fit_terms
 from app.search.refinement import INTERVAL, INTERVAL_DROP, _Search, refine
+from tests.search.search_campaigns import make_campaign, single
 from tests.search.test_same_course import campaign_of, late, problem_of
 
 GRID = tuple(300.0 * 2.0**k for k in range(7))
@@ -71,3 +75,29 @@ def test_a_value_of_the_grid_is_crossed_on_the_way_to_the_best(start):
     found = refine(problem, problem.states(np.ones(1, dtype=bool)), term)
     # From 8.1 on, 16 is nearer than 4: its neighbour 4 is as far as one step goes.
     assert found.theta == pytest.approx(2.5 if start < 8.0 else 4.0, rel=0.1)
+
+
+def test_what_is_not_proportional_to_its_size_is_laid_out_about_that():
+    """A sensor's bias moves the temperature past a map, on whose other side the slope differs."""
+    campaign = make_campaign(4, visits=40)
+
+    def errors(bias):
+        warm = np.maximum(campaign.temperature + bias, 0.0) - np.maximum(campaign.temperature, 0.0)
+        return 20.0 * warm
+
+    here = np.flatnonzero(campaign.on(0))
+    slope = single(campaign, "bias", "fault", 0, lambda _: 20.0 * (campaign.temperature > 0.0))
+    bent = replace(slope, about=lambda _, bias: [Part(0, here, errors(bias)[here, None] / bias)])
+    campaign = campaign.plus(errors(-1.2) * campaign.on(0))
+    problem = problem_of(campaign)
+    states = problem.states(np.ones(1, dtype=bool))
+
+    def size(term):
+        return fit_terms(states, [term]).amplitudes[0] / term.norms[0]
+
+    linear = problem.term(slope, None)
+    assert refine(problem, states, linear).columns is linear.columns
+    assert abs(size(linear) + 1.2) > 0.2
+    found = refine(problem, states, problem.term(bent, None))
+    assert size(found) == pytest.approx(-1.2, abs=0.1)
+    assert found.about == pytest.approx(-1.2, abs=0.1)
