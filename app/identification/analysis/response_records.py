@@ -210,6 +210,8 @@ def judge_records(campaign: Campaign, residuals: Residuals, code: str) -> Judged
         _judged(best, records, stretches, values, conditions, residuals, own, care)
         for care in (CARES if evidence >= EVIDENCE else CARES[:1])
     ]
+    typical = float(np.median(judged[0].each[1]))  # the same measure for all
+    judged = [replace(one, typical=typical) for one in judged]
     chosen = next((one for one in judged if not one.is_worse.any()), judged[0])
     return replace(chosen, evidence=evidence, tried=len(tried), tied=tied, records=len(records))
 
@@ -415,15 +417,16 @@ def _judged(
         uncompensated.append(measured)
         set_ups.append(_set_up(residuals, own, rows, columns, values, conditions))
     return JudgedRecords(
-        replace(best.rows, set_ups=set_ups),
-        average,
-        doubt,
-        doubt,
-        care,
-        True,
-        uncompensated,
-        before,
-        after,
+        rows=replace(best.rows, set_ups=set_ups),
+        average=average,
+        doubt=doubt,
+        usual=doubt,
+        care=care,
+        spares_maps=True,
+        typical=0.0,
+        uncompensated=uncompensated,
+        before=before,
+        after=after,
         record=np.array([n if records[n].is_zeroed else -1 for n, _, _ in parts]),
     )
 
