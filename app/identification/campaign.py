@@ -34,12 +34,12 @@ class Campaign:
         an effect with a time constant needs five of them.
     state_readings
         Time [s] and the machine's state of each reading, in order of time.
-    older_readings
-        Whether the machine has readings from before these, which nothing here needs.
     effects
         What the model has adopted.
     verification_ids
         Numbers under which the verifications are stored; none where they are not.
+    older_readings
+        Whether the machine has readings from before these, which nothing here needs.
     """
 
     model: CompiledModel
@@ -47,9 +47,9 @@ class Campaign:
     verifications: Sequence[Verification]
     readings: TemperatureHistory
     state_readings: Sequence[tuple[float, Mapping[str, float]]] = ()
-    older_readings: bool = False
     effects: Sequence[Effect] = ()
     verification_ids: Sequence[int] = ()
+    older_readings: bool = False
 
 
 def residuals_of(campaign: Campaign, coarse: Mapping[str, Coarse] = NONE_COARSE) -> Residuals:
