@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from app.effects.hypothesis import IN_TURN
+from app.effects.hypothesis import IN_SERIES
 
 Described = Mapping[str, Any]
 
-FORMS: Final = {"second-time-constant": ("thermal-lag", IN_TURN)}
+FORMS: Final = {"second-time-constant": ("thermal-lag", IN_SERIES)}
 """Effects of no kind that a kind has as another form: it names no such effect by itself, but says
 where the values cannot tell the two forms apart."""
 

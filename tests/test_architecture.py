@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import importlib.util
 import inspect
 import itertools
 import pkgutil
@@ -172,6 +173,28 @@ def test_benchmarks_stand_outside():
     pattern = re.compile(r"^\s*(?:from|import) benchmarks\b", re.M)
     paths = [*MODULES, *CLIENT.rglob("*.py"), *Path(__file__).parent.rglob("*.py")]
     assert [str(p) for p in paths if pattern.search(p.read_text(encoding="utf-8"))] == []
+
+
+def test_benchmarks_and_examples_import_what_there_is():
+    """Most of them run for minutes, so no other test would miss a name that was changed."""
+    root = PACKAGE.parent
+    missing = [
+        f"{path.relative_to(root)}: {node.module}.{name.name}"
+        for folder in ("benchmarks", "examples")
+        for path in sorted((root / folder).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith(("app.", "thermap"))
+        for name in node.names
+        if not exists(node.module, name.name)
+    ]
+    assert missing == []
+
+
+def exists(module, name):
+    """Whether a module has a name, or a module of that name in it."""
+    return hasattr(importlib.import_module(module), name) or bool(
+        importlib.util.find_spec(f"{module}.{name}")
+    )
 
 
 def test_pure_rooms_know_no_clock_and_no_world():
