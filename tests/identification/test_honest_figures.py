@@ -177,7 +177,7 @@ def test_the_band_holds_the_means_of_a_machine_that_is_as_its_model_says():
 def test_residuals_that_rise_are_not_said_to_fall():
     before, after = (Figures(size, 2 * size, size, (size, size)) for size in (0.9, 4.0))
     effect = SimpleNamespace(
-        explanation="EZX has been drifting", is_proxy=False, status="confirmed"
+        explanation="EZX has been drifting", is_proxy=False, status="confirmed", sensors=()
     )
     told = summary("effects-found", [effect], [], [], before, after, 0.3, "µm", None)
     assert "do not fall but rise from 0.9 to 4 µm on held-out visits" in told
@@ -186,7 +186,10 @@ def test_residuals_that_rise_are_not_said_to_fall():
 def test_the_answer_begins_as_a_sentence_does():
     size = Figures(2.0, 4.0, 2.0, (2.0, 2.0))
     effect = SimpleNamespace(
-        explanation="the clocks are 60 ± 1 min apart", is_proxy=False, status="confirmed"
+        explanation="the clocks are 60 ± 1 min apart",
+        is_proxy=False,
+        status="confirmed",
+        sensors=(),
     )
     told = summary("effects-found", [effect], [], [], size, size, 0.3, "µm", None)
     assert told.startswith("The clocks are 60 ± 1 min apart. The residuals stay")

@@ -79,7 +79,7 @@ def summary(
     held = "" if after.holdout_rms is None else " on held-out visits"
     changed = f"The residuals {moves} {unit}{held}{scatter}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
-    sensors = [name for one in effects for name in one.effect.sensors]
+    sensors = [name for one in effects for name in one.sensors]
     sensors += [name for one in refitted for name in one.effect.sensors]
     return f"{capitalised(found, sensors)}. {changed}{rest}."
 
