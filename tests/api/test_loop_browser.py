@@ -133,17 +133,17 @@ def test_a_check_is_stored_from_csv(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
         page.locator("#file").set_input_files(csv("night shift.csv", good))
-        expect(page.locator("#checks tbody")).to_contain_text("night shift")
+        expect(page.locator(".checks-room tbody")).to_contain_text("night shift")
         # No sensor was read at that time, so there is nothing to hold the check against.
         left = page.locator("tr", has_text="night shift").locator("[data-residuals]")
         expect(left).to_have_text("not comparable")
-        expect(left).to_have_attribute("title", re.compile("before the first reading"))
+        expect(left).to_have_attribute("title", re.compile("no reading near enough"))
         assert wrong == []
         page.locator("#file").set_input_files(csv("run-9.csv", good.replace(b"1.5", b"n/a")))
         refused = page.locator("#checks-said [role=alert]")
         expect(refused).to_contain_text("run-9.csv was not stored; nothing has changed.")
         expect(refused).to_contain_text("line 2, column 4 (measured_um): expected a number in µm")
-        expect(page.locator("#checks tbody")).not_to_contain_text("run-9")
+        expect(page.locator(".checks-room tbody")).not_to_contain_text("run-9")
 
 
 def test_a_key_that_only_reads_plans_a_visit(chromium, shop):
@@ -244,7 +244,7 @@ def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
         page.goto(shop.url + LOOP)
         night = {"name": "night.csv", "mimeType": "text/csv", "buffer": named}
         page.locator("#file").set_input_files(night)
-        expect(page.locator("#checks tbody")).to_contain_text(label)
+        expect(page.locator(".checks-room tbody")).to_contain_text(label)
         run_quick_analysis(page)
         for part in (".checks-room", "#answer"):
             box = page.locator(part)
