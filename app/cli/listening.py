@@ -39,6 +39,9 @@ END_S: Final = 10
 
 HANDLED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
+NOTICED_S: Final = 0.5
+"""How soon a signal is noticed that another thread has taken [s]."""
+
 
 _BLAMED: Final = {
     "database_url": "--database-url",
@@ -263,6 +266,17 @@ def exiting_on_signals() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def wait_for_signal() -> None:
+    """Wait, within `exiting_on_signals`, for a signal.
+
+    It is never waited without a limit. The system may hand a signal of the process to any thread
+    that lets it pass, as to one that has just started a process and opens its mask again. Python
+    runs the handler in the main thread, but nothing wakes that one there.
+    """
+    while True:
+        time.sleep(NOTICED_S)
 
 
 def _exit_anyway() -> None:

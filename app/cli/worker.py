@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
@@ -112,7 +111,7 @@ def _check(beat_file: Path | None) -> None:
 def _work(database: Database, concurrency: int, finish_s: float, beat: Beat) -> None:
     """Run analyses until a signal."""
     # A check is made every few seconds, and needs none of these.
-    from app.cli.listening import exiting_on_signals
+    from app.cli.listening import exiting_on_signals, wait_for_signal
     from app.services.context import Context
     from app.services.run_analyses import make_runner
     from app.storage.migrate import upgrade
@@ -128,7 +127,7 @@ def _work(database: Database, concurrency: int, finish_s: float, beat: Beat) -> 
             typer.echo(f"  database          {database.name}")
             typer.echo("  Ctrl-C stops it")
             try:
-                Event().wait()
+                wait_for_signal()
             finally:
                 runner.stop(finish_s=finish_s)  # a second signal leaves this
     finally:

@@ -2,12 +2,14 @@
 
 import json
 import signal
+import threading
 import time
 from contextlib import suppress
 
 import pytest
 
 from app.cli.beat import LIVES_S, Beat, check_beat
+from app.cli.listening import exiting_on_signals, wait_for_signal
 from app.errors import InvalidContent
 from tests.databases import reachable
 
@@ -88,3 +90,21 @@ def until(is_so, process):
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_a_signal_that_another_thread_takes_ends_the_wait_too():
+    """The system chooses who takes a process' signal; that does not wake the main thread."""
+
+    def take():
+        time.sleep(0.2)  # until then the main thread waits
+        signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+
+    other = threading.Thread(target=take)
+
+    def wait():
+        other.start()
+        wait_for_signal()
+
+    with exiting_on_signals(), pytest.raises(SystemExit):
+        wait()
+    other.join()
