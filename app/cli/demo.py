@@ -31,7 +31,7 @@ from app.cli.listening import (
     serving,
     url_of,
 )
-from app.cli.options import connect
+from app.cli.options import UrlOption, connect
 from app.settings import sqlite_url
 from app.simulation.example.remaining_error import remaining_errors
 from thermap import ThermapClient
@@ -42,6 +42,7 @@ LINE_EVERY_S: Final = 10.0
 
 
 def demo(
+    ctx: typer.Context,
     *,
     host: HostOption = DEFAULT_HOST,
     port: PortOption = DEFAULT_PORT,
@@ -62,7 +63,7 @@ def demo(
         typer.Option(
             "--no-serve",
             envvar="THERMAP_DEMO_NO_SERVE",
-            help="Use the service that listens there already.",
+            help="Use the service that is at --url already.",
         ),
     ] = False,
     later: Annotated[
@@ -74,6 +75,7 @@ def demo(
             "leaves of them before and after an effect was adopted.",
         ),
     ] = False,
+    service_url: UrlOption = "",
 ) -> None:
     """Run the service with a simulated machine that warms up and cools down.
 
@@ -86,12 +88,19 @@ def demo(
 
     Example: `thermap demo --port 8001`
     """
+    if _is_typed(ctx, "service_url") and not (later or no_serve):
+        raise typer.BadParameter(
+            "the demo starts a service of its own, at --host and --port; another one's URL is for "
+            "--later and --no-serve",
+            param_hint="--url",
+        )
+    there = _where(ctx, service_url, host, port)
     if later:
-        show_later(f"http://{host}:{port}")
+        show_later(there)
         return
     with exiting_on_signals(), ExitStack() as running:
         if no_serve:
-            url = f"http://{host}:{port}"
+            url = there
         else:
             settings = checked_settings(
                 host=host,
@@ -118,13 +127,26 @@ def demo(
         console = Console(highlight=False)
         console.print(argument_view(remaining_errors()))
         console.print()
-        console.print(week_hint(thermap.base_url))
+        # A command that is to be copied stays in one line, however narrow the terminal.
+        console.print(week_hint(thermap.base_url), crop=False)
         console.print()
         tables = _live_tables(thermap, machine)
         first = next(tables)
         # The first table stands before anything else is asked of the service.
         running.enter_context(loading_week(url))
         _show(first, tables, console)
+
+
+def _where(ctx: typer.Context, url: str, host: str, port: int) -> str:
+    """Find the service that runs already: what was typed goes before the environment."""
+    is_typed_otherwise = _is_typed(ctx, "host") or _is_typed(ctx, "port")
+    if url and (_is_typed(ctx, "service_url") or not is_typed_otherwise):
+        return url
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def _is_typed(ctx: typer.Context, option: str) -> bool:
+    return getattr(ctx.get_parameter_source(option), "name", "") == "COMMANDLINE"
 
 
 def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompensationAnswer]:

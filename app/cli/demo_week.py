@@ -22,24 +22,15 @@ from thermap.answers import ModelComparisonAnswer
 def week_hint(url: str) -> RenderableType:
     """Say how the loop is closed on the week: three commands."""
     at = "" if url == DEFAULT_URL else f" --url {url}"
-    later = "" if url == DEFAULT_URL else f" --host {_host(url)} --port {_port(url)}"
+    commands = (f"thermap analyse {ID} --adopt -o week.html", "thermap demo --later")
     return Group(
         Text.assemble(
             (f"{ID}: ", "bold"),
             "another simulated machine, with a week of readings and 20 visits (loaded within "
             "seconds), and an effect that its model lacks. In another terminal:",
         ),
-        Text(f"  thermap analyse {ID} --adopt -o week.html{at}"),
-        Text(f"  thermap demo --later{later}"),
+        *(Text(f"  {one}{at}", no_wrap=True, overflow="ignore") for one in commands),
     )
-
-
-def _host(url: str) -> str:
-    return url.removeprefix("http://").rpartition(":")[0]
-
-
-def _port(url: str) -> str:
-    return url.rpartition(":")[2]
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from rich.console import Console
 from app.cli.compensate import signed
 from app.cli.demo_machine import HISTORY, set_up
 from app.cli.demo_view import live_view
-from app.cli.demo_week import compare_later, set_up_week
+from app.cli.demo_week import compare_later, set_up_week, week_hint
 from app.cli.listening import listening
 from app.errors import Conflict
 from app.simulation.week import make_week
@@ -178,6 +178,34 @@ def test_a_port_in_use(run, tmp_path):
         found = run("demo", "--port", port, "--database-url", f"sqlite:///{tmp_path}/x.db")
     assert found.exit_code == 1
     assert f"try `thermap demo --port {port + 1}`" in found.stderr
+
+
+def later_without_week(run, url, *typed, **environment):
+    """Where `thermap demo --later` looked for the week: a service without it says its URL."""
+    found = run("demo", "--later", *typed, **environment)
+    assert found.exit_code == 1
+    return f"{url} has no machine 'mcfv5050-week'" in found.stderr
+
+
+def test_later_finds_the_service_as_every_other_command_does(run, service_url, no_service_url):
+    port = service_url.rpartition(":")[2]
+    assert later_without_week(run, service_url, THERMAP_URL=service_url)
+    assert later_without_week(run, service_url, "--url", service_url, THERMAP_URL=no_service_url)
+    assert later_without_week(run, service_url, "--port", port, THERMAP_URL=no_service_url)
+    assert later_without_week(run, service_url, THERMAP_PORT=port)
+
+
+def test_a_demo_that_starts_its_own_service_refuses_the_url_of_another(run, service_url):
+    found = run("demo", "--url", service_url, "--port", "0")
+    assert found.exit_code == 2
+    assert "--no-serve" in found.stderr
+
+
+def test_the_week_s_commands_are_whole_lines_however_narrow_the_terminal():
+    console = Console(file=io.StringIO(), width=40, highlight=False)
+    console.print(week_hint("http://127.0.0.1:18100"), crop=False)
+    lines = console.file.getvalue().splitlines()
+    assert "  thermap demo --later --url http://127.0.0.1:18100" in lines
 
 
 @pytest.fixture
