@@ -30,7 +30,7 @@ from app.cli.options import (
 from app.errors import ThermapError, list_names
 from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL, calls
-from thermap.answers import CheckAnswer, CompareAnswer, ExportAnswer
+from thermap.answers import CheckAnswer, CompareAnswer, ExportAnswer, NotHeldAnswer
 
 LARGEST_FILE = 4_000_000
 """Bytes of a file that is compared: no controller's table is larger."""
@@ -304,13 +304,20 @@ def export_view(found: ExportAnswer) -> RenderableType:
         f"{one.component} {one.largest_deviation:.2f} {one.unit}" for one in found.resampling
     )
     parts.append(Text(f"spacing and rounding add at most: {resampled}"))
-    parts += [
-        Text(f"! not held: {one.component}, up to {one.largest:.2f} {one.unit}: {one.why}",
-             style="yellow")
-        for one in found.not_held
-    ]  # fmt: skip
+    parts += _not_held("not held", found.not_held)
     parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in found.warnings]
     return Group(*parts)
+
+
+def _not_held(what: str, found: Iterable[NotHeldAnswer]) -> list[Text]:
+    """Say once why components are not in the files, and how much each of them is at most."""
+    alike: dict[str, list[str]] = {}
+    for one in found:
+        alike.setdefault(one.why, []).append(f"{one.component} {one.largest:.2f} {one.unit}")
+    return [
+        Text(f"! {what}: {', '.join(sizes)} at most; {why}", style="yellow")
+        for why, sizes in alike.items()
+    ]
 
 
 def _checks(checks: Iterable[CheckAnswer]) -> Table:
@@ -348,10 +355,6 @@ def compare_view(found: CompareAnswer) -> RenderableType:
             _STATES[one.state],
         )
     parts: list[RenderableType] = [Text(head), table]
-    parts += [
-        Text(f"! not compared: {one.component}, up to {one.largest:.2f} {one.unit}: {one.why}",
-             style="yellow")
-        for one in found.not_held
-    ]  # fmt: skip
+    parts += _not_held("not compared", found.not_held)
     parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in found.warnings]
     return Group(*parts)

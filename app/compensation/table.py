@@ -200,7 +200,7 @@ def compensation_table(
         raise SensorUnavailable(
             "; ".join([error.detail, *failures.values()]), error.errors
         ) from None
-    omitted = [f"{code} is not in the table: {why}" for code, why in model.omitted.items()]
+    omitted = omissions(model.omitted)
     old = [
         f"{list_names(state.group.codes)} {'rests' if len(state.group.codes) == 1 else 'rest'} "
         f"on an old temperature of {state.sensor}"
@@ -243,6 +243,35 @@ def group_compensation(state: GroupState) -> list[ComponentCompensation]:
         )
         for member in state.members
     ]
+
+
+def omissions(omitted: Mapping[str, str], limit: int = 20) -> dict[str, tuple[str, ...]]:
+    """Say which components of the maps a table lacks, once for each reason.
+
+    Parameters
+    ----------
+    omitted
+        Code to the reason.
+    limit
+        Codes that a sentence names; of the others it says how many they are.
+
+    Returns
+    -------
+    dict of sentence to its codes
+
+    Examples
+    --------
+    >>> list(omissions({"EXX": "no sensor", "EYY": "no sensor", "EZZ": "one map"}))
+    ['EXX, EYY are not in the table: no sensor', 'EZZ is not in the table: one map']
+    """
+    alike: dict[str, list[str]] = {}
+    for code, why in omitted.items():
+        alike.setdefault(why, []).append(code)
+    found = {}
+    for why, codes in alike.items():
+        verb = "is" if len(codes) == 1 else "are"
+        found[f"{list_names(codes, limit)} {verb} not in the table: {why}"] = tuple(codes)
+    return found
 
 
 def shortenings(state: GroupState, without: Collection[str] = ()) -> list[str]:

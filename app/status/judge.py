@@ -10,7 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import FloatArray
-from app.compensation.table import CompensationTable, ComponentCompensation, shortenings
+from app.compensation.table import (
+    CompensationTable,
+    ComponentCompensation,
+    omissions,
+    shortenings,
+)
 from app.errors import (
     NotEnoughMaps,
     OutsideMaps,
@@ -334,14 +339,8 @@ def _outside(
 
 def _incomplete(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     """Say what the table lacks although maps have it, and which clocks are wrong."""
-    alike: dict[str, list[str]] = {}
-    for code, why in situation.model.omitted.items():
-        alike.setdefault(why, []).append(code)
-    for why, (first, *others) in alike.items():
-        words = f"{first} is not in the table: {why}."
-        if others:
-            words += f" The same is true of {list_names(others, MOST_CODES)}."
-        yield Cause(State.INCOMPLETE, words, touches=(first, *others))
+    for words, codes in omissions(situation.model.omitted, MOST_CODES).items():
+        yield Cause(State.INCOMPLETE, _sentence(words), touches=codes)
     corrected = {c.component.code for c in table.corrected}
     for group_state in table.states:
         for words in shortenings(group_state, corrected):

@@ -69,7 +69,7 @@ def compile_model(
             continue
         states = _thermal_states(machine, code, machine.sensor(sensor), by_code[code])
         if len(states) < 2:
-            omitted[code] = f"only {states[0].label} has it, at least two maps are needed"
+            omitted[code] = f"measured in {states[0].label} only, at least two maps are needed"
             continue
         scales = _scales(machine, sensor, states)
         labels = tuple(state.label for state in states)

@@ -260,21 +260,20 @@ async def test_a_failed_sensor_on_which_nothing_rests_is_said_and_harms_nothing(
     assert found["sentences"][1].endswith("; no component rests on it.")
 
 
-async def test_a_component_with_one_map_only_makes_the_table_incomplete(client):
+async def test_components_with_one_map_only_make_the_table_incomplete(client):
     extra = error_map("Run #9", 33.0)
-    extra["components"].append(
-        {
-            "component": "EYY",
-            "positions_mm": [0, 500],
-            "errors_um": [0.0, 1.0],
-        }
-    )
+    both = ("EYY", "EXY")
+    line = {"positions_mm": [0, 500], "errors_um": [0.0, 1.0]}
+    extra["components"] += [{"component": code, **line} for code in both]
     assert (await client.post(f"{ROOM}/error-maps", json=extra)).status_code == 201
     assert (await client.post(f"{ROOM}/models/4/activate")).status_code == 200
     await feed(client, reading(START, 25.0))
     found = await status(client)
     assert verdict(found) == ("limited", "incomplete")
-    assert found["sentences"][0].startswith("EYY is not in the table: ")
+    words = "EXY, EYY are not in the table: measured in Run #9 only, at least two maps are needed"
+    assert found["sentences"][0] == f"{words}."
+    table = (await client.get(f"{ROOM}/compensation")).json()
+    assert table["warnings"] == [words]
 
 
 async def test_while_the_database_is_away_the_verdict_goes_on_from_memory(app, client, monkeypatch):

@@ -39,7 +39,7 @@ def test_files_are_written_and_found_right(thermap, tmp_path):
     assert (folder / "x.comp").read_bytes() == b"0 0 0\n100 -0.0055 -0.0055\n500 -0.0275 -0.0275\n"
     assert lines_with(found.stdout, "axis", "to [mm]", "by [µm]", "shows")
     assert lines_with(found.stdout, "500", "-27.50", "EXX")
-    assert lines_with(found.stdout, "! not held: SXY, up to 12.75 µm")
+    assert lines_with(found.stdout, "! not held: ", "SXY 12.75 µm")
     files = [str(folder / name) for name in ("x.comp", "z.comp", "thermap.ini")]
     same = thermap("compare", "mcfv5050", *files, "-c", "linuxcnc", *AT)
     assert (same.exit_code, same.stderr) == (0, "")
@@ -48,6 +48,14 @@ def test_files_are_written_and_found_right(thermap, tmp_path):
     stale = thermap("compare", "mcfv5050", files[0], files[2], "-c", "linuxcnc", *warm)
     assert lines_with(stale.stdout, "EXX", "-22.50 µm", "500")
     assert lines_with(stale.stdout, "EZZ", "-70.00 µm", "not in the files")
+
+
+def test_a_reason_is_said_once_and_names_its_components(thermap):
+    found = thermap("export", "mcfv5050", "-c", "linuxcnc", *AT)
+    said = " ".join(found.stdout.split())
+    why = "LinuxCNC COMP_FILE has no table for it"
+    assert f"! not held: EBX 38.89 µm, SXY 12.75 µm at most; {why}" in said
+    assert said.count(why) == 1
 
 
 def test_what_is_there_is_not_replaced_unasked(thermap, tmp_path):

@@ -707,7 +707,7 @@ def test_a_component_of_one_map_is_left_out_with_the_reason():
     ]
     model = compiled(maps)
     assert [code for group in model.groups for code in group.codes] == ["EXX"]
-    assert model.omitted == {"EYX": "only Run #1 has it, at least two maps are needed"}
+    assert model.omitted == {"EYX": "measured in Run #1 only, at least two maps are needed"}
     assert model.find("EYX") is None
     group, member = model.find("EXX")
     assert (group.sensor, member.component.code) == ("x-middle", "EXX")
