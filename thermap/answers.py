@@ -1551,7 +1551,8 @@ class SensorNow(Shape):
     """How old that is [s]"""
 
     rate_k_per_h: float | None
-    """How fast it changes [K/h], over the last half hour at most; null where that is not known
+    """How fast it changes now [K/h], over the last half hour or, where its course bends, the last
+    minutes; null where that is not known
     """
 
     health: Literal["ok", "missing", "stale", "out-of-range", "stuck", "jump", "faulty"]
@@ -2953,8 +2954,8 @@ class MachineStatus(Shape):
 
     change_per_h: LargestValue | None
     """The largest change of the compensation in an hour, of a displacement where there is one, if
-    the sensors went on as in the last half hour; of components without adopted effects, as those
-    may have a memory. Null where that is not known
+    the sensors went on at their present rates; of components without adopted effects, as those may
+    have a memory. Null where that is not known
     """
 
     beyond: list[BeyondMaps]

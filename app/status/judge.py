@@ -33,6 +33,7 @@ from app.status.machine_status import (
     SensorNow,
     State,
 )
+from app.status.sensor_rate import LONGEST_S, rate_k_per_h
 from app.thermal.bracket import Status
 from app.thermal.compile_model import NO_SENSOR
 from app.thermal.compiled_model import CompiledModel
@@ -40,7 +41,6 @@ from app.thermal.group import Group, Member
 from app.thermal.group_state import GroupState
 from app.thermal.sensor_health import Health, SensorState, judge_record
 from app.thermal.temperature_history import TemperatureHistory
-from app.units import SECONDS_PER_H
 
 NO_READING_AGES: Final = 10.0
 """After so many times the age at which a temperature is old, there counts as none."""
@@ -48,12 +48,6 @@ NO_READING_AGES: Final = 10.0
 LINGERS: Final = timedelta(seconds=30)
 """How long a temperature outside the maps is still said: a state that comes and goes with every
 reading tells nobody anything."""
-
-RATE_OVER_S: Final = 1800.0
-"""Over how long a sensor's rate is taken, at most [s]."""
-
-RATE_OVER_AT_LEAST_S: Final = 180.0
-"""Over how long at least [s]: of a shorter time the steps of the sensor are the rate."""
 
 _OUTSIDE: Final = frozenset({State.CLAMPED, State.EXTRAPOLATED})
 """Of these a sentence more may say how large it is; the first one says whom it touches."""
@@ -140,6 +134,7 @@ def judge(situation: Situation) -> MachineStatus:
         causes += _otherwise_incomplete(table, causes)
     causes.sort(key=lambda cause: cause.state.gravity)
     components = [] if isinstance(table, ThermapError) else table.components
+    rates = {s.sensor: _rate_k_per_h(situation, s) for s in situation.sensors}
     state = causes[0].state if causes else State.FRESH
     # A table that stands still is one to be seen, but nothing that changes.
     stands_still = state is State.NO_READING
@@ -162,11 +157,11 @@ def judge(situation: Situation) -> MachineStatus:
             (c.component, c.positions_mm, c.compensation, c.backward_compensation)
             for c in components
         ),
-        change_per_h=None if stands_still else _change_per_h(situation),
+        change_per_h=None if stands_still else _change_per_h(table, rates),
         beyond=tuple(beyond),
         watch=situation.watch,
         analysis=situation.analysis,
-        sensors=tuple(_sensors_now(situation)),
+        sensors=tuple(_sensors_now(situation, rates)),
     )
 
 
@@ -450,15 +445,16 @@ def _lacking(state: GroupState, members: Sequence[Member]) -> Largest | None:
     )
 
 
-def _change_per_h(situation: Situation) -> Largest | None:
-    """How the compensation of components without effects changes at the sensors' rates."""
-    table = situation.table
+def _change_per_h(
+    table: CompensationTable | ThermapError, rates: Mapping[str, float | None]
+) -> Largest | None:
+    """How the compensation of components without effects changes at the sensors' rates [K/h]."""
     if isinstance(table, ThermapError):
         return None
     with_effects = {code for effect in table.effects for code in effect.components}
     found = []
     for state in table.states:
-        rate = _rate_k_per_h(situation, state.sensor)
+        rate = rates[state.sensor]
         members = [m for m in state.members if m.component.code not in with_effects]
         if rate is None or not members:
             continue
@@ -482,8 +478,8 @@ def _both(member: Member, values: FloatArray) -> tuple[FloatArray, FloatArray | 
     return values[member.forward], backward
 
 
-def _sensors_now(situation: Situation) -> Iterator[SensorNow]:
-    """Describe every sensor, the assigned ones first."""
+def _sensors_now(situation: Situation, rates: Mapping[str, float | None]) -> Iterator[SensorNow]:
+    """Describe every sensor, the assigned ones first; rates in K/h."""
     groups = situation.model.groups
     assigned: dict[str, list[str]] = {}
     for group in groups:
@@ -498,7 +494,7 @@ def _sensors_now(situation: Situation) -> Iterator[SensorNow]:
             sensor=sensor.sensor,
             temperature_c=sensor.temperature_c,
             age_s=sensor.age_s,
-            rate_k_per_h=_rate_k_per_h(situation, sensor.sensor),
+            rate_k_per_h=rates[sensor.sensor],
             health=sensor.health,
             detail=sensor.detail,
             outside_maps_k=outside,
@@ -515,18 +511,14 @@ def _known_between(groups: Sequence[Group]) -> tuple[float, float] | None:
     return max(t[0] for t in ends), min(t[-1] for t in ends)
 
 
-def _rate_k_per_h(situation: Situation, sensor: str) -> float | None:
-    """How fast a sensor changes [K/h]: a straight line through its last half hour."""
-    state = next((s for s in situation.sensors if s.sensor == sensor), None)
-    if state is None or state.health is not Health.OK or situation.latest is None:
+def _rate_k_per_h(situation: Situation, state: SensorState) -> float | None:
+    """How fast a sensor that is believed changes [K/h]."""
+    if state.health is not Health.OK or situation.latest is None:
         return None
-    times, values = situation.history.known(sensor)
-    kept = times >= situation.latest.timestamp() - RATE_OVER_S
-    times, values = times[kept], values[kept]
-    if times.size < 3 or times[-1] - times[0] < RATE_OVER_AT_LEAST_S:
-        return None
-    t = times - times.mean()
-    return round(float(t @ (values - values.mean()) / (t @ t)) * SECONDS_PER_H, 3) + 0.0
+    times, values = situation.history.known(state.sensor)
+    recent = times >= situation.latest.timestamp() - LONGEST_S
+    resolution_c = situation.model.machine.sensors[state.sensor].resolution_c
+    return rate_k_per_h(times[recent], values[recent], resolution_c)
 
 
 def _excess(values_c: FloatArray, ends_c: Sequence[float]) -> FloatArray:

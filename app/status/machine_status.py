@@ -123,7 +123,8 @@ class SensorNow(Answer):
     age_s: float | None
     """How old that is [s]"""
     rate_k_per_h: float | None
-    """How fast it changes [K/h], over the last half hour at most; null where that is not known"""
+    """How fast it changes now [K/h], over the last half hour or, where its course bends, the last
+    minutes; null where that is not known"""
     health: Health
     """`ok`, `missing`, `stale`, `out-of-range`, `stuck`, `jump`, or `faulty`: an adopted effect
     says that it is"""
@@ -187,7 +188,7 @@ class MachineStatus(Answer):
     """The largest compensation of the table: of a displacement where there is one"""
     change_per_h: Largest | None
     """The largest change of the compensation in an hour, of a displacement where there is one, if
-    the sensors went on as in the last half hour; of components without adopted effects, as those
+    the sensors went on at their present rates; of components without adopted effects, as those
     may have a memory. Null where that is not known"""
     beyond: tuple[BeyondMaps, ...]
     """Components outside their maps, the furthest first"""
