@@ -38,10 +38,10 @@ def judge(answer: Described, truth: Sequence[Described]) -> str:
     if not truth:
         return "false" if effects else "unexplained" if is_open else "nothing"
     if not all(e["in_library"] for e in truth):
+        if effects and all(_is_tied_with_form(e, truth) for e in effects):
+            return "tie (unexplained)" if is_open else "tie"
         if is_open:
             return "proxy" if effects else "unexplained"
-        if effects and all(_is_tied_with_form(e, truth) for e in effects):
-            return "tie"
         return "wrong name" if effects else "missed"
     return _of_known(effects, truth) + (" (unexplained)" if is_open else "")
 

@@ -326,7 +326,11 @@ def _sent(task: Task) -> tuple[Sent, list[dict[str, Any]], float | None]:
             outside.verifications,
             outside.later,
         )
-        right = {"kinds": sorted(outside.right), "components": sorted(outside.components)}
+        right = {
+            "kinds": sorted(outside.right),
+            "components": sorted(outside.components),
+            "form": outside.form,
+        }
         return sent, [right], None
     made = task.made()
     effects = [dict(effect) for effect in made.truth.effects]
@@ -448,6 +452,7 @@ def _told(effect: Any) -> dict[str, Any]:
         "parameters": effect.parameters,
         "standard_errors": effect.standard_errors,
         "explanation": effect.explanation,
+        "doubts": effect.doubts,
         "alternatives": tied,
     }
 
@@ -597,13 +602,17 @@ def _judge_outside(
     own: Sequence[Mapping[str, Any]],
     confirmed: Sequence[Mapping[str, Any]],
 ) -> tuple[str, list[Mapping[str, Any]]]:
-    """Judge by the kinds that name the cause rightly, on what it acts on."""
-    kinds, struck = set(outcome["truth"][0]["kinds"]), set(outcome["truth"][0]["components"])
+    """Judge by the kinds that name the cause rightly, and in its form, on what it acts on."""
+    (truth,) = outcome["truth"]
+    kinds, struck = set(truth["kinds"]), set(truth["components"])
+    form = truth.get("form")  # files that were begun before it was told have none
 
     def is_right(effect: Mapping[str, Any]) -> bool:
         named = {effect["kind"], *(other["kind"] for other in effect["alternatives"])}
         where = {code.lower() for code in effect["components"]}
-        return bool(named & kinds) and (not struck or bool(where & struck))
+        said = [*effect.get("doubts", ()), *(one["variant"] for one in effect["alternatives"])]
+        is_formed = form is None or any(form in words for words in said)
+        return bool(named & kinds) and is_formed and (not struck or bool(where & struck))
 
     is_open = outcome["verdict"] in ("unexplained", "not-judged")
     wrong = [e for e in confirmed if not is_right(e)]

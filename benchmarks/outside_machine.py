@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.hypothesis import IN_SERIES
 
 BEGINS: Final = datetime(2025, 9, 1, tzinfo=UTC)
 BODIES: Final = ("room", "bed", "headstock", "screw-x", "screw-z", "column")
@@ -63,6 +64,10 @@ CAUSES: Final[Mapping[str, frozenset[str]]] = {
 }
 """What each campaign has in it, and what kinds name it rightly (none: it is in no library)."""
 
+FORMS: Final[Mapping[str, str]] = {"lag of two bodies in turn": IN_SERIES}
+"""Causes that are another form of their kind. The kind alone would be another machine's cause: what
+is said has to say the form too, as a tie or as a doubt."""
+
 
 @dataclass(frozen=True)
 class OutsideCampaign:
@@ -78,6 +83,8 @@ class OutsideCampaign:
         Kinds that name the cause rightly.
     components
         Those that the cause acts on, lower case; empty: any.
+    form : str or None
+        Form of these kinds that the cause has.
     """
 
     machine: dict[str, Any]
@@ -88,6 +95,7 @@ class OutsideCampaign:
     later: dict[str, Any]
     right: frozenset[str]
     components: frozenset[str]
+    form: str | None
 
 
 def make_outside(
@@ -174,6 +182,7 @@ def make_outside(
         {"label": "later", "datum": "absolute", "observations": together},
         CAUSES[cause],
         frozenset() if all_struck else frozenset({struck.lower()}),
+        FORMS.get(cause),
     )
 
 
