@@ -221,11 +221,29 @@ def _say_what_came(wrong: typer.BadParameter) -> None:
     error = wrong.__cause__.errors()[0]
     # Of a word that is none of several typer says so itself, in a sentence of its own.
     _, is_choice, choices = error["msg"].partition(" is not one of ")
-    wrong.message = (
-        f"expected one of {choices.rstrip('.')}, got {error['input']!r}"
-        if is_choice
-        else field_error(error).message
-    )
+    if is_choice:
+        wrong.message = f"expected one of {choices.rstrip('.')}, got {error['input']!r}"
+        return
+    wrong.message = field_error(error).message
+    unit = _UNITS.get(str(wrong.param.metavar)) if wrong.param else None
+    if unit:
+        expected, got, came = wrong.message.partition(", got ")
+        wrong.message = f"{expected}{' ' if expected[-1].isdigit() else ' in '}{unit}{got}{came}"
+
+
+_UNITS: Final = {
+    "DAYS": "days",
+    "HOURS": "h",
+    "MIN": "min",
+    "SECONDS": "s",
+    "S": "s",
+    "MM": "mm",
+    "UM": "µm",
+    "µM": "µm",
+    "µM/S": "µm/s",
+    "MM/MIN": "mm/min",
+}
+"""What stands for an option's value in its help, to the unit in which it is."""
 
 
 def _explain(error: Exception) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.options import DatabaseOption
+from app.cli.options import DatabaseOption, confirm
 from app.errors import counted
 from app.settings import make_own_folder
 from app.storage.backup import BackupContents, restore_backup, write_backup
@@ -51,8 +51,12 @@ def restore(
 
     Example: `thermap restore friday.thermap --database-url sqlite:///new.db`
     """
-    if replace and not yes:
-        typer.confirm("Delete everything in this database first?", abort=True, err=True)
+    if replace:
+        confirm(
+            "nothing was restored or deleted",
+            "Delete everything in this database first?",
+            yes=yes,
+        )
     make_own_folder(database_url)
     contents = restore_backup(database_url, file, replace=replace)
     typer.echo(f"restored {file}: {_summary(contents)}")

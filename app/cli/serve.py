@@ -140,7 +140,8 @@ def serve(
             metavar="DAYS",
             show_default="for ever",
             min=31,
-            help="Age from which readings are deleted, but for those that verifications need.",
+            help="Age from which readings are deleted, but for those that verifications need; "
+            "at least 31.",
         ),
     ] = None,
     thin_readings_after: Annotated[
@@ -151,7 +152,7 @@ def serve(
             show_default="never",
             min=31,
             help="Age from which readings are thinned, but for those that maps, verifications and "
-            "adopted lags need.",
+            "adopted lags need; at least 31.",
         ),
     ] = None,
     thin_readings_to_s: Annotated[

@@ -36,7 +36,7 @@ def test_nothing_is_replaced_unless_that_is_said_twice(run, url, tmp_path):
     for arguments, words in (
         (("backup",), f"{file} is there already"),
         (("restore",), "has 1 machine: --replace deletes"),
-        (("restore", "--replace"), "Delete everything in this database first?"),
+        (("restore", "--replace"), "nothing was restored or deleted: there is no terminal"),
     ):
         found = run(*arguments, file, "--database-url", url, columns=200)
         assert found.exit_code == 1

@@ -292,3 +292,18 @@ def test_nobody_listens(run, no_service_url, tmp_path, command):
 def test_named_numbers_take_decimal_commas():
     found = read_named_numbers(["x-middle=24,1", "bed left = -3.5"], "-t", "a temperature")
     assert found == {"x-middle": 24.1, "bed left": -3.5}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--keep-readings", "3"), "expected at least 31 days, got '3'"),
+        (("--keep-readings", "a year"), "expected a whole number in days, got 'a year'"),
+        (("--patience-s", "soon"), "expected a number in s, got 'soon'"),
+        (("--port", "99999"), "expected at most 65535, got '99999'"),
+    ],
+)
+def test_what_came_for_an_option_is_told_with_its_unit(run, arguments, said):
+    found = run("serve", *arguments, columns=200)
+    assert found.exit_code == 2
+    assert said in found.stderr
