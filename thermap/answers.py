@@ -3268,7 +3268,7 @@ class StoredVerificationAnswer(VerificationAnswer):
     """A verification that was stored just now, or was there already."""
 
     warnings: list[str] = []
-    """What the active model cannot be compared with, and why"""
+    """What may be a mistake in it, and what the active model cannot be compared with, and why"""
 
 
 class VolumetricErrorAnswer(AnswerHead):

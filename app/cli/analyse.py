@@ -29,7 +29,7 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.planned_visit import write_next_visit
-from app.errors import ThermapError, list_names
+from app.errors import ThermapError, counted, list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
@@ -384,7 +384,7 @@ def _store(
                 raise NotAnalysed("\n".join(reason)) from error
         typer.echo(
             f"{one.file}: verification {stored.label!r}, number {stored.id}, "
-            f"{stored.count} observations"
+            f"{counted(stored.count, 'observation')}"
             + (f". {stored.judgement.summary}" if stored.judgement else ""),
             err=True,
         )

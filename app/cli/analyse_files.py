@@ -96,12 +96,12 @@ def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:
         body = read_json(file, problems)
         if is_planned:
             body = _without_values(body)
-        check_verification(body, problems, is_planned=is_planned)
-        return VerificationFile(file, body)
+        checked = check_verification(body, problems, is_planned=is_planned)
+        return VerificationFile(file, body, checked.remarks)
     read = read_csv_verification(file, is_planned=is_planned)
     choose_machine(file, read.machine, machine, stated_as="MACHINE")
-    check_verification(read.body, problems, read.lines, is_planned=is_planned)
-    return VerificationFile(file, read.body, read.remarks, read.lines)
+    checked = check_verification(read.body, problems, read.lines, is_planned=is_planned)
+    return VerificationFile(file, read.body, [*read.remarks, *checked.remarks], read.lines)
 
 
 def _without_values(body: Any) -> Any:

@@ -6,6 +6,7 @@ What the service answers is taken too: the fields that it adds are left away.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
@@ -23,7 +24,7 @@ from app.api.schemas.error_maps import (
 )
 from app.api.schemas.machines import MachineAnswer, MachineSettings
 from app.api.schemas.readings import ReadingSchema
-from app.errors import InvalidContent
+from app.errors import InvalidContent, list_names
 
 Content: TypeAlias = MachineSettings | ErrorMapSchema | ReadingSchema
 _Shape = TypeVar("_Shape", bound=Schema)
@@ -68,10 +69,15 @@ def read_json(file: Path, problems: Problems) -> Any:
     Raises
     ------
     UnreadableFile
-        With line and column where it is no JSON.
+        With line and column where it is no JSON; or where an object has a name twice, of which
+        one would count and nobody knows which was meant.
     """
     try:
-        document = json.loads(read_text(file))
+        document = json.loads(read_text(file), object_pairs_hook=_each_name_once)
+    except _Refused as refused:
+        for message in refused.messages:
+            problems.add(message)
+        problems.raise_if_any()
     except json.JSONDecodeError as error:
         problems.add(f"expected JSON: {error.msg}", error.lineno, f"column {error.colno}")
         problems.raise_if_any()
@@ -84,6 +90,15 @@ class _Refused(Exception):
     def __init__(self, *messages: str) -> None:
         super().__init__(*messages)
         self.messages = messages
+
+
+def _each_name_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make an object of its names and values, as the service does: none of them twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
+        raise _Refused(f"expected each name once in an object, got {list_names(twice)} twice")
+    return found
 
 
 def _read_entry(entry: Any) -> Content:

@@ -7,7 +7,7 @@ about one time, at which temperatures are what they are.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,11 +16,11 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
-from app.errors import InvalidContent
+from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
 from app.search.rows import Datum
 from app.search.scatter import blocks_in_time
-from app.units import SECONDS_PER_MIN
+from app.units import SECONDS_PER_MIN, iso_time
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -106,6 +106,32 @@ class Verification:
     datum: Datum = Datum.ABSOLUTE
     repeatability_um: float | None = None
     is_planned: bool = False
+
+    @property
+    def remarks(self) -> list[str]:
+        """Say what is taken as it came although it may be a mistake.
+
+        A machine is at one place at a time and has one error there, so that lines with one time and
+        place are copies as a rule: as repeats they would make the noise too small.
+        """
+        times = Counter(
+            (o.time_s, o.component, o.position_mm, o.point_mm, o.tool_offset_mm, o.directions)
+            for o in self.observations
+        )
+        copied = [seen for seen, count in times.items() if count > 1]
+        if not copied:
+            return []
+        time_s, component, position_mm, point_mm, *_ = copied[0]
+        where = (
+            f"the point {list_names(map('{:g}'.format, point_mm))} mm" if point_mm else component
+        )
+        at = "" if position_mm is None else f" at {position_mm:g} mm"
+        more = sum(times[seen] - 1 for seen in copied)
+        return [
+            f"{counted(more, 'observation has', 'observations have')} the time, place and "
+            f"direction of another one; the first is of {where}{at}, {iso_time(time_s)}. They "
+            "count as repeats: if they are copies, the noise will seem smaller than it is"
+        ]
 
 
 @dataclass(frozen=True, eq=False)

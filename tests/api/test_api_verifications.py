@@ -41,6 +41,18 @@ async def test_what_nothing_can_be_compared_with_is_said_when_it_is_stored(clien
     assert (again.status_code, again.json()["warnings"]) == (200, [warning])
 
 
+async def test_copied_observations_are_stored_and_said(client):
+    """As repeats of no scatter they would make the noise too small."""
+    one, later = observation(), observation(time=iso(START - timedelta(minutes=9)))
+    answer = await client.post(PATH, json=verification(one, later, one, one | {"measured_um": 9.0}))
+    assert answer.status_code == 201
+    (warning,) = answer.json()["warnings"]
+    assert warning.startswith("2 observations have the time, place and direction of another one")
+    assert "EXX at " in warning
+    apart = verification(one, later, one | {"direction": "-"}, label="apart")
+    assert (await client.post(PATH, json=apart)).json()["warnings"] == []
+
+
 async def test_without_a_model_a_verification_is_stored_with_a_warning(client):
     await client.post("/v1/machines", json=MACHINE | {"id": "new"})
     answer = await client.post("/v1/machines/new/verifications", json=verification())

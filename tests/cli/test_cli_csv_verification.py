@@ -119,9 +119,10 @@ def test_setups_are_any_text(read):
         "time,component,measured_um,setup\n"
         "2026-03-01T06:00:00Z,SXY,1,2\n"
         "2026-03-01T06:01:00Z,SXY,1,second clamping\n"
-        "2026-03-01T06:02:00Z,SXY,1,\n"
     )
-    assert [o.get("setup") for o in found.body["observations"]] == ["2", "second clamping", None]
+    assert [o.get("setup") for o in found.body["observations"]] == ["2", "second clamping"]
+    none = read("time,component,measured_um,setup\n2026-03-01T06:00:00Z,SXY,1,\n")
+    assert "setup" not in none.body["observations"][0]
 
 
 def test_a_plan_needs_no_values_and_does_not_read_them(read):
@@ -177,6 +178,11 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
             "2026-03-01T06:00:00Z,EXX,5,1,2\n",
             "column 5 (measured_x_um): expected a component or a point, and not both, got both",
         ),
+        (
+            "time,component,measured_um,setup\n"
+            "2026-03-01T06:00:00Z,SXY,1,a\n2026-03-01T06:01:00Z,SXY,1,\n",
+            "line 3, column 4 (setup): expected a set-up as in other lines (or in no line), got",
+        ),
         ("# datum: last\n" + HEAD, "expected datum among absolute, first, free, got 'last'"),
         ("time,component,position_mm\n", "measured_um (or measured_urad), or at points"),
         ("time,component,measured [furlong]\n", "expected the unit of measured"),
@@ -195,6 +201,19 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
 )
 def test_what_is_wrong_is_told_at_its_place(refused, text, said):
     assert said in refused(text)
+
+
+def test_a_cell_that_is_no_number_is_complained_of_once(refused):
+    said = refused(HEAD + "2026-03-01T06:00:00Z,EXX,5 mm,+,1,\n")
+    assert said.count("\n") == 0
+    assert "column 3 (position_mm): expected a number in mm, got '5 mm'" in said
+
+
+def test_a_comment_that_is_not_read_is_told_what_is_once_each(read):
+    text = HEAD.replace("time", "# labl: x\ntime", 1) + "2026-03-01T06:00:00Z,EXX,5,+,1,\n"
+    (remark,) = read(text).remarks
+    assert "'labl' is not read" in remark
+    assert remark.count("repeatability_um") == 1
 
 
 def test_a_file_over_the_limit_is_refused_before_its_values_are_read(refused):

@@ -145,6 +145,7 @@ def test_warnings_of_the_service_are_seen(thermap, write):
     ("content", "complaint"),
     [
         ('{"id": "m",\n "name" }', ", line 2, column 9: expected JSON: "),
+        ('[{"id": "m", "id": "n"}]', ": expected each name once in an object, got id twice"),
         ("[]", ": expected a machine, an error map or readings, got an empty list"),
         ('[{"hello": 1}, 7]', ": entry 1: expected a machine (with configuration), an error map"),
         ('{"configuration": "XYFZ", "id": "m"}', ": name: expected a value, got nothing"),

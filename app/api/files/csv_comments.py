@@ -107,7 +107,8 @@ def read_comments(
     facts: dict[str, Any] = {}
     temperatures_c: dict[str, float] = {}
     empty: dict[str, int] = {}
-    also = f"; of this method: {list_names(one.thing.full for one in known)}" if known else ""
+    own = [one.thing.full for one in known if one.thing.full not in _KEYS.split(", ")]
+    also = f"; of this method: {list_names(own)}" if own else ""
     for line, comment in text.comments:
         name, colon, value = (part.strip() for part in comment.partition(":"))
         if not colon:

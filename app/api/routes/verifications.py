@@ -116,7 +116,8 @@ def answer_to_verification(
     found = store_verification(context, machine, verification)
     response.status_code = 201 if found.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
-    warnings = [*notes, *not_compared(context, machine, found.stored.components)]
+    lacking = not_compared(context, machine, found.stored.components)
+    warnings = [*notes, *verification.remarks, *lacking]
     return StoredVerificationAnswer(
         **VerificationAnswer.of(found.stored).model_dump(), warnings=warnings
     )

@@ -248,7 +248,9 @@ class StoredVerificationAnswer(VerificationAnswer):
     """A verification that was stored just now, or was there already."""
 
     warnings: list[str] = Field(
-        default_factory=list, description="What the active model cannot be compared with, and why"
+        default_factory=list,
+        description="What may be a mistake in it, and what the active model cannot be compared "
+        "with, and why",
     )
 
 
