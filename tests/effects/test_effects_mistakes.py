@@ -140,6 +140,36 @@ def test_the_factor_is_named_and_what_puts_it_right(view, amplitude, words, fact
     assert factor in MapFactor().what_to_do(effect)
 
 
+@pytest.mark.parametrize(
+    ("multiply_by", "error", "is_sure"),
+    [
+        (0.001, 0.0002, True),  # µm read as mm: what is left of the table is seen
+        (1 / 25.4, 0.002, True),
+        (0.1, 0.02, True),
+        (-1.0, 0.1, True),
+        (0.001, 0.03, False),
+        (-0.106, 0.032, False),  # something was in the machine only while it was mapped
+        (0.6, 0.01, False),  # no factor of a unit
+    ],
+)
+def test_a_factor_is_sure_only_if_what_it_leaves_of_the_table_is_seen(
+    view, multiply_by, error, is_sure
+):
+    hypothesis = proposed(view, "map-factor", "Run #3", ("EXX",))
+    estimate = Estimate(None, None, np.array([multiply_by - 1.0]), np.array([[error**2]]))
+    assert (not MapFactor().doubt(hypothesis.fitted(estimate))) is is_sure
+
+
+def test_a_table_of_which_nothing_is_seen_may_be_wrong_in_any_way(view):
+    hypothesis = proposed(view, "map-factor", "Run #3", ("EXX",))
+    effect = hypothesis.fitted(Estimate(None, None, np.array([-1.106]), np.array([[0.032**2]])))
+    assert explain(effect) == (
+        "the measured values show nothing of the table of EXX in map 'Run #3': it is wrong as a "
+        "whole, or 1000 times too large"
+    )
+    assert "measure them again" in MapFactor().what_to_do(effect)
+
+
 def test_factors_that_the_estimate_cannot_tell_apart_are_both_named(view):
     hypothesis = proposed(view, "map-factor", "", ("EXX",))
     effect = hypothesis.fitted(Estimate(None, None, np.array([-0.93]), np.array([[0.01**2]])))

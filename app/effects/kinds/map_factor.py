@@ -16,7 +16,7 @@ from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
 from app.effects.map_tables import UNSTATED, maps_of_label
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_maps
-from app.effects.words import TWO_ERRORS, components, verb
+from app.effects.words import TWO_ERRORS, components, parameter, verb
 from app.geometry.components import COMPONENTS
 from app.search.candidate import Expected
 from app.thermal.error_map import ComponentTable, ErrorMap
@@ -39,6 +39,10 @@ NOT_TOO_LARGE: Final = Expected(tuple(v for v in EXPECTED.values if abs(v) > 1.0
 they say is there, as if they were too large by a factor."""
 
 MULTIPLY: Final = "to_multiply_by"
+
+SURELY: Final = 3.0
+"""Standard errors by which a factor must be told from nothing, and within which it must be one that
+people make."""
 
 
 class MapFactor(EffectKind):
@@ -74,6 +78,12 @@ class MapFactor(EffectKind):
         are = verb(effect.components, "is", "are")
         possible = _possible(effect)
         said = [_how_wrong(factor) for factor in possible if factor != WRONG_SIGN]
+        if _is_nothing_left(effect):
+            it = verb(effect.components, "it", "they")
+            return (
+                f"the measured values show nothing of {what}{where}: {it} {are} wrong as a "
+                f"whole, or {' or '.join(said)}"
+            )
         if WRONG_SIGN in possible:
             return f"{what}{where} {have} the wrong sign"
         return f"{what}{where} {are} {' or '.join(said)}"
@@ -82,10 +92,33 @@ class MapFactor(EffectKind):
         """Say what to multiply by."""
         factors = " or ".join(_number(factor) for factor in _possible(effect))
         where = f"map {effect.variant!r}" if effect.variant else "all maps"
+        how = f"again multiplied by {factors}"
+        if _is_nothing_left(effect):
+            how = "as it says, or measure them again"
         return (
             f"Look up {components(effect)} of {where} in the instrument's report; store them "
-            f"again multiplied by {factors}, then analyse again."
+            f"{how}, then analyse again."
         )
+
+    def doubt(self, effect: Effect) -> str:
+        """A unit or a sign is one of few factors, and what a table says by it must be seen.
+
+        Values whose sum with the table is nothing say that it is wrong. By 1000 or by anything
+        else that is far too much: which, only what is left of the table by that factor can tell.
+        """
+        found, error = effect.parameters[MULTIPLY], effect.standard_errors.get(MULTIPLY, 0.0)
+        nearest = _possible(effect)[0]
+        if _is_nothing_left(effect):
+            return (
+                "nothing of the stored values is seen, by which a factor could be told: whatever "
+                "was wrong only while the map was measured would look the same"
+            )
+        if _away(found, error, nearest) > SURELY:
+            return (
+                f"they would have to be multiplied by {parameter(effect, MULTIPLY)}, which is no "
+                "factor of a unit or a sign"
+            )
+        return ""
 
 
 def _tables(view: CampaignView) -> Iterator[tuple[tuple[str, ...], str]]:
@@ -151,15 +184,28 @@ def _reported(estimate: Estimate) -> Reported:
 
 def _possible(effect: Effect) -> list[float]:
     """List the factors that the estimate allows, the nearest first."""
-    found = effect.parameters[MULTIPLY] - 1.0
+    found = effect.parameters[MULTIPLY]
     error = effect.standard_errors.get(MULTIPLY, 0.0)
+    near = sorted(TO_MULTIPLY_BY, key=lambda factor: _away(found, error, factor))
+    others = (factor for factor in near[1:] if _away(found, error, factor) < TWO_ERRORS)
+    return [near[0], *others]
 
-    def away(factor: float) -> float:
-        spread = EXPECTED.spread * (factor - 1.0)
-        return float(abs(found - (factor - 1.0)) / np.hypot(error, spread))
 
-    near = sorted(TO_MULTIPLY_BY, key=away)
-    return [near[0], *(factor for factor in near[1:] if away(factor) < TWO_ERRORS)]
+def _away(found: float, error: float, factor: float) -> float:
+    """Say how many standard errors an estimate is from a factor, the tables' own included."""
+    spread = EXPECTED.spread * (factor - 1.0)
+    return float(abs(found - factor) / np.hypot(error, spread))
+
+
+def _is_nothing_left(effect: Effect) -> bool:
+    """Whether a table that is said to be too large cannot be told from one without any truth.
+
+    A table of µm that is read as mm leaves a thousandth of itself, which is the machine's error
+    and as large as of any other table: values that tell that the rest is wrong, see it too.
+    """
+    error = effect.standard_errors.get(MULTIPLY, 0.0)
+    nearest = _possible(effect)[0]
+    return 0.0 < nearest < 1.0 and nearest < SURELY * error
 
 
 def _how_wrong(factor: float) -> str:
