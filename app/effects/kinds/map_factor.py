@@ -106,6 +106,8 @@ class MapFactor(EffectKind):
         Values whose sum with the table is nothing say that it is wrong. By 1000 or by anything
         else that is far too much: which, only what is left of the table by that factor can tell.
         """
+        if MULTIPLY not in effect.parameters:
+            return ""
         found, error = effect.parameters[MULTIPLY], effect.standard_errors.get(MULTIPLY, 0.0)
         nearest = _possible(effect)[0]
         if _is_nothing_left(effect):
