@@ -12,6 +12,8 @@ from app.effects.kinds.response import OF_RECORDS
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.identification.analysis import response_records
+from app.identification.analysis.response_judged import CARES
 from app.identification.analysis.response_records import JudgedRecords, judge_records
 from app.identification.analysis.responses import find_responses
 from app.identification.campaign import Campaign, residuals_of
@@ -138,6 +140,27 @@ def test_a_sensor_that_moved_only_when_the_machine_was_switched_on_is_not_tried(
     judged = judge_records(one, residuals_of(one), "EZZ")
     assert isinstance(judged, JudgedRecords)
     assert judged.tried == 2  # bed and chamber
+
+
+def test_stretches_are_learnt_once_for_all_degrees_of_caution(monkeypatch):
+    """Where none of these will do: two sensors, a wander from two starts, and ten stretches."""
+    begun = []
+    learn = response_records.Response.learn
+    monkeypatch.setattr(JudgedRecords, "is_worse", np.ones(1, dtype=np.bool_))
+    monkeypatch.setattr(
+        response_records.Response, "learn", lambda *given: begun.append(0) or learn(*given)
+    )
+    one = campaign(run(0))
+    judged = judge_records(one, residuals_of(one), "EZZ")
+    assert judged.care == CARES[0]
+    assert judged.tried == 2
+    assert len(begun) == judged.tried + 2 + response_records.STRETCHES
+
+
+def test_where_nothing_teaches_while_a_stretch_is_held_out_that_is_said(monkeypatch):
+    monkeypatch.setattr(response_records, "STRETCHES", 1)
+    one = campaign(run(0))
+    assert "nothing is left to learn from" in judge_records(one, residuals_of(one), "EZZ")
 
 
 @pytest.mark.parametrize("seed", range(3))

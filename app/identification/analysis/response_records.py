@@ -153,6 +153,15 @@ class _Tried:
     response: Response
 
 
+class _HeldOut(NamedTuple):
+    """A stretch: its record, its rows, what the others say of it, and how it surprises them."""
+
+    record: int
+    rows: IntArray
+    learnt: Posterior
+    surprise: float
+
+
 def judge_records(campaign: Campaign, residuals: Residuals, code: str) -> JudgedRecords | str:
     """Learn which second sensor a component follows, and hold stretches out.
 
@@ -205,9 +214,11 @@ def judge_records(campaign: Campaign, residuals: Residuals, code: str) -> Judged
         if 2.0 * (one.learnt.misfit - best.learnt.misfit) < TIED
     )
     evidence = 2.0 * (without - best.learnt.misfit)
-    stretches = _stretches(best, records, conditions)
+    held_out = _held_out(best, records, _stretches(best, records, conditions), values, conditions)
+    if not held_out:
+        return "nothing is left to learn from while a stretch is held out"
     judged = [
-        _judged(best, records, stretches, values, conditions, residuals, own, care)
+        _judged(best, records, held_out, values, conditions, residuals, own, care)
         for care in (CARES if evidence >= EVIDENCE else CARES[:1])
     ]
     typical = float(np.median(judged[0].each[1]))  # the same measure for all
@@ -352,10 +363,41 @@ def _stretches(
     return found
 
 
-def _judged(
+def _held_out(
     best: _Tried,
     records: Sequence[_Record],
     stretches: Sequence[tuple[int, IntArray]],
+    values: FloatArray,
+    conditions: Conditions,
+) -> list[_HeldOut]:
+    """Learn of every stretch's others what they say of it."""
+    p, prior, columns = len(best.rows.columns), best.learnt.prior, best.found.values
+    zeroed = [i for i, record in enumerate(records) if record.is_zeroed]
+    found = []
+    for number, rows in stretches:
+        left = _courses(records, columns, values, conditions, without=rows)
+        if not left:
+            continue
+        response = _response(left, p)
+        learnt = response.learn(prior, AGAIN).prior
+        without = response.posterior(learnt, weighs=False)
+        asked = np.zeros((rows.size, without.mean.size))
+        asked[:, :p] = columns[rows]
+        if number in zeroed:
+            asked[:, p + zeroed.index(number)] = 1.0
+        variance = np.einsum("ij,jk,ik->i", asked, without.covariance, asked)
+        noise = learnt.noise
+        variance += float(noise.over(np.zeros(1))[0]) + noise.white**2
+        error = values[rows] - asked @ without.mean
+        surprise = float(np.mean(error**2) / np.mean(variance))
+        found.append(_HeldOut(number, rows, _of_drivers(without, p), surprise))
+    return found
+
+
+def _judged(
+    best: _Tried,
+    records: Sequence[_Record],
+    held_out: Sequence[_HeldOut],
     values: FloatArray,
     conditions: Conditions,
     residuals: Residuals,
@@ -375,28 +417,9 @@ def _judged(
         best.learnt.misfit,
     )
     columns = best.found.values
-    parts, surprises = [], []
-    for number, rows in stretches:
-        left = _courses(records, columns, values, conditions, without=rows)
-        if not left:
-            continue
-        response = _response(left, p)
-        learnt = response.learn(prior, AGAIN).prior
-        without = response.posterior(learnt, weighs=False)
-        asked = np.zeros((rows.size, without.mean.size))
-        asked[:, :p] = columns[rows]
-        zeroed = [i for i, record in enumerate(records) if record.is_zeroed]
-        if number in zeroed:
-            asked[:, p + zeroed.index(number)] = 1.0
-        variance = np.einsum("ij,jk,ik->i", asked, without.covariance, asked)
-        noise = learnt.noise
-        variance += float(noise.over(np.zeros(1))[0]) + noise.white**2
-        error = values[rows] - asked @ without.mean
-        surprises.append(float(np.mean(error**2) / np.mean(variance)))
-        parts.append((number, rows, _of_drivers(without, p)))
-    doubt = max(1.0, float(np.mean(surprises)))
+    doubt = max(1.0, float(np.mean([one.surprise for one in held_out])))
     set_ups, uncompensated, before, after = [], [], [], []
-    for number, rows, without in parts:
+    for number, rows, without, _ in held_out:
         record = records[number]
         zero = record.rows[:1] if record.is_zeroed else rows[:0]
         asked = np.concatenate([zero, rows])
@@ -427,7 +450,7 @@ def _judged(
         uncompensated=uncompensated,
         before=before,
         after=after,
-        record=np.array([n if records[n].is_zeroed else -1 for n, _, _ in parts]),
+        record=np.array([n if records[n].is_zeroed else -1 for n, _, _, _ in held_out]),
     )
 
 
