@@ -7,7 +7,7 @@ import pytest
 from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 from tests.api.test_api_dashboard import feed, shown
 from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
-from tests.service_examples import ROOM, START, problem, reading
+from tests.service_examples import ROOM, START, iso, problem, reading
 
 pytestmark = pytest.mark.anyio
 
@@ -188,3 +188,17 @@ async def test_versions_without_a_check_say_so(client):
     assert answer.status_code == 200
     assert "no check is stored" in answer.text
     problem(await client.get("/machines/nobody/maps/residuals?a=2&b=3"), 404)
+
+
+async def test_a_check_that_neither_version_can_be_held_against_stands_beside_the_others(client):
+    """Nothing was read at its time, as where somebody stored a visit of before the sensors."""
+    await feed(client, reading(START, 22.0))
+    line = {"component": "EXX", "position_mm": 250.0, "measured_um": 4.0}
+    for label, time in (("now", iso(START)), ("long ago", "2020-03-01T06:00:00Z")):
+        body = {"label": label, "observations": [line | {"time": time}]}
+        answer = await client.post(f"{ROOM}/verifications", json=body)
+        assert answer.status_code == 201, answer.text
+    answer = await client.get(f"{MAPS}/residuals?a=2&b=3")
+    assert answer.status_code == 200
+    assert "no length that both can be held against" in answer.text
+    assert "RMS of lengths" in answer.text

@@ -66,6 +66,7 @@ def _check(one: ComparedCheck, decimals: int, reach: float, now: datetime) -> di
         "stored": one.check,
         "when": clock(one.check.first_at, now),
         "is_marked": one.learned_from,
+        "is_changed": False,
         "count": 0 if pair is None else pair.count,
     }
     return row | ({} if pair is None else _row(pair.a_um, pair.b_um, None, decimals, reach))
