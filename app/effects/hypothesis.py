@@ -99,6 +99,8 @@ class Hypothesis:
         Gives for a value of the nonlinear parameter the amplitudes' terms, with coefficient 1.
     is_trending
         Whether it must also hold forward in time.
+    is_standing
+        Whether it is the same at all times.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
     adopted_terms
@@ -123,6 +125,7 @@ class Hypothesis:
     variant: str = ""
     nonlinear: Nonlinear | None = None
     is_trending: bool = False
+    is_standing: bool = False
     is_within_visit: bool = False
     is_only_once: bool = False
     report: Callable[[Estimate], Reported] | None = None
@@ -160,6 +163,7 @@ class Hypothesis:
             bounds=nonlinear.bounds if nonlinear else None,
             log_scale=nonlinear.log_scale if nonlinear else True,
             trending=self.is_trending,
+            standing=self.is_standing,
             within_visit=self.is_within_visit,
             only_once=self.is_only_once,
             about=partial(self._about, projection) if self._is_bent else None,

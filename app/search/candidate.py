@@ -107,6 +107,8 @@ class Candidate:
         Whether the refinement steps in the parameter's logarithm.
     trending
         Whether it must also hold forward in time: a drift, a step.
+    standing
+        Whether it is the same in all visits, as what set-ups have in common is.
     within_visit
         Whether a single visit excites it, so that few visits suffice.
     only_once
@@ -143,6 +145,7 @@ class Candidate:
     bounds: tuple[float, float] | None = None
     log_scale: bool = True
     trending: bool = False
+    standing: bool = False
     within_visit: bool = False
     only_once: bool = False
     generic: bool = False

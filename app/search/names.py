@@ -13,11 +13,13 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.search.alike import evidence_beside_alike, set_ups_seen
 from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
 from app.search.foresight import learn
 from app.search.library import read_library
 from app.search.problem import Problem, Term
+from app.search.rows import Datum
 from app.search.scan import scan
 from app.search.selection import Selector
 from app.search.threshold import threshold
@@ -33,6 +35,8 @@ SAME: Final = 1e-6
 WANDERS_ALONE: Final = "what it leaves wanders unlike the residuals of any other component"
 
 WALKS: Final = "its set-ups look as if their zero shifted at random from one to the next"
+
+ALIKE: Final = "its set-ups resemble each other, and what they have in common would look the same"
 
 
 def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list[tuple[str, ...]]:
@@ -67,6 +71,8 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
     ]
     for number in _walking(selector, terms):
         said[number].append(WALKS)
+    for number in _alike(selector, terms):
+        said[number].append(ALIKE)
     if not candidates:
         return [tuple(words) for words in said]
     problem = selector.library.problem
@@ -129,6 +135,44 @@ def _walking(selector: Selector, terms: Sequence[Term]) -> list[int]:
             others = [w for other, w in seen.items() if other != c and w is not None]
             judged.append(may_be_walk(left[c] + own, own, visit[c], others))
         if True in judged and False not in judged:
+            found.append(number)
+    return found
+
+
+def _alike(selector: Selector, terms: Sequence[Term]) -> list[int]:
+    """Name the terms that stand still but may be mostly what set-ups have in common."""
+    standing = [n for n, t in enumerate(terms) if t.origin is None and t.candidate.standing]
+    if not standing:
+        return []
+    rows = selector.library.problem.rows
+    learned = learn(selector.states, terms)
+    channels = {c: state.fixed.channel for c, state in selector.states.items()}
+    visit = {c: rows.visit[one.rows] for c, one in channels.items()}
+    free = {
+        c: np.array(
+            [rows.datum.get((v, c), Datum.ABSOLUTE) != Datum.ABSOLUTE for v in own.tolist()]
+        )
+        for c, own in visit.items()
+    }
+    left = {c: one.values - learned.effect(c) for c, one in channels.items()}
+    seen = {c: set_ups_seen(left[c], visit[c]) for c in channels if not free[c].any()}
+    starts = np.cumsum([0, *(term.size for term in terms)])
+    found = []
+    for number in standing:
+        amplitudes = learned.fit.amplitudes[starts[number] : starts[number + 1]]
+        evidence = [
+            evidence_beside_alike(
+                *(left[c], columns @ amplitudes, rows.tilt[channels[c].rows], visit[c], free[c]),
+                [told for other, told in seen.items() if other != c],
+            )
+            for c, columns in terms[number].columns.items()
+        ]
+        known = [one for one in evidence if one is not None]
+        setups = max(np.unique(visit[c]).size for c in terms[number].columns)
+        # What all set-ups have in common is one number, known by as many values as there are
+        # set-ups.
+        cost = selector.odds_of_family(terms[number]) + np.log(setups)
+        if known and sum(known) < cost:
             found.append(number)
     return found
 

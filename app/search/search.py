@@ -34,7 +34,7 @@ from app.search.held_out import held_out_figures, typical_level
 from app.search.joint_fit import Fit
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
-from app.search.names import WALKS, WANDERS_ALONE, name_doubts
+from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts
 from app.search.noise import at_least_rounding, repeatability
 from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
@@ -194,7 +194,7 @@ def search(
         *(
             Unexplained(FLEXIBLE, term.channels[0], term.candidate.key)
             for term, said in zip(main.terms, unlike, strict=True)
-            if set(said) - {WANDERS_ALONE, WALKS}
+            if set(said) - {WANDERS_ALONE, WALKS, ALIKE}
         ),
     ]
     report(0.95, "summing up")

@@ -192,6 +192,11 @@ class Selector:
         same = self.groups == self.library.candidates.index(term.candidate)
         return float(self.penalty[same][0])
 
+    def odds_of_family(self, term: Term) -> float:
+        """Give what a term costs for being one of so many of its family: 2 ln of their number."""
+        family = self.families[self.groups == self.library.candidates.index(term.candidate)][0]
+        return 2.0 * float(np.log(np.count_nonzero(self.families == family)))
+
     def refined(self, term: Term, others: Sequence[Term]) -> Term:
         """Refine a term's nonlinear parameter on these cells."""
         return refine(self.library.problem, self.states, term, others)

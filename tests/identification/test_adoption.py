@@ -15,6 +15,7 @@ from app.identification.analysis.adoption import (
     BESIDE_A_WALK,
     EITHER_SENSOR,
     OF_A_WALK,
+    OF_ALIKE_SET_UPS,
     OF_EITHER,
     ONCE_AS_WELL,
     is_refit_better,
@@ -22,7 +23,7 @@ from app.identification.analysis.adoption import (
 )
 from app.identification.analysis.finished_search import FinishedSearch
 from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
-from app.search.names import WALKS
+from app.search.names import ALIKE, WALKS
 from app.search.rows import Datum
 
 DAY_S = 86400.0
@@ -319,6 +320,16 @@ def test_what_a_walking_zero_shows_too_is_not_adopted_and_no_map_is_called_outda
     assert second == (False, BESIDE_A_WALK)
     # A trend that is sure is adopted.
     assert judged(trend, trend, kinds=(kind,)) == [(True, None)]
+
+
+def test_a_map_is_not_adopted_where_set_ups_that_resemble_each_other_would_do_the_same():
+    rows = campaign()
+    shift = np.full(len(rows), 5.0)
+    alike = term(status=Status.SUSPECTED, doubts=(ALIKE,))
+    assert judged(shift, shift, kinds=("outdated-map",), terms=(alike,)) == [
+        (False, OF_ALIKE_SET_UPS)
+    ]
+    assert judged(shift, shift, kinds=("outdated-map",)) == [(True, None)]
 
 
 def test_what_is_as_late_as_can_be_tried_is_not_adopted_beside_what_nobody_knows():

@@ -89,6 +89,7 @@ def _hypothesis(
         components=(code,),
         unit_terms=lambda _: [[Term(code, Always(), shape)] for shape in shapes],
         amplitudes=tuple(Amplitude(f"{name}_{COMPONENTS[code].unit}") for name in names),
+        is_standing=True,
         is_within_visit=variant != SHIFT,
     )
 

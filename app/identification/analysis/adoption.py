@@ -28,7 +28,7 @@ from app.identification.analysis.finished_search import GROWING, FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import rms
 from app.search.findings import FLEXIBLE, FoundTerm
-from app.search.names import WALKS
+from app.search.names import ALIKE, WALKS
 from app.search.rows import Datum
 from app.search.scatter import FEWEST_SETUPS
 from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
@@ -102,6 +102,10 @@ OF_A_WALK: Final = (
 BESIDE_A_WALK: Final = (
     "the zero of the instrument or the foundation seems to shift at random from set-up to "
     "set-up, so the offset seen here may be its own and not the maps'"
+)
+OF_ALIKE_SET_UPS: Final = (
+    "these set-ups resemble each other, so what they have in common may be the instrument's or its "
+    "mounting's and not the maps'"
 )
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
@@ -365,6 +369,8 @@ def _why_not(
         return not_adopted
     if not_lasting := _why_not_lasting(found, effect, term):
         return not_lasting
+    if ALIKE in term.doubts:
+        return OF_ALIKE_SET_UPS
     if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
     tied = {rival.family for rival in term.rivals if rival.tied}

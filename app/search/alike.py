@@ -1,0 +1,224 @@
+"""Whether what is the same in all set-ups is more than set-ups that resemble each other.
+
+Set-ups that are made anew each time scatter about nothing, and many of them average out. The same
+person with the same warm laser makes each much like the one before: eight of them may then be
+worth one or two, and what they have in common looks like a map that no longer holds. How long
+they remember is one number for all that an instrument measures, so that all channels tell it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from app.arrays import BoolArray, FloatArray, IntArray
+
+FEWEST_LEVELS: Final = 4
+MOST_LEVELS: Final = 50
+"""Neighbouring set-ups are taken together where there are more: only what lasts matters."""
+
+MEMORIES: Final = (0.0, 2.0, 6.0, 18.0, 54.0)
+"""Set-ups after which a share of 1/e of what one had is left in another; 0: each is made anew."""
+
+SIZES: Final = (0.0, *np.geomspace(0.1, 10.0, 9).tolist())
+"""Standard deviations of what a set-up has for itself and of what lasts, in repeatabilities."""
+
+HALF: Final = 0.5
+"""Share of a term's squares from which it does harm if they are none of the machine's."""
+
+ODD: Final = 0.1
+"""Share of the channels whose set-ups are unlike those of the others."""
+
+NEGLIGIBLE: Final = 1e-6
+"""Share of a term's largest size below which it has nothing of a shift or a tilt."""
+
+
+class _Fits(NamedTuple):
+    """Log likelihoods of levels at every size: with what fits best in common, and with nothing."""
+
+    log: FloatArray
+    about_zero: FloatArray
+
+
+def _sizes(memory: float) -> list[tuple[float, float]]:
+    return list(product(SIZES, SIZES[1:] if memory else (0.0,)))
+
+
+AS_LIKELY_NONE: Final = np.concatenate(
+    [
+        np.full(len(_sizes(m)), np.log(0.5 / len(_sizes(m)) / (len(MEMORIES) - 1 if m else 1)))
+        for m in MEMORIES
+    ]
+)
+"""Where nothing is known it is as likely that set-ups remember nothing (log probability)."""
+
+
+def set_ups_seen(left: FloatArray, visit: IntArray) -> FloatArray:
+    """Say how likely each memory and size makes the levels that one channel's set-ups have.
+
+    A few set-ups say little of their memory, but how far from zero they are.
+
+    Parameters
+    ----------
+    left : ndarray, shape (n,)
+        Residuals beside all terms, in repeatabilities.
+    visit : ndarray, shape (n,)
+        Numbers of their set-ups, growing with time.
+
+    Returns
+    -------
+    ndarray, shape (g,)
+        Log likelihoods, in the order of `MEMORIES` and of the sizes tried for each.
+    """
+    levels = _levels(left, np.ones(len(left)), visit)
+    return np.concatenate([_fits(levels, m).about_zero for m in MEMORIES])
+
+
+def evidence_beside_alike(
+    left: FloatArray,
+    own: FloatArray,
+    tilt: FloatArray,
+    visit: IntArray,
+    is_free: BoolArray,
+    others: Sequence[FloatArray] = (),
+) -> float | None:
+    """Say how much speaks for a standing term where set-ups may resemble each other.
+
+    A set-up shifts and tilts a channel. What the term has of either is looked at by itself: its
+    levels, one for each set-up, are something common, an independent scatter, and one that fades
+    from set-up to set-up, whose variances and memory are integrated over. What the other channels
+    show of these is expected here, unless this channel is one of the few that are unlike them.
+
+    Parameters
+    ----------
+    left : ndarray, shape (n,)
+        Residuals of one channel beside all terms, in repeatabilities.
+    own : ndarray, shape (n,)
+        What the term explains of them.
+    tilt : ndarray, shape (n, q)
+        Columns along which a set-up may tilt.
+    visit : ndarray, shape (n,)
+        Numbers of their set-ups, growing with time.
+    is_free : ndarray, shape (n,)
+        Whether the zero of its set-up is not known: no shift is then seen.
+    others
+        `set_ups_seen` of the other channels.
+
+    Returns
+    -------
+    float or None
+        Twice the log likelihood ratio for what they have in common, that at least half of the
+        term's squares have: if these are none of the machine's, adopting all makes things worse.
+        None: fewer than four set-ups say nothing.
+
+    Examples
+    --------
+    >>> visit, tilt = np.repeat(np.arange(8), 6), np.tile(np.linspace(-1.0, 1.0, 6), 8)[:, None]
+    >>> noise, known = np.random.default_rng(1).normal(size=48), np.zeros(48, dtype=bool)
+    >>> evidence_beside_alike(noise, np.full(48, 3.0), tilt, visit, known) > 10.0
+    True
+    >>> fading = np.array([0.0, 0.6, 0.9, 1.5, 1.7, 1.4, 0.7, 0.2])[visit] - 0.9
+    >>> evidence_beside_alike(fading + 0.2 * noise, np.full(48, 1.5), tilt, visit, known) < 10.0
+    True
+    """
+    expected = _expected(others)
+    centred = tilt - tilt.mean(axis=0)
+    # What is the same at all places tilts nowhere.
+    along = centred @ np.linalg.lstsq(centred, own, rcond=None)[0]
+    shift = np.zeros(len(own)) if is_free.any() else np.full(len(own), own.mean())
+    rest = own - own.mean() - along
+    judged = [
+        (float(part @ part), evidence)
+        for part, course in ((shift, shift), (along, _within(along, visit)))
+        if np.abs(course).max() > NEGLIGIBLE * np.abs(own).max()
+        and (evidence := _evidence(left, part, course, visit, expected)) is not None
+    ]
+    return _median([*judged, (float(rest @ rest), np.inf)]) if judged else None
+
+
+def _median(parts: Sequence[tuple[float, float]]) -> float:
+    """Give the evidence that half of the squares do not exceed."""
+    half = HALF * sum(square for square, _ in parts)
+    reached = 0.0
+    for square, evidence in sorted(parts, key=lambda part: part[1]):
+        reached += square
+        if reached > half:
+            return evidence
+    return np.inf
+
+
+def _evidence(
+    left: FloatArray, part: FloatArray, course: FloatArray, visit: IntArray, expected: FloatArray
+) -> float | None:
+    """Say how much speaks for one part, its levels being seen along a course."""
+    levels = _levels(left + part, course, visit)
+    if len(levels) < FEWEST_LEVELS:
+        return None
+    fits = [_fits(levels, m) for m in MEMORIES]
+    common, nothing = (
+        np.concatenate(each)
+        for each in zip(*[(one.log, one.about_zero) for one in fits], strict=True)
+    )
+    return 2.0 * float(logsumexp(common + expected) - logsumexp(nothing + expected))
+
+
+def _expected(others: Sequence[FloatArray]) -> FloatArray:
+    """Say how probable each memory and size is (log), by what the other channels show together.
+
+    One instrument and one hand set up all of them: most have the same, a few are odd ones.
+    """
+    if not others:
+        return AS_LIKELY_NONE
+    log = np.array(others)
+    of_any = logsumexp(log + AS_LIKELY_NONE, axis=1, keepdims=True)
+    told = np.logaddexp(np.log1p(-ODD) + log, np.log(ODD) + of_any).sum(axis=0) + AS_LIKELY_NONE
+    found: FloatArray = np.logaddexp(
+        np.log1p(-ODD) + told - logsumexp(told), np.log(ODD) + AS_LIKELY_NONE
+    )
+    return found
+
+
+def _levels(values: FloatArray, course: FloatArray, visit: IntArray) -> FloatArray:
+    """Give each set-up's size along a course, in its largest sizes, and its variance; (m, 2)."""
+    groups = np.array_split(np.unique(visit), min(len(np.unique(visit)), MOST_LEVELS))
+    largest = float(np.abs(course).max())
+    found = []
+    for group in groups:
+        here = np.isin(visit, group)
+        square = float(course[here] @ course[here]) / largest
+        if square > 0.0:
+            found.append((float(values[here] @ course[here]) / square, largest / square))
+    return np.array(found).reshape(-1, 2)
+
+
+def _within(course: FloatArray, visit: IntArray) -> FloatArray:
+    """Take each set-up's mean off: what is left of a tilt, its shift beside it."""
+    found = course.copy()
+    for number in np.unique(visit):
+        found[visit == number] -= course[visit == number].mean()
+    return found
+
+
+def _fits(levels: FloatArray, memory: float) -> _Fits:
+    """Fit what levels have in common, at each size of their scatter and of what lasts."""
+    level, variance = levels.T
+    apart = np.abs(np.subtract.outer(*[np.arange(len(level))] * 2))
+    lasting = np.exp(-apart / memory) if memory else np.zeros_like(apart, dtype=float)
+    scatter, lasts = np.array(_sizes(memory)).T
+    covariance = (scatter**2)[:, None, None] * np.eye(len(level)) + np.diag(variance)
+    covariance = covariance + (lasts**2)[:, None, None] * lasting
+    root = np.linalg.cholesky(covariance)
+    columns = np.column_stack([level, np.ones(len(level))])
+    y, one = np.moveaxis(
+        np.linalg.solve(root, np.broadcast_to(columns, (len(root), *columns.shape))), 2, 0
+    )
+    common = np.sum(one * y, axis=1) / np.sum(one**2, axis=1)
+    half = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    return _Fits(
+        -half - 0.5 * np.sum((y - common[:, None] * one) ** 2, axis=1),
+        -half - 0.5 * np.sum(y**2, axis=1),
+    )
