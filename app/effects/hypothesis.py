@@ -101,6 +101,8 @@ class Hypothesis:
         Whether it must also hold forward in time.
     is_standing
         Whether it is the same at all times.
+    keeps_zero
+        Of what is trending: whether no instrument whose zero walks can do the same.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
     adopted_terms
@@ -126,6 +128,7 @@ class Hypothesis:
     nonlinear: Nonlinear | None = None
     is_trending: bool = False
     is_standing: bool = False
+    keeps_zero: bool = False
     is_within_visit: bool = False
     is_only_once: bool = False
     report: Callable[[Estimate], Reported] | None = None
@@ -164,6 +167,7 @@ class Hypothesis:
             log_scale=nonlinear.log_scale if nonlinear else True,
             trending=self.is_trending,
             standing=self.is_standing,
+            keeps_zero=self.keeps_zero,
             within_visit=self.is_within_visit,
             only_once=self.is_only_once,
             about=partial(self._about, projection) if self._is_bent else None,

@@ -109,6 +109,10 @@ class Candidate:
         Whether it must also hold forward in time: a drift, a step.
     standing
         Whether it is the same in all visits, as what set-ups have in common is.
+    keeps_zero
+        Of what is trending: whether no instrument whose zero walks can do the same. A set-up's
+        zero then counts as one before the last visits and on them, and what came shows by its
+        level there.
     within_visit
         Whether a single visit excites it, so that few visits suffice.
     only_once
@@ -146,6 +150,7 @@ class Candidate:
     log_scale: bool = True
     trending: bool = False
     standing: bool = False
+    keeps_zero: bool = False
     within_visit: bool = False
     only_once: bool = False
     generic: bool = False

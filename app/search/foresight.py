@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -13,6 +14,9 @@ from app.search.findings import Slope
 from app.search.joint_fit import Fit, fit_terms
 from app.search.problem import Problem, Term
 from app.search.state import Given, State
+
+OF_MAPS: Final = 0.05
+"""Share by which maps that are read at other temperatures may be wrong of what they then say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +115,44 @@ def calibration_slope(problem: Problem, learned: Learned, number: int, held: Boo
     if information <= 1e-9:
         return Slope(0.0, float("inf"), 0.0)
     return Slope(measured / information, float(information**-0.5), information)
+
+
+def slope_from_same_zero(problem: Problem, learned: Learned, number: int, held: BoolArray) -> Slope:
+    """Regress as `calibration_slope` does, where set-ups keep their zero while visits are held out.
+
+    Where few set-ups were seen, the zero of each is unknown: anew on its held-out part, if that is
+    looked at alone. What came before and stays then shows only by how it varies there. That is the
+    least of it, and rests on the maps' errors. Here teaching and held-out visits are fitted
+    together, with the term as large as predicted on the first and free on the others. How set-ups
+    scatter is estimated beside the term, and has not swallowed it.
+    """
+    others = [t for i, t in enumerate(learned.terms) if i != number]
+    term, start = learned.terms[number], sum(t.size for t in learned.terms[:number])
+    sizes = learned.fit.amplitudes[start : start + term.size]
+    touched = {c for t in learned.terms for c in t.columns}
+    cells = held.copy()
+    for state in learned.states.values():
+        cells |= state.cells
+    states = {c: s for c, s in problem.states(cells).items() if c in touched}
+    parts = [_predicted(problem, term, sizes, where) for where in (~held, held)]
+    fit = fit_terms(states, [*others, *parts])
+    (taught, shared), (_, variance) = fit.covariance[-2:, -2:]
+    if variance <= 0.0:
+        return Slope(0.0, float("inf"), 0.0)
+    share = shared / taught if taught > 0.0 else 0.0
+    value = float(fit.amplitudes[-1] + share * (1.0 - fit.amplitudes[-2]))
+    information = float(1.0 / (variance - share * shared + OF_MAPS**2))
+    return Slope(value, float(information**-0.5), information)
+
+
+def _predicted(problem: Problem, term: Term, sizes: FloatArray, cells: BoolArray) -> Term:
+    """Make one column of what is predicted of a term on some cells, 0 on all others."""
+    columns = {}
+    for c, own in term.columns.items():
+        channel = problem.fixed[c].channel
+        rows = cells[channel.cells][channel.block]
+        columns[c] = ((own @ sizes) * rows)[:, None]
+    return Term(term.candidate, term.theta, columns, np.ones(1))
 
 
 def _seen(

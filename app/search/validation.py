@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.findings import Rival, Slope, Status
-from app.search.foresight import Learned, calibration_slope, learn
+from app.search.foresight import Learned, calibration_slope, learn, slope_from_same_zero
 from app.search.library import Library
 from app.search.problem import Problem, Term
 from app.search.selection import Selection, Selector, given_states
@@ -168,7 +168,7 @@ def validate(
         learned = _as_all_say(library.problem, learned, matches, main.terms, teaching)
         for number, match in enumerate(matches):
             if match is not None:
-                slope = calibration_slope(library.problem, learned, match, held)
+                slope = _slope(library.problem, learned, match, main.terms[number], held)
                 found.slopes[number].append(slope)
                 found.found_in[number].add(fold)
         open_in = _open(learned)
@@ -322,16 +322,24 @@ def _unlikeness(other: Term, term: Term, tied: Collection[str]) -> tuple[int, fl
     return (2, 0.0) if near and other.candidate.family == term.candidate.family else None
 
 
+def _slope(problem: Problem, learned: Learned, match: int, wanted: Term, held: BoolArray) -> Slope:
+    """Ask held-out visits how much of a term there is, by what they know of their zero."""
+    keeps_zero = wanted.candidate.keeps_zero and learned.terms[match].candidate.keeps_zero
+    slope = slope_from_same_zero if keeps_zero else calibration_slope
+    return slope(problem, learned, match, held)
+
+
 def _forward(
     library: Library, splits: Splits, main: Selection, allowed: BoolArray, rivals: Rivals
 ) -> list[Slope | None]:
+    """Ask the last visits whether trends are as large there as those before say."""
     if splits.folds < 2 or not any(t.candidate.trending for t in main.terms):
         return [None] * len(main.terms)
     late = splits.late()
     learned = _learned(library, ~late, main, allowed)
     matches = _matches(learned.terms, main.terms, rivals)
     return [
-        calibration_slope(library.problem, learned, match, late)
+        _slope(library.problem, learned, match, term, late)
         if match is not None and term.candidate.trending
         else None
         for term, match in zip(main.terms, matches, strict=True)

@@ -237,6 +237,17 @@ def test_fingerprints_hold_all_components_of_a_sensor():
     assert bias.components == ("EXX", "EYX", "EYY", "SXY")
 
 
+def test_a_bias_of_a_sensor_that_one_component_follows_may_be_an_instrument_that_walks():
+    found = KINDS["sensor-fault"].candidates(example_view()).hypotheses
+    assert {len(h.components) > 1 for h in found} == {True, False}
+    assert all(h.keeps_zero == (len(h.components) > 1) for h in found)
+    walking = [
+        h for kind in ("drift", "step") for h in KINDS[kind].candidates(example_view()).hypotheses
+    ]
+    assert walking
+    assert not any(h.keeps_zero for h in walking)
+
+
 def test_a_constant_bias_is_said_to_be_an_outdated_map():
     assert "outdated map" in refused("sensor-fault", example_view())["constant bias"]
 

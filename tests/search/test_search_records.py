@@ -20,6 +20,7 @@ from app.search.scatter import (
 )
 from app.search.search import search
 from app.search.splits import split
+from app.search.validation import holds
 
 
 def make_blocks(setups, minutes, free=False, own=(2.0, 0.5), wander=(1.0, 0.3)):
@@ -286,3 +287,46 @@ def test_a_change_in_what_was_held_out_is_as_large_as_what_was_foretold():
     assert abs(term.theta - at_min) <= 10.0
     assert term.slope.value == pytest.approx(1.0, abs=3.0 * term.slope.error)
     assert term.slope.error < 0.1
+
+
+class Fault:
+    """A change of all channels of a record in fixed proportions, from 690 of 1500 min on."""
+
+    GAINS = np.array([2.0, -1.5, 1.0, 2.5])
+    MOMENTS = tuple(range(190, 1400, 100))
+
+    def __init__(self, until_min=np.inf):
+        self.record = Record(9)
+        there = (self.record.when > 690.0) & (self.record.when < until_min)
+        self.effect = 3.0 * self.GAINS[self.record.channel] * there
+
+    def found(self, keeps_zero):
+        when, channel = self.record.when, self.record.channel
+
+        def columns(theta):
+            after = (when > theta) * self.GAINS[channel]
+            here = [np.flatnonzero(channel == c) for c in range(Record.CHANNELS)]
+            return [Part(c, own, after[own, None]) for c, own in enumerate(here)]
+
+        fault = Candidate(
+            "fault", "fault", columns, self.MOMENTS, log_scale=False, trending=True,
+            keeps_zero=keeps_zero,
+        )  # fmt: skip
+        rows = self.record.rows(self.effect)
+        (term,) = search(rows, [], [fault], holdout_fraction=0.3, most_terms=1).terms
+        return term
+
+
+def test_what_came_and_stays_shows_on_the_last_visits_by_the_zero_they_share():
+    """Of a change that is the same ever after, the last third alone shows nothing: no zero."""
+    anew, same = (Fault().found(keeps_zero) for keeps_zero in (False, True))
+    assert anew.forward_slope is None or anew.forward_slope.error > 0.5
+    assert same.forward_slope.value == pytest.approx(1.0, abs=2.0 * same.forward_slope.error)
+    assert same.forward_slope.error < 0.15
+
+
+def test_what_came_and_went_does_not_hold_on_the_last_visits():
+    found = Fault(until_min=1080.0).found(keeps_zero=True)
+    assert abs(found.forward_slope.value) < 3.0 * found.forward_slope.error
+    assert found.forward_slope.error < 0.15
+    assert not holds(found.forward_slope, found.likelihood_ratio)

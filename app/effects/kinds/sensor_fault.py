@@ -61,6 +61,8 @@ class SensorFault(EffectKind):
                     unit_terms=partial(_terms, codes),
                     amplitudes=(Amplitude("bias_k", -1.0),),
                     nonlinear=nonlinear,
+                    # One component by itself moves as an instrument does whose zero walks.
+                    keeps_zero=len(codes) > 1,
                     adopted_terms=partial(_moved, codes),
                 )
             )
