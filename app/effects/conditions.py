@@ -33,8 +33,13 @@ RATE_OVER_S: Final = 600.0
 STATE_GAP_S: Final = 600.0
 """A state counts for so long after its reading where no sensor says otherwise [s]."""
 
-HOLDS: Final = {"temperature": Hold.LINEAR, "state": Hold.PREVIOUS}
-"""What a signal does between two readings."""
+HOLDS: Final = {"temperature": Hold.LINEAR, "state": Hold.LINEAR}
+"""What a low-pass takes a signal to do between two readings.
+
+A state changes at once, at any moment between two readings: in the mean halfway, as on a straight
+line. If the first of them held until the second, all that follows late would follow half an
+interval later than it does, and its time constant would be found too short by that.
+"""
 
 MOST_FILTERS: Final = 256
 """Filtered records that are kept ready."""
@@ -170,7 +175,7 @@ class RecordedLags:
         recording = self.recordings.get((signal.kind, signal.name))
         if recording is None:
             return np.full(times_s.shape, np.nan)
-        if recording.hold is not Hold.LINEAR:
+        if signal.kind == "state":
             return signal.of(recording.at(times_s))
         record = TemperatureHistory(recording.times_s, {signal.name: recording.values})
         return record.at(signal.name, times_s, recording.max_gap_s)

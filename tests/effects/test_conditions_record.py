@@ -65,6 +65,24 @@ def test_live_filters_give_what_the_record_gives():
         assert now.lagged(signal, tau).tolist() == pytest.approx([expected], rel=1e-12)
 
 
+def test_what_follows_a_state_is_as_late_as_it_is_however_seldom_the_state_is_read():
+    """The spindle starts at any moment between two readings, which are four minutes apart."""
+    every_s, tau_s = 240.0, 2400.0
+    times_s = np.arange(0.0, 60_000.0, every_s)
+    wanted_s = np.arange(31_000.0, 40_000.0, 500.0)
+    signal, found, true, live = Signal("state", "rpm"), [], [], []
+    for began_s in 30_000.0 + every_s * (np.arange(24) + 0.5) / 24:
+        states = [(t, {"rpm": 1.0 * (t >= began_s)}) for t in times_s.tolist()]
+        found.append(record(times_s, wanted_s, states).lagged(signal, tau_s))
+        true.append(1.0 - np.exp(-(wanted_s - began_s) / tau_s))
+        lags = LiveLags({(signal, tau_s): None})
+        for time_s, state in states:
+            lags = lags.update(time_s, {}, state) if time_s <= wanted_s[0] else lags
+        live.append(lags.lagged(signal, tau_s, wanted_s[:1]))
+    np.testing.assert_allclose(np.mean(found, axis=0), np.mean(true, axis=0), atol=1e-3)
+    np.testing.assert_allclose(np.mean(live), np.mean(true, axis=0)[0], atol=1e-3)
+
+
 def test_a_live_filter_goes_stale():
     live = LiveLags({(Signal("temperature", "a"), 10.0): None}, {("temperature", "a"): 300.0})
     for t in range(0, 200, 10):
