@@ -41,6 +41,33 @@ line. If the first of them held until the second, all that follows late would fo
 interval later than it does, and its time constant would be found too short by that.
 """
 
+ABOUT_S: Final = 60.0 * np.arange(-5.0, 6.0)
+"""Times about which a sensor is read where it is asked what it read at another time [s].
+
+How late a sensor is, is found by moving its readings. If single ones are moved, their noise moves
+too: the likelihood of being late by 28, 28.5 or 29 min then differs by what a reading is off, each
+dip of it looks like the best, and its width like the standard error.
+"""
+
+
+def _parabolas() -> FloatArray:
+    """Weigh what is read about a time so that a parabola has its own value there.
+
+    A. Savitzky, M. Golay, Anal. Chem. 36 (1964) 1627. A row for each reach, shape (1 + m, 1 + 2 m):
+    none, and 1 to m times to either side.
+    """
+    at = np.arange(len(ABOUT_S)) - len(ABOUT_S) // 2
+    found = np.zeros((len(ABOUT_S) // 2 + 1, len(ABOUT_S)))
+    for reach, weights in enumerate(found):
+        own = np.abs(at) <= reach
+        powers = np.vander(at[own], min(3, 2 * reach + 1), increasing=True)
+        weights[own] = np.linalg.pinv(powers)[0]
+    return found
+
+
+PARABOLA: Final = _parabolas()
+"""Weights of what is read at `ABOUT_S`, by how far it is known to both sides."""
+
 MOST_FILTERS: Final = 256
 """Filtered records that are kept ready."""
 
@@ -306,9 +333,22 @@ class Conditions:
             self._lagged[signal, time_constant_s] = found
         return found
 
-    def temperature_later(self, sensor: str, by_s: float) -> FloatArray:
-        """Give what a sensor read some time later, or earlier, shape (n,) [°C], NaN: not known."""
-        return self.lags.at(Signal("temperature", sensor), self.times_s + by_s)
+    def temperature_later(self, sensor: str, by_s: float | FloatArray) -> FloatArray:
+        """Give what a sensor read some time later, or earlier, shape (n,) [°C], NaN: not known.
+
+        The time may be another one for each row, shape (n,) [s].
+
+        It is what a parabola through the readings within some minutes about then has in the middle,
+        of as many before as after.
+        """
+        about_s = (self.times_s + by_s)[:, None] + ABOUT_S
+        read = self.lags.at(Signal("temperature", sensor), about_s.ravel()).reshape(about_s.shape)
+        is_known = np.isfinite(read)
+        middle = len(ABOUT_S) // 2
+        both = is_known[:, middle + 1 :] & is_known[:, :middle][:, ::-1]
+        reach = np.cumprod(both, axis=1).sum(axis=1)
+        found: FloatArray = np.sum(PARABOLA[reach] * np.where(is_known, read, 0.0), axis=1)
+        return np.where(is_known[:, middle], found, np.nan)
 
     def from_start(self, signal: Signal, time_constant_s: float) -> FromStart:
         """Give a signal's low-pass from the beginning of its unbroken record, shape (n,) each."""

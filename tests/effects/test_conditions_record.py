@@ -83,6 +83,34 @@ def test_what_follows_a_state_is_as_late_as_it_is_however_seldom_the_state_is_re
     np.testing.assert_allclose(np.mean(live), np.mean(true, axis=0)[0], atol=1e-3)
 
 
+def test_what_a_sensor_read_at_another_time_is_free_of_single_readings_noise():
+    times_s = np.arange(0.0, 3600.0, 60.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.1, times_s.size)
+
+    def parabola_c(at_s):
+        return 20.0 + at_s / 600.0 + (at_s / 1000.0) ** 2
+
+    wanted_s = np.arange(600.0, 2000.0, 60.0)
+    for off_c, close in ((0.0, 1e-12), (noise, 0.05)):
+        history = TemperatureHistory(times_s, {"a": parabola_c(times_s) + off_c})
+        later = recorded_conditions(SENSORS, history, (), wanted_s).temperature_later("a", 900.0)
+        assert np.std(later - parabola_c(wanted_s + 900.0)) < close
+    assert np.std(noise) > 0.08
+
+
+def test_what_a_sensor_read_near_the_beginning_of_its_record_is_what_is_known_to_both_sides():
+    times_s = np.arange(0.0, 3600.0, 60.0)
+    read_c = np.random.default_rng(1).normal(20.0, 0.1, times_s.size)
+    early = recorded_conditions(
+        SENSORS, TemperatureHistory(times_s, {"a": read_c}), (), np.array([600.0, 720.0, 590.0])
+    )
+    found = early.temperature_later("a", -600.0)
+    assert found[0] == pytest.approx(read_c[0])
+    # Savitzky, Golay 1964, five readings.
+    assert found[1] == pytest.approx(np.dot([-3, 12, 17, 12, -3], read_c[:5]) / 35)
+    assert np.isnan(found[2])
+
+
 def test_a_live_filter_goes_stale():
     live = LiveLags({(Signal("temperature", "a"), 10.0): None}, {("temperature", "a"): 300.0})
     for t in range(0, 200, 10):

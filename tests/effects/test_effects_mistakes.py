@@ -219,6 +219,20 @@ def test_clocks_apart_leave_what_all_sensors_read_then(view, by_min):
     assert not late[view.rows.of_channel("EZZ")].any()
 
 
+def test_rows_whose_readings_end_too_early_are_moved_as_far_as_is_known(view):
+    """The likelihood would jump with each row that stopped to be moved."""
+    late = proposed(view, "late-sensor", sensors=("x-middle",))
+    known_s = view.conditions.lags.recordings["temperature", "x-middle"].times_s[-1] + 600.0
+    rows = view.rows.of_channel("EXX")
+    ends = view.rows.times_s[rows].max()
+    by_s = known_s - ends + np.arange(-240.0, 241.0, 60.0)
+    last = rows[(view.rows.times_s[rows] == ends) & (view.rows.points_mm[rows, 0] > 0.0)]
+    left = np.array([column(view, late, float(by))[last] for by in by_s])
+    assert np.isnan(view.conditions.temperature_later("x-middle", float(by_s[-1]))).any()
+    assert np.abs(left).min() > 0.0
+    assert np.abs(np.diff(left, axis=0)).max() < 0.1 * np.abs(left).max()
+
+
 @pytest.mark.parametrize(("kind", "on"), [("late-sensor", "x-middle"), ("clock-offset", "clocks")])
 def test_one_component_alone_does_not_tell_times_that_are_wrong(view, kind, on):
     lines = [

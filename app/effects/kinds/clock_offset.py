@@ -9,6 +9,7 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
+from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
@@ -24,9 +25,9 @@ APART_MIN: Final = (5, 10, 20, 40, 60, 90, 120, 180, 240, 300, 360, 480, 600, 72
 KNOWN_APART: Final = 0.85
 """A temperature must be known some time later, or earlier, in so much of a campaign.
 
-The rest counts as not moved. Readings often end with the last observation, so that of the last
-visit nothing is known later: one visit of eight is not to hide what all others show. Else a
-sensor half an hour late is taken for a component that overshoots, and that is confirmed.
+The rest counts as moved as far as is known. Readings often end with the last observation, so that
+of the last visit nothing is known later: one visit of eight is not to hide what all others show.
+Else a sensor half an hour late is taken for a component that overshoots, and that is confirmed.
 """
 
 FEWEST_COMPONENTS: Final = 2
@@ -35,6 +36,9 @@ of a printer's frame follows the bed. That several are ahead by as much is what 
 
 WHOLE: Final = Expected((1.0,), 0.05)
 """All of it, but for what the maps' own slopes may be wrong by."""
+
+HALVED: Final = 12
+"""So often a time is halved to find until when readings are known: to some seconds."""
 
 APART: Final = "apart_min"
 HOUR_MIN: Final = 60.0
@@ -133,10 +137,30 @@ def later_readings(
     return left_by_temperatures(
         projection,
         {
-            s: conditions.temperature_later(s, by_s or 0.0) - conditions.temperature(s)
+            s: _as_far_as_known(conditions, s, by_s or 0.0) - conditions.temperature(s)
             for s in sensors
         },
     )
+
+
+def _as_far_as_known(conditions: Conditions, sensor: str, by_s: float) -> FloatArray:
+    """Give what a sensor read later, or as much later as is known, shape (n,) [°C].
+
+    If rows whose readings end before were not moved at all, one after the other would stop to be
+    as the time grows, and what is likely would jump with each.
+    """
+    found = conditions.temperature_later(sensor, by_s)
+    rows = np.flatnonzero(np.isnan(found))
+    if rows.size:
+        some = conditions.take(rows)
+        known, unknown = np.zeros(rows.size), np.full(rows.size, by_s)
+        for _ in range(HALVED):
+            between = 0.5 * (known + unknown)
+            is_known = np.isfinite(some.temperature_later(sensor, between))
+            known = np.where(is_known, between, known)
+            unknown = np.where(is_known, unknown, between)
+        found[rows] = some.temperature_later(sensor, known)
+    return found
 
 
 def is_known_apart(view: CampaignView, sensor: str, by_s: float) -> bool:
