@@ -313,8 +313,8 @@ class Told(NamedTuple):
     """What a response says at n moments, shape (n,) each.
 
     `mean` is what was learnt, `learnt` and `wander` the standard deviations of that and of what
-    no driver explains, `corrected` what is corrected of it, `is_held` says where a column lies
-    at the edge of where it was learnt.
+    no driver explains, the jump as a set-up begins included, `corrected` what is corrected of it,
+    `is_held` says where a column lies at the edge of where it was learnt.
     """
 
     mean: FloatArray
@@ -345,7 +345,7 @@ class Responding(Driver):
         (`written_root`): collinear columns are known in sum and not apart, so that nothing of it
         can be left out.
     noise
-        White noise and wander (`Wander`).
+        White noise, wander, and jump (`Wander`); without the last where an older version stored it.
     is_zeroed
         Whether it was learnt from set-ups that were zeroed at their first observation.
     longest_min
@@ -419,13 +419,16 @@ class Responding(Driver):
         stretch = np.searchsorted(np.array(self.until_s), times_s, side="right")
         mean = np.einsum("ij,ij->i", values, np.array(self.coefficients)[stretch])
         variance = ((values @ self._root) ** 2).sum(axis=1)
-        wander = Wander(*self.noise).variance(
-            found.age_s / SECONDS_PER_MIN, is_zeroed=not self.references_c
+        noise, age_min = Wander(*self.noise), found.age_s / SECONDS_PER_MIN
+        # A set-up jumps as it begins with a correction as without it: caution does not count that.
+        wander, slow = (
+            np.sqrt(np.maximum(one.variance(age_min, is_zeroed=not self.references_c), 0.0))
+            for one in (noise, noise._replace(jump=0.0))
         )
-        learnt, wander = np.sqrt(variance), np.sqrt(np.maximum(wander, 0.0))
+        learnt = np.sqrt(variance)
         maps = np.zeros(mean.shape) if maps is None else maps
         by = np.sqrt(self.counted)
-        beside = np.zeros(mean.shape) if self.in_maps is not None else by * wander
+        beside = np.zeros(mean.shape) if self.in_maps is not None else by * slow
         return Told(mean, learnt, wander, cautious(mean, maps, by * learnt, beside), is_held)
 
     def farthest(self, conditions: Conditions) -> Outside | None:

@@ -355,7 +355,7 @@ def _scaled(gram: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def _logarithms(prior: Prior) -> FloatArray:
-    found: FloatArray = np.log(np.concatenate([prior.noise, prior.scales]))
+    found: FloatArray = np.log(np.concatenate([prior.noise[:5], prior.scales]))
     return found
 
 

@@ -85,7 +85,8 @@ class Average:
     priors
         What it starts from when it is learnt again from nearly the same set-ups.
     noise
-        The noise within a set-up, and its wander, as learnt with all columns.
+        The noise within a set-up, and its wander, as learnt with all columns; and its jump, where
+        set-ups held out have shown that (`app.search.jump`).
     stretches
         The response, from date to date.
     dates
@@ -106,6 +107,10 @@ class Average:
     def at(self, began: float) -> Stretch:
         """Choose the response that holds at a time."""
         return next((s for s in self.stretches if began < s.until), self.stretches[-1])
+
+    def jumping(self, jump: float) -> Average:
+        """Say the same with a jump as set-ups begin, of that standard deviation."""
+        return replace(self, noise=self.noise._replace(jump=jump))
 
     def predict(self, course: Course) -> Predicted:
         """Predict a set-up.

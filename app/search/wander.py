@@ -2,7 +2,8 @@
 
 White noise, a wander that forgets exponentially (Ornstein-Uhlenbeck) and a smooth one (Matérn
 3/2) add up. Where a set-up was zeroed at its first observation, what is left is their difference
-from that observation, the noise of the zero included.
+from that observation, the noise of the zero included. A set-up that is zeroed before the machine
+is switched on may also jump as it begins, all that follows with it.
 """
 
 from __future__ import annotations
@@ -16,9 +17,13 @@ from app.arrays import BoolArray, FloatArray
 
 ROOT_3: Final = float(np.sqrt(3.0))
 
+JUMP_MIN: Final = 4.0
+"""Time constant of the jump [min]: some minutes, as the first layers of a body that is suddenly
+heated take; not fitted, because rows are hardly closer together than that."""
+
 
 class Wander(NamedTuple):
-    """White noise and two wanders.
+    """White noise, two wanders, and a jump as a zeroed set-up begins.
 
     Parameters
     ----------
@@ -28,6 +33,8 @@ class Wander(NamedTuple):
         Standard deviation and time constant [min] of the wander that forgets exponentially.
     smooth, smooth_min
         The same of the smooth one.
+    jump
+        Standard deviation of the jump, which is learnt apart (`app.search.jump`).
     """
 
     white: float
@@ -35,12 +42,16 @@ class Wander(NamedTuple):
     rough_min: float
     smooth: float
     smooth_min: float
+    jump: float = 0.0
 
     def larger(self, by: float) -> Wander:
         """Multiply all variances by a number."""
         root = float(np.sqrt(by))
         return self._replace(
-            white=root * self.white, rough=root * self.rough, smooth=root * self.smooth
+            white=root * self.white,
+            rough=root * self.rough,
+            smooth=root * self.smooth,
+            jump=root * self.jump,
         )
 
     def over(self, apart_min: FloatArray) -> FloatArray:
@@ -72,10 +83,11 @@ class Wander(NamedTuple):
         -------
         ndarray, shape (m, n, n)
         """
-        return _of_set_up(self.over, self.white**2, times_min, is_zeroed)
+        found = _of_set_up(self.over, self.white**2, times_min, is_zeroed)
+        return found + self.jump**2 * _jumps(times_min, is_zeroed) if self.jump else found
 
     def slopes(self, times_min: FloatArray, is_zeroed: BoolArray) -> list[FloatArray]:
-        """Give the slopes of `covariance` in the logarithms of the five parameters."""
+        """Give the slopes of `covariance` in the logarithms of all but the jump."""
 
         def rough(apart: FloatArray) -> FloatArray:
             found: FloatArray = self.rough**2 * np.exp(-apart / self.rough_min)
@@ -99,9 +111,30 @@ class Wander(NamedTuple):
         return [_of_set_up(over, white, times_min, is_zeroed) for over, white in parts]
 
     def variance(self, times_min: FloatArray, *, is_zeroed: bool) -> FloatArray:
-        """Give what the wander alone makes uncertain at n times, shape (n,), without the noise."""
+        """Give what wander and jump make uncertain at n times, shape (n,), without the noise."""
         here: FloatArray = np.broadcast_to(self.over(np.zeros(1)), times_min.shape)
-        return 2.0 * (here - self.over(times_min)) if is_zeroed else here
+        if not is_zeroed:
+            return here
+        return 2.0 * (here - self.over(times_min)) + (self.jump * jumped(times_min)) ** 2
+
+
+def jumped(times_min: FloatArray) -> FloatArray:
+    """Say which share of its jump a set-up has made at n times since its zero [min], shape (n,).
+
+    Examples
+    --------
+    >>> jumped(np.array([0.0, 4.0, 60.0])).round(2).tolist()
+    [0.0, 0.63, 1.0]
+    """
+    found: FloatArray = 1.0 - np.exp(-times_min / JUMP_MIN)
+    return found
+
+
+def _jumps(times_min: FloatArray, is_zeroed: BoolArray) -> FloatArray:
+    """Give the covariance of a jump of 1, shape (m, n, n)."""
+    share = np.where(is_zeroed[:, None], jumped(times_min), 0.0)
+    found: FloatArray = share[:, :, None] * share[:, None, :]
+    return found
 
 
 def _of_set_up(

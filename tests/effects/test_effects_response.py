@@ -161,6 +161,18 @@ def test_a_correction_is_smaller_than_what_was_learnt_and_the_table_says_by_how_
     assert abs(unsure.corrected[0]) < abs(sure.corrected)
 
 
+def test_a_jump_as_set_ups_begin_is_stated_and_nothing_is_corrected_less_for_it():
+    there = conditions_of(readings(), np.array([600.0, 9000.0]))
+    plain = responding()
+    noise = plain.noise
+    jumping = responding(noise=(*noise, 3.0)).told(there)
+    before = plain.told(there)
+    share = 1.0 - np.exp(-np.array([10.0, 150.0]) / 4.0)  # of a jump within some 4 minutes
+    expected = np.sqrt(before.wander**2 + (3.0 * share) ** 2)
+    np.testing.assert_allclose(jumping.wander, expected, rtol=1e-9)
+    np.testing.assert_array_equal(jumping.corrected, before.corrected)
+
+
 def test_what_is_not_sure_goes_half_back_to_the_maps_and_half_to_the_start():
     """Maps of 5 µm/K over a, which has risen by 4 (1 − exp(−2.5)) K; by hand."""
     there = conditions_of(readings(), np.array([9000.0]))

@@ -205,11 +205,11 @@ def test_where_nothing_drives_nothing_is_found(wander):
 
 @pytest.mark.slow
 def test_variances_that_set_ups_held_out_belie_are_stated_larger():
-    """One run in which the instrument went astray: what is said of all others is less sure."""
+    """One run in which the instrument crept away: what is said of all others is less sure."""
     asked = campaign(6, drives=1.0)
     odd = asked.verifications[4]
     moved = [
-        replace(o, measured=(o.measured[0] + 30.0 * (i > 0),))
+        replace(o, measured=(o.measured[0] + 60.0 * i / len(odd.observations),))
         for i, o in enumerate(odd.observations)
     ]
     strange = [*asked.verifications[:4], replace(odd, observations=moved), *asked.verifications[5:]]
@@ -220,13 +220,43 @@ def test_variances_that_set_ups_held_out_belie_are_stated_larger():
     assert judged[0].doubt < 1.5 < judged[1].doubt
     assert judged[1].usual < 1.5  # the others are corrected as before
     one = judged[1]
-    driver = one.rows.driver(one.average, one.rows.set_ups, one.doubt)
-    plain = one.rows.driver(one.average, one.rows.set_ups)
+    still = one.average.jumping(0.0)  # which doubt leaves as it is
+    driver = one.rows.driver(still, one.rows.set_ups, one.doubt)
+    plain = one.rows.driver(still, one.rows.set_ups)
     found = one.rows.set_ups[0]
     told, sure = (d.told_of(found.found, found.times_s) for d in (driver, plain))
     np.testing.assert_allclose(told.learnt, np.sqrt(one.doubt) * sure.learnt, rtol=1e-5)
     np.testing.assert_allclose(told.wander, np.sqrt(one.doubt) * sure.wander)
     assert (np.abs(told.corrected) <= np.abs(sure.corrected) + 1e-9).all()
+
+
+@pytest.mark.slow
+def test_what_differs_each_time_the_machine_is_switched_on_is_stated_from_the_first_minutes():
+    """Each run is off by 5 µm or so from its second observation on, by hand."""
+    random = np.random.default_rng(7)
+    asked = campaign(6, drives=1.0)
+    by_um = random.normal(0.0, 5.0, len(asked.verifications)).tolist()
+    runs = [
+        replace(
+            one,
+            observations=[
+                replace(o, measured=(o.measured[0] + by * (i > 0),))
+                for i, o in enumerate(one.observations)
+            ],
+        )
+        for one, by in zip(asked.verifications, by_um, strict=True)
+    ]
+    still, jumping = (
+        judge(response_rows(residuals_of(one), "EXX"))
+        for one in (asked, replace(asked, verifications=runs))
+    )
+    assert still.average.noise.jump < 1.0
+    assert 2.5 < jumping.average.noise.jump < 10.0
+    one = jumping.rows.set_ups[0]
+    driver = jumping.rows.driver(jumping.average, jumping.rows.set_ups, jumping.doubt)
+    told = driver.told_of(one.found, one.times_s, one.maps)
+    assert told.wander[0] == 0.0  # it reads zero there
+    assert told.wander[1] > 0.8 * jumping.average.noise.jump
 
 
 @pytest.mark.slow

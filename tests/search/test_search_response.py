@@ -73,7 +73,7 @@ def test_without_wander_and_with_a_wide_prior_it_is_least_squares():
 
 def test_the_slope_of_the_misfit_is_its_difference():
     response = Response(some_courses(), GROUPS)
-    logs = np.log(np.concatenate([NOISE, SCALES]))
+    logs = np.log(np.concatenate([NOISE[:5], SCALES]))
     _, slope = response.misfit_and_slope(Prior(NOISE, SCALES))
 
     def at(i, step):

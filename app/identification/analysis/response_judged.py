@@ -14,6 +14,7 @@ from scipy.stats import wilcoxon
 from app.arrays import BoolArray, FloatArray
 from app.identification.analysis.response_rows import ResponseRows, SetUp
 from app.search.figures import rms
+from app.search.jump import held_out_jump
 from app.search.response import FREEDOM
 from app.search.response_average import Average, learn_average
 
@@ -174,6 +175,9 @@ def judge(rows: ResponseRows) -> Judged:
         )
         for i in range(len(rows.set_ups))
     ]
+    courses = [one.course for one in rows.set_ups]
+    jump = held_out_jump(list(zip(courses, learnt, strict=True)))
+    average, *learnt = (one.jumping(jump) for one in (average, *learnt))
     surprises = np.array(
         [_surprise(one, set_up) for one, set_up in zip(learnt, rows.set_ups, strict=True)]
     )

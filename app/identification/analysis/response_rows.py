@@ -197,7 +197,8 @@ class ResponseRows:
             until_s=tuple(s.until for s in average.stretches[:-1]),
             coefficients=tuple(_rounded(s.mean) for s in average.stretches),
             spread=written_root(doubt * average.stretches[-1].covariance),
-            noise=tuple(average.noise.larger(doubt)),
+            # The jump is of set-ups held out already, which is what doubt stands for.
+            noise=tuple(average.noise.larger(doubt)._replace(jump=average.noise.jump)),
             is_zeroed=all(one.is_zeroed for one in learnt_from),
             longest_min=float(ages_s.max()) / SECONDS_PER_MIN,
             maps_sensor="" if spares_maps else self.own_sensor,
