@@ -3,8 +3,8 @@
 A machine is zeroed standing still, and is switched on a moment later. What that does differs from
 one time to the next, within minutes and for as long as the set-up lasts. In learning, a set-up's
 first rows are few, and drivers that begin with it take up what it did that time; only set-ups held
-out show how much that was luck. So the jump is not learnt with the response, which it would make
-another, but of its errors, and says how sure they are.
+out show how much that was luck. So what is stated of the jump is learnt of their errors, whether or
+not the response was learnt as if set-ups jumped.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ WHITE_SHARE, WANDER_SHARE = 0.04, 0.2
 ROUGH_MIN, SMOOTH_MIN = 300.0, 200.0
 """Where the wanders' time constants begin [min]."""
 
-NOISE_SPREAD: Final = (1.0, 1.0, 0.7, 1.0, 0.5)
+NOISE_SPREAD: Final = (1.0, 1.0, 0.7, 1.0, 0.5, 1.0)
 GROUP_SPREAD: Final = 2.0
 """How freely the logarithms may move from where they begin: one standard deviation of each."""
 
@@ -122,10 +122,13 @@ class Response:
         The set-ups.
     groups : ndarray, shape (p,)
         Number of the group of each column, from 0.
+    jumps
+        Whether zeroed set-ups may jump as they begin.
     """
 
     courses: Sequence[Course]
     groups: IntArray
+    jumps: bool = False
 
     def begin(self) -> Prior:
         """Choose where learning begins: each group of columns could explain everything alone."""
@@ -137,6 +140,8 @@ class Response:
         noise = Wander(
             WHITE_SHARE * size, WANDER_SHARE * size, ROUGH_MIN, WANDER_SHARE * size, SMOOTH_MIN
         )
+        if self.jumps:
+            noise = noise._replace(jump=WANDER_SHARE * size)
         return Prior(noise, scales)
 
     def normal(self, noise: Wander) -> Normal:
@@ -186,10 +191,12 @@ class Response:
             Its misfit counts the weak prior on the parameters' logarithms too.
         """
         middle = _logarithms(self.begin())
-        spread = np.concatenate([NOISE_SPREAD, np.full(middle.size - 5, GROUP_SPREAD)])
+        groups = int(self.groups.max()) + 1
+        of_noise = NOISE_SPREAD[: middle.size - groups]
+        spread = np.concatenate([of_noise, np.full(groups, GROUP_SPREAD)])
 
         def objective(logs: FloatArray) -> tuple[float, FloatArray]:
-            value, slope = self.misfit_and_slope(_prior(logs))
+            value, slope = self.misfit_and_slope(_prior(logs, groups))
             off = (logs - middle) / spread
             return value + 0.5 * float(off @ off), slope + off / spread
 
@@ -201,7 +208,7 @@ class Response:
             bounds=[(m - WITHIN, m + WITHIN) for m in middle],
             options={"maxiter": iterations},
         )
-        return Learnt(_prior(found.x), float(found.fun))
+        return Learnt(_prior(found.x, groups), float(found.fun))
 
     def posterior(
         self, prior: Prior, normal: Normal | None = None, *, weighs: bool = True
@@ -269,7 +276,7 @@ class Response:
         kept = ~np.isin(self.groups, list(left_out))
         courses = [replace(c, columns=c.columns[:, kept]) for c in self.courses]
         _, groups = np.unique(self.groups[kept], return_inverse=True)
-        return Response(courses, groups)
+        return replace(self, courses=courses, groups=groups)
 
     def with_change(self, changing: IntArray, side: FloatArray) -> Response:
         """Add columns that are some of the others times a number for each set-up, as a group.
@@ -286,7 +293,7 @@ class Response:
             for c, own in zip(self.courses, side, strict=True)
         ]
         group = np.full(changing.size, self.groups.max() + 1)
-        return Response(courses, np.concatenate([self.groups, group]))
+        return replace(self, courses=courses, groups=np.concatenate([self.groups, group]))
 
     def _scale(self, prior: Prior) -> FloatArray:
         found: FloatArray = prior.scales[self.groups]
@@ -355,10 +362,12 @@ def _scaled(gram: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def _logarithms(prior: Prior) -> FloatArray:
-    found: FloatArray = np.log(np.concatenate([prior.noise[:5], prior.scales]))
+    noise = prior.noise if prior.noise.jump else prior.noise[:-1]
+    found: FloatArray = np.log(np.concatenate([noise, prior.scales]))
     return found
 
 
-def _prior(logs: FloatArray) -> Prior:
+def _prior(logs: FloatArray, groups: int) -> Prior:
     found = np.exp(logs)
-    return Prior(Wander(*found[:5].tolist()), found[5:])
+    of_noise = found.size - groups
+    return Prior(Wander(*found[:of_noise].tolist()), found[of_noise:])

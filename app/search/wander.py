@@ -34,7 +34,7 @@ class Wander(NamedTuple):
     smooth, smooth_min
         The same of the smooth one.
     jump
-        Standard deviation of the jump, which is learnt apart (`app.search.jump`).
+        Standard deviation of the jump; 0: there is none.
     """
 
     white: float
@@ -87,7 +87,7 @@ class Wander(NamedTuple):
         return found + self.jump**2 * _jumps(times_min, is_zeroed) if self.jump else found
 
     def slopes(self, times_min: FloatArray, is_zeroed: BoolArray) -> list[FloatArray]:
-        """Give the slopes of `covariance` in the logarithms of all but the jump."""
+        """Give the slopes of `covariance` in the logarithms of its parameters; no jump has none."""
 
         def rough(apart: FloatArray) -> FloatArray:
             found: FloatArray = self.rough**2 * np.exp(-apart / self.rough_min)
@@ -108,7 +108,10 @@ class Wander(NamedTuple):
             (lambda d: 2.0 * smooth(d) * (1.0 + scaled(d)), 0.0),
             (lambda d: smooth(d) * scaled(d) ** 2, 0.0),
         ]
-        return [_of_set_up(over, white, times_min, is_zeroed) for over, white in parts]
+        found = [_of_set_up(over, white, times_min, is_zeroed) for over, white in parts]
+        if self.jump:
+            found.append(2.0 * self.jump**2 * _jumps(times_min, is_zeroed))
+        return found
 
     def variance(self, times_min: FloatArray, *, is_zeroed: bool) -> FloatArray:
         """Give what wander and jump make uncertain at n times, shape (n,), without the noise."""

@@ -12,8 +12,8 @@ from app.effects.adopted.carry_over import without_replaced
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.identification.analysis import response_judged, responses
 from app.identification.analysis import response_rows as response_rows_module
-from app.identification.analysis import responses
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_rows import (
@@ -322,6 +322,23 @@ def test_what_is_markedly_worse_does_not_depend_on_how_much_caution_leaves():
     assert judged.is_worse.tolist() == [True, False, False]
     assert judged.is_worse_than_none.tolist() == [True, False, False]
     assert replace(judged, typical=5.0).is_worse.tolist() == [False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("left", "refused", "expected"),
+    [((5.0, 4.0), ("", ""), True), ((4.0, 5.0), ("", ""), False), ((5.0, 4.0), ("", "no"), False)],
+)
+def test_whether_set_ups_jump_is_decided_by_set_ups_held_out(monkeypatch, left, refused, expected):
+    def judged(rows):
+        return SimpleNamespace(rows=rows, after_rms=left[rows.jumps], why_not=refused[rows.jumps])
+
+    monkeypatch.setattr(response_judged, "_judge", judged)
+    rows = response_rows(residuals_of(campaign(3, runs=8)), "EXX")
+    assert judge(rows).rows.jumps is expected
+    assert rows.response.jumps is False
+    assert replace(rows, jumps=True).response.jumps
+    still = [replace(one, is_zeroed=False) for one in rows.set_ups]
+    assert not judge(replace(rows, set_ups=still)).rows.jumps
 
 
 class Named(NamedTuple):

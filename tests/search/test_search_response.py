@@ -71,17 +71,33 @@ def test_without_wander_and_with_a_wide_prior_it_is_least_squares():
     np.testing.assert_allclose(found.mean, expected, rtol=1e-6)
 
 
-def test_the_slope_of_the_misfit_is_its_difference():
+@pytest.mark.parametrize("noise", [NOISE[:5], NOISE._replace(jump=1.5)])
+def test_the_slope_of_the_misfit_is_its_difference(noise):
     response = Response(some_courses(), GROUPS)
-    logs = np.log(np.concatenate([NOISE[:5], SCALES]))
-    _, slope = response.misfit_and_slope(Prior(NOISE, SCALES))
+    logs = np.log(np.concatenate([noise, SCALES]))
+    _, slope = response.misfit_and_slope(Prior(Wander(*noise), SCALES))
 
     def at(i, step):
         moved = np.exp(logs + step * np.eye(logs.size)[i])
-        return response.misfit(Prior(Wander(*moved[:5]), moved[5:]))
+        return response.misfit(Prior(Wander(*moved[:-2]), moved[-2:]))
 
     expected = [(at(i, 1e-5) - at(i, -1e-5)) / 2e-5 for i in range(logs.size)]
     np.testing.assert_allclose(slope, expected, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("jump", [0.0, 4.0])
+def test_where_set_ups_may_jump_the_jump_is_learnt(jump):
+    """Of thirty set-ups that jump by 4 or not at all; otherwise it is 0 whatever they do."""
+    random = np.random.default_rng(5)
+    courses = [
+        Course(c.times_min, c.columns, c.values + jump * random.normal(), True, c.began)
+        for c in some_courses(count=30, noise=0.5)
+    ]
+    found = Response(courses, GROUPS, jumps=True).learn().prior.noise
+    assert found.jump == pytest.approx(jump, abs=1.2)
+    assert Response(courses, GROUPS).learn().prior.noise.jump == 0.0
+    fewer = Response(courses, GROUPS, jumps=True).without_groups([0]).without(3)
+    assert fewer.jumps
 
 
 def test_leaving_a_set_up_out_is_a_subtraction():

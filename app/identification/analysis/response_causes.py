@@ -230,7 +230,7 @@ def _few(rows: ResponseRows, sensor: str) -> Response:
 def _with_columns(response: Response, kept: BoolArray) -> Response:
     courses = [replace(one, columns=one.columns[:, kept]) for one in response.courses]
     _, groups = np.unique(response.groups[kept], return_inverse=True)
-    return Response(courses, groups)
+    return replace(response, courses=courses, groups=groups)
 
 
 def _go_on(rest: Response, rows: ResponseRows, prior: Prior, kept: BoolArray) -> Prior:

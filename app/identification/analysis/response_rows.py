@@ -122,6 +122,8 @@ class ResponseRows:
     maps
         What the maps say there, over their sensor's temperature (`Responding.maps`); none where
         set-ups are not counted from their start.
+    jumps
+        Whether set-ups are learnt from as if each zeroed one jumped as it begins.
     """
 
     code: str
@@ -130,6 +132,7 @@ class ResponseRows:
     zero: Zero
     set_ups: Sequence[SetUp]
     maps: tuple[Range, ...] = ()
+    jumps: bool = False
 
     @cached_property
     def groups(self) -> list[str]:
@@ -147,7 +150,8 @@ class ResponseRows:
     def response(self) -> Response:
         """The set-ups with all columns."""
         numbers = [self.groups.index(self.group_of(column)) for column in self.columns]
-        return Response([one.course for one in self.set_ups], np.array(numbers, dtype=np.intp))
+        courses = [one.course for one in self.set_ups]
+        return Response(courses, np.array(numbers, dtype=np.intp), self.jumps)
 
     @cached_property
     def changing(self) -> IntArray:

@@ -225,6 +225,7 @@ def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offere
     judged = judge(rows)
     if judged.why_not:
         return "" if judged.is_by_chance else judged.why_not
+    rows = judged.rows
     return Offered(code, _effect(rows, judged, residuals), judged, causes_of(rows, judged.average))
 
 
