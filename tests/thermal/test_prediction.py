@@ -145,7 +145,7 @@ def test_a_component_that_the_model_lacks_is_refused_with_the_reason():
     with pytest.raises(InvalidContent) as refusal:
         predicted(compiled(maps), "EXX", at_x_middle(25.0), [0.0])
     assert refusal.value.detail == (
-        "expected a component of the model (EYX), got EXX: only Run #1 has it, at least two "
+        "expected a component of the model (EYX), got EXX: measured in Run #1 only, at least two "
         "maps are needed"
     )
     with pytest.raises(InvalidContent, match="got EZZ: no map has it"):
