@@ -141,7 +141,7 @@ async def test_what_to_measure_next_is_listed_once(client, app):
 async def test_nothing_is_never_said_without_what_would_have_been_seen(client, app, verdict):
     done(app, NOTHING | {"verdict": verdict})
     page = await shown(client, PAGE)
-    assert "thermal lag: 0.21 to 0.30 µm 0.40 µrad would have been seen" in page.text
+    assert "thermal lag: 0.21 to 0.30 µm; 0.40 µrad would have been seen" in page.text
     assert "There is nothing to adopt." in page.text
     done(app, NOTHING | {"verdict": verdict, "detectable": []})
     page = await shown(client, PAGE)
