@@ -217,13 +217,13 @@ def numbers(document):
     )
 
 
-def low_pass_by_steps(readings, value, tau_s, rise):
-    """The filter once more, by small steps of Euler's rule from reading to reading."""
+def low_pass_by_steps(readings, value, tau_s):
+    """The filter once more, by small steps of Euler's rule along lines between readings."""
     values = [value(r) for r in readings]
     y = values[0]
     for a, b in pairwise(values):
         for i in range(500):
-            u = a + (b - a) * (i + 0.5) / 500 if rise else a
+            u = a + (b - a) * (i + 0.5) / 500
             y += (u - y) * (60.0 / 500) / tau_s
     return y
 

@@ -33,8 +33,8 @@ RATE_OVER_S: Final = 600.0
 STATE_GAP_S: Final = 600.0
 """A state counts for so long after its reading where no sensor says otherwise [s]."""
 
-HOLDS: Final = {"temperature": Hold.LINEAR, "state": Hold.LINEAR}
-"""What a low-pass takes a signal to do between two readings.
+BETWEEN_READINGS: Final = Hold.LINEAR
+"""What a low-pass takes a signal to do between two readings, a temperature or a state.
 
 A state changes at once, at any moment between two readings: in the mean halfway, as on a straight
 line. If the first of them held until the second, all that follows late would follow half an
@@ -437,8 +437,9 @@ def recordings_of(
     for name, sensor in sensors.items():
         if name in history.temperatures_c:
             times, values = history.known(name)
-            hold = HOLDS["temperature"]
-            found["temperature", name] = Recording(times, values, hold, sensor.max_age_s)
+            found["temperature", name] = Recording(
+                times, values, BETWEEN_READINGS, sensor.max_age_s
+            )
     for name, recording in _state_recordings(state_readings, state_gap_s(sensors)).items():
         found["state", name] = recording
     return found
@@ -459,6 +460,6 @@ def _state_recordings(
             times.append(time_s)
             values.append(value)
     return {
-        name: Recording(np.array(times), np.array(values, dtype=float), HOLDS["state"], gap_s)
+        name: Recording(np.array(times), np.array(values, dtype=float), BETWEEN_READINGS, gap_s)
         for name, (times, values) in known.items()
     }

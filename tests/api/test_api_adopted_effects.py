@@ -82,7 +82,7 @@ async def test_a_lag_is_carried_along_and_is_what_predictions_say(client, app):
     ezz = by_code(document)["EZZ"]
     assert ezz["effects"] == ["thermal-lag"]
     assert by_code(document)["EXX"]["effects"] == []
-    late_c = low_pass_by_steps(readings, lambda r: r["temperatures_c"]["z-column"], TAU_S, True)
+    late_c = low_pass_by_steps(readings, lambda r: r["temperatures_c"]["z-column"], TAU_S)
     # EZZ is (t − 20)·z/50 µm where z-column reads t + 2.
     expected = [(late_c - 22.0) * z / 50.0 for z in ezz["positions_mm"]]
     assert ezz["errors_um"] == pytest.approx(expected, abs=1e-3)
@@ -126,7 +126,7 @@ async def test_a_late_second_sensor_is_carried_along_and_is_what_predictions_say
     assert effect["valid"]["made_of"] == {
         "spindle 10 min late above what it was in the maps [K]": [-3.0, 3.0]
     }
-    late_c = low_pass_by_steps(readings, lambda r: r["temperatures_c"]["spindle"], TAU_S, True)
+    late_c = low_pass_by_steps(readings, lambda r: r["temperatures_c"]["spindle"], TAU_S)
     # EXX is (t − 20)·x/100 µm; where x-middle reads t the maps had the spindle at t + 5.
     t_c = readings[-1]["temperatures_c"]["x-middle"]
     exx = by_code(document)["EXX"]
@@ -226,7 +226,7 @@ async def test_a_late_state_is_filtered_while_it_stands(client, app):
     readings = warm_up(100)
     await stored(client, readings)
     exx = by_code(await current(client))["EXX"]
-    late = low_pass_by_steps(readings, lambda r: r["state"]["spindle_rpm"], 900.0, False)
+    late = low_pass_by_steps(readings, lambda r: r["state"]["spindle_rpm"], 900.0)
     assert exx["errors_um"][0] == pytest.approx(0.001 * late, abs=1e-3)
     said = await predicted(client, {"component": "EXX", "position_mm": 0})
     assert said["predicted_um"] == pytest.approx(exx["errors_um"][:1], abs=5.1e-5)

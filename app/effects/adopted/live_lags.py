@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.arrays import FloatArray
-from app.effects.conditions import HOLDS, Signal
+from app.effects.conditions import BETWEEN_READINGS, Signal
 from app.effects.low_pass import SETTLED, FromStart, LagState
 from app.units import SECONDS_PER_MIN
 
@@ -87,7 +87,7 @@ class LiveLags:
             if value is not None:
                 value = signal.of(value)
                 carried[signal, tau_s] = (
-                    LagState.start(tau_s, time_s, value, HOLDS[signal.kind])
+                    LagState.start(tau_s, time_s, value, BETWEEN_READINGS)
                     if state is None
                     else state.update(time_s, value, self._max_gap_s(signal))
                 )
