@@ -109,10 +109,14 @@ class Verification:
 
     @property
     def remarks(self) -> list[str]:
-        """Say what is taken as it came although it may be a mistake.
+        """Say what is taken as it came although it may be a mistake."""
+        return [*self._copies(), *self._lacking_setups()]
 
-        A machine is at one place at a time and has one error there, so that lines with one time and
-        place are copies as a rule: as repeats they would make the noise too small.
+    def _copies(self) -> Iterable[str]:
+        """Name lines of one time and place.
+
+        A machine is at one place at a time and has one error there, so that they are copies as a
+        rule: as repeats they would make the noise too small.
         """
         times = Counter(
             (o.time_s, o.component, o.position_mm, o.point_mm, o.tool_offset_mm, o.directions)
@@ -120,18 +124,32 @@ class Verification:
         )
         copied = [seen for seen, count in times.items() if count > 1]
         if not copied:
-            return []
+            return
         time_s, component, position_mm, point_mm, *_ = copied[0]
         where = (
             f"the point {list_names(map('{:g}'.format, point_mm))} mm" if point_mm else component
         )
         at = "" if position_mm is None else f" at {position_mm:g} mm"
         more = sum(times[seen] - 1 for seen in copied)
-        return [
+        yield (
             f"{counted(more, 'observation has', 'observations have')} the time, place and "
             f"direction of another one; the first is of {where}{at}, {iso_time(time_s)}. They "
             "count as repeats: if they are copies, the noise will seem smaller than it is"
-        ]
+        )
+
+    def _lacking_setups(self) -> Iterable[str]:
+        """Name lines without a set-up beside others with one.
+
+        Whoever fills in the first line of each set-up only, as in a spreadsheet, means the lines
+        below too; as they stand they are one more set-up, of pieces of all the others.
+        """
+        lacking = sum(not o.setup for o in self.observations)
+        if 0 < lacking < len(self.observations):
+            yield (
+                f"{counted(lacking, 'observation names', 'observations name')} no set-up beside "
+                "others that do: together they count as one more set-up. Where lines below a named "
+                "set-up belong to it, its name must stand in each of them"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,6 +53,21 @@ async def test_copied_observations_are_stored_and_said(client):
     assert (await client.post(PATH, json=apart)).json()["warnings"] == []
 
 
+async def test_observations_without_a_set_up_beside_others_with_one_are_said(client):
+    """As in a spreadsheet in which only the first line of each set-up is filled in."""
+    first, *below = (
+        observation(time=iso(START - timedelta(minutes=minutes))) for minutes in (10, 9, 8)
+    )
+    named = first | {"setup": "morning"}
+    answer = await client.post(PATH, json=verification(named, *below))
+    (warning,) = answer.json()["warnings"]
+    assert warning.startswith("2 observations name no set-up beside others that do")
+    all_named = [named, *(one | {"setup": "morning"} for one in below)]
+    for label, alike in {"none": [first, *below], "all": all_named}.items():
+        answer = await client.post(PATH, json=verification(*alike, label=label))
+        assert answer.json()["warnings"] == []
+
+
 async def test_without_a_model_a_verification_is_stored_with_a_warning(client):
     await client.post("/v1/machines", json=MACHINE | {"id": "new"})
     answer = await client.post("/v1/machines/new/verifications", json=verification())

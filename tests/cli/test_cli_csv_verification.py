@@ -119,10 +119,9 @@ def test_setups_are_any_text(read):
         "time,component,measured_um,setup\n"
         "2026-03-01T06:00:00Z,SXY,1,2\n"
         "2026-03-01T06:01:00Z,SXY,1,second clamping\n"
+        "2026-03-01T06:02:00Z,SXY,1,\n"
     )
-    assert [o.get("setup") for o in found.body["observations"]] == ["2", "second clamping"]
-    none = read("time,component,measured_um,setup\n2026-03-01T06:00:00Z,SXY,1,\n")
-    assert "setup" not in none.body["observations"][0]
+    assert [o.get("setup") for o in found.body["observations"]] == ["2", "second clamping", None]
 
 
 def test_a_plan_needs_no_values_and_does_not_read_them(read):
@@ -177,11 +176,6 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
             "time,component,position_mm,measured_um,measured_x_um\n"
             "2026-03-01T06:00:00Z,EXX,5,1,2\n",
             "column 5 (measured_x_um): expected a component or a point, and not both, got both",
-        ),
-        (
-            "time,component,measured_um,setup\n"
-            "2026-03-01T06:00:00Z,SXY,1,a\n2026-03-01T06:01:00Z,SXY,1,\n",
-            "line 3, column 4 (setup): expected a set-up as in other lines (or in no line), got",
         ),
         ("# datum: last\n" + HEAD, "expected datum among absolute, first, free, got 'last'"),
         ("time,component,position_mm\n", "measured_um (or measured_urad), or at points"),

@@ -114,7 +114,6 @@ def parse_csv_verification(
     if not text.rows:
         text.problems.add("expected lines of observations, got none")
     observations = [_observation(columns, states, row, is_planned) for row in text.rows]
-    _expect_all_or_no_setups(columns, observations)
     remarks += _check_sizes(text, observations)
     text.problems.raise_if_any()
     head = _head(comments, file.stem)
@@ -124,20 +123,6 @@ def parse_csv_verification(
         remarks,
         [row.line for row in text.rows],
     )
-
-
-def _expect_all_or_no_setups(columns: Columns, observations: Sequence[Body]) -> None:
-    """Refuse lines without a set-up beside others with one.
-
-    Whoever fills in the first line of each set-up only, as in a spreadsheet, means the lines below
-    too; read as they stand they would be one more set-up, of pieces of all the others.
-    """
-    if not any("setup" in one for one in observations):
-        return
-    for row, observation in zip(columns.text.rows, observations, strict=True):
-        if "setup" not in observation:
-            message = "expected a set-up as in other lines (or in no line), got none"
-            columns.complain(row, "setup", message)
 
 
 def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> list[str]:
