@@ -21,7 +21,6 @@ from app.identification.residuals.coarse_sensors import (
     step_columns,
 )
 from app.identification.residuals.map_uncertainty import (
-    between_positions,
     channel_entries,
     combined,
     entry_columns,
@@ -83,22 +82,6 @@ def test_entry_errors_are_stated_or_assumed():
     model = compile_model(where.machine, stated, ASSIGNMENT)
     assert entry_errors(model, stated, "EXX").tolist() == pytest.approx([0.3] * 15)
     assert entry_errors(model, stated, "EYX").tolist() == [0.5] * 15
-
-
-def test_between_its_positions_a_table_is_off_by_what_a_curve_differs_from_straight_lines():
-    """EYX grows with the square of the position, by 0.2 µm/K at the end; EXX with the position."""
-    where = example_view()
-    view = where.projection.view("EYX")
-    above = np.clip(where.conditions.temperatures_c["x-middle"][view.rows], 20.0, 30.0) - 20.0
-    nodes = where.positions_mm("EYX")
-    at = view.places.positions_mm
-    straight = np.interp(at, nodes, (nodes / 500.0) ** 2)
-    expected = view.gains * 0.2 * above * ((np.clip(at, 0.0, 500.0) / 500.0) ** 2 - straight)
-    found = between_positions(where.model, "EYX", view).toarray()[:, 0]
-    np.testing.assert_allclose(found, np.nan_to_num(expected), atol=1e-9)
-    assert np.abs(found).max() > 0.01
-    assert between_positions(where.model, "EXX", where.projection.view("EXX")).nnz == 0
-    assert between_positions(where.model, "SXY", where.projection.view("SXY")).nnz == 0
 
 
 def test_combined_columns_give_the_rows_the_same_covariance():

@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 from scipy import sparse
-from scipy.interpolate import CubicSpline
 
 from app.arrays import FloatArray, IntArray, SparseArray
 from app.effects.map_tables import UNSTATED, maps_of_label
@@ -37,9 +36,6 @@ NEGLIGIBLE_IN_A_ROW: Final = 0.1
 
 ROUNDED: Final = 1e-12
 """What rounding leaves in a row that no entry enters, as a share of the largest variance."""
-
-FEWEST_OF_A_CURVE: Final = 3
-"""Positions of a table from which it says anything of how curved it is."""
 
 AT_ONCE: Final = 64
 """Columns that are looked at together: memory follows the observations, not the entries."""
@@ -185,51 +181,6 @@ def entry_columns(model: CompiledModel, code: str, view: View) -> SparseArray:
     return columns
 
 
-def between_positions(model: CompiledModel, code: str, view: View) -> SparseArray:
-    """Say how far tables may be off between their positions, where they are straight.
-
-    A curve through the same values differs from the straight lines by about what the true error
-    does, and all rows between two positions share it. How curved the truth is nobody knows: the
-    difference is one unknown number times that, with a standard deviation of 1.
-
-    Parameters
-    ----------
-    view
-        The rows in which it shows.
-
-    Returns
-    -------
-    sparse array, shape (m, 1)
-        Zero at the tables' own positions, with fewer than three of them, and where the temperature
-        is not known.
-    """
-    found = model.find(code)
-    assert found is not None
-    group, member = found
-    nodes_mm = member.positions_mm
-    if nodes_mm.size < FEWEST_OF_A_CURVE:
-        return sparse.csr_array((len(view.rows), 1))
-    conditions = view.conditions
-    weights = maps_at(model, group, conditions.temperatures_c, len(conditions)).weights
-    weights = np.nan_to_num(weights)
-    inside = np.clip(view.places.positions_mm, *common_ranges(member, weights))
-    left, right, share = hat_weights(nodes_mm, inside)
-
-    def apart(columns: slice) -> FloatArray:
-        tables = np.nan_to_num(group.nodes[:, columns])
-        straight = tables[:, left] * (1.0 - share) + tables[:, right] * share
-        curved = CubicSpline(nodes_mm, tables, axis=1)(np.clip(inside, nodes_mm[0], nodes_mm[-1]))
-        return np.asarray(np.einsum("nm,mn->n", weights, curved - straight))
-
-    off = apart(member.forward)
-    if member.backward is not None:
-        ahead = (1.0 + np.sign(view.places.directions)) / 2.0
-        off = ahead * off + (1.0 - ahead) * apart(member.backward)
-    off = view.gains * off
-    off[np.abs(off) <= ROUNDED * float(np.nanmax(np.abs(group.nodes), initial=1.0))] = 0.0
-    return sparse.csr_array(off[:, None])
-
-
 def entry_errors(
     model: CompiledModel, maps: Sequence[ErrorMap], code: str, *, backward: bool = False
 ) -> FloatArray:
@@ -348,7 +299,7 @@ def _refuse_too_large(projection: Projection, own: ChannelEntries, taken: int) -
 
 
 def _in_standard_errors(projection: Projection, maps: Sequence[ErrorMap], code: str) -> SparseArray:
-    """Columns of one component's entries, and of what is between them, in standard errors."""
+    """Columns of one component's entries on the rows of its view, in standard errors."""
     model = projection.model
     columns = entry_columns(model, code, projection.view(code))
     errors = [entry_errors(model, maps, code)]
@@ -356,8 +307,7 @@ def _in_standard_errors(projection: Projection, maps: Sequence[ErrorMap], code: 
         errors.append(entry_errors(model, maps, code, backward=True))
     scaled = columns.copy()
     scaled.data *= np.concatenate(errors)[columns.indices]
-    between = between_positions(model, code, projection.view(code))
-    return sparse.csr_array(sparse.hstack([scaled, between]))
+    return scaled
 
 
 def _placed(
