@@ -23,14 +23,11 @@ AMONG = (
 @pytest.mark.parametrize(
     ("planted", "seed", "amplitude"),
     [
-        ("late-sensor", 1, 1.0),
         ("late-sensor", 3, 1.0),
-        ("late-sensor", 3, 2.0),
         ("thermal-lag:sensor", 1, 1.0),
         ("exchanged-sensors:both-followed", 3, 2.0),
         ("exchanged-sensors:one-followed", 1, 1.0),
         ("sensor-gradient", 1, 2.0),
-        ("sensor-gradient", 2, 1.0),
     ],
 )
 def test_the_planted_one_is_named_or_said_to_be_tied(planted, seed, amplitude):
