@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from app.effects.collinear import LATE, Column, Responding, written_root
 from app.effects.driver import (
     AboveReference,
     Always,
@@ -164,6 +165,27 @@ def fault(sensor, codes, bias_k=1.5):
             terms=tuple(Term(code, *term) for code in codes),
         )
     )
+
+
+def response(code, sensor):
+    """A response of a component to one sensor, at once and late, of which nearly all is sure."""
+    driver = Responding(
+        columns=(Column(LATE, sensor, 0.0), Column(LATE, sensor, 20.0)),
+        references_c=(),
+        level_sensor="",
+        level_c=22.0,
+        ranges=((-20.0, 20.0),) * 2,
+        until_s=(),
+        coefficients=((2.0, 1.0),),
+        spread=written_root(1e-6 * np.eye(2)),
+        noise=(0.1, 0.01, 300.0, 0.01, 200.0),
+        is_zeroed=True,
+        longest_min=240.0,
+    )
+    told = ("held_out_before_um", "held_out_after_um", "worst_before_um", "worst_after_um")
+    parameters = {"set_ups": 12.0, **dict.fromkeys(told, 1.0)}
+    terms = (Term(code, driver),)
+    return learnt(Effect("response", (code,), (sensor,), parameters=parameters, terms=terms))
 
 
 def adopt(service, *effects, machine_id="mcfv5050", accept_losses=True):

@@ -436,7 +436,9 @@ class Responding(Driver):
         found = columns_at(self.columns, self.zero, conditions)
         low, high = self._edges
         beyond = np.maximum(low - found.values, found.values - high)
-        share = np.max(np.nan_to_num(beyond, nan=0.0), axis=0) / np.maximum(high - low, 1e-12)
+        # Of a component that is not asked for there are no moments, and none of them lies outside.
+        largest = np.max(np.nan_to_num(beyond, nan=0.0), axis=0, initial=0.0)
+        share = largest / np.maximum(high - low, 1e-12)
         at = int(np.argmax(share))
         if share[at] <= 0.0:
             return None

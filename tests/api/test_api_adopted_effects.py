@@ -34,6 +34,7 @@ from tests.effect_examples import (
     learnt,
     low_pass_by_steps,
     predicted,
+    response,
     stored,
     warm_up,
 )
@@ -109,6 +110,22 @@ async def test_a_lag_needs_five_time_constants_and_says_so(client, app):
     assert said["status"] == ["effect-missing"]
     assert said["predicted_um"] == pytest.approx([by_code(document)["EZZ"]["errors_um"][-1]])
     assert "thermal-lag of EZZ is not in some predictions of EZZ" in said["warnings"][0]
+
+
+async def test_responses_of_two_components_are_predicted_as_the_table_has_them(client, app):
+    """Each of them shows in no row of the other component."""
+    await stored(client, warm_up())
+    adopt(app, response("EXX", "x-middle"), response("EZZ", "z-column"))
+    entries = by_code(await current(client))
+    both = ({"component": code, "position_mm": 500.0} for code in ("EXX", "EZZ"))
+    said = await predicted(client, *both)
+    assert said["status"] == ["interpolated"] * 2
+    assert said["warnings"] == []
+    expected = [entries[code]["errors_um"][-1] for code in ("EXX", "EZZ")]
+    assert said["predicted_um"] == pytest.approx(expected, abs=5.1e-5)
+    # The maps say (t − 20)·500/100 µm, and the sensor has risen by 3.3 K.
+    last_c = warm_up()[-1]["temperatures_c"]["x-middle"]
+    assert said["predicted_um"][0] > 5.0 * (last_c - 20.0) + 2.0 * 3.0
 
 
 async def test_a_late_second_sensor_is_carried_along_and_is_what_predictions_say(

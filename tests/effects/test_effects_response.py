@@ -201,6 +201,7 @@ def test_a_column_is_held_half_its_span_beyond_where_it_was_learnt():
     assert outside.column == Column(STATE, "rpm", 3.0)
     assert outside.is_beyond.all()
     assert responding().farthest(there) is None
+    assert narrow.farthest(there.take(np.empty(0, dtype=np.intp))) is None
     values = np.clip(columns_at(narrow.columns, Zero(level_c=23.0), there).values[0], -2.0, 2.0)
     assert narrow.told(there).mean[0] == pytest.approx(values @ np.array(narrow.coefficients[0]))
 
