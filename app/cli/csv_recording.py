@@ -1,21 +1,21 @@
-"""Recorded temperatures from CSV: a column of times, and a column for each sensor.
+"""Recorded temperatures from CSV: columns of times, of each sensor, and of the machine's state.
 
-    time,x-middle,z-column_c
-    2026-03-01T06:00:00Z,20.1,20.3
+    time,x-middle,z-column_c,state spindle_rpm
+    2026-03-01T06:00:00Z,20.1,20.3,2000
 
 The time is ISO 8601 with its zone (`time`), or counts from the beginning of the
 recording (`time_s`, `time_min`, `time_h`). An empty cell, or NaN, is a sensor that
-gave no value.
+gave no value, or a state that is not known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import tzinfo
 from decimal import Decimal
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import typer
 
@@ -27,8 +27,10 @@ from app.api.files.csv_columns import (
     by_field,
     match_columns,
     named,
+    names_after,
     normal_heading,
 )
+from app.api.files.csv_verification import STATE
 from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText, Problems, Row, read_delimited
 from app.errors import list_names
@@ -49,7 +51,7 @@ _NO_VALUE: Final = frozenset({"nan", "null", "none", "-"})
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Temperatures in order of time.
+    """Temperatures and the machine's states in order of time.
 
     Parameters
     ----------
@@ -57,12 +59,15 @@ class Recording:
         Seconds since 1970-01-01 UTC where `is_dated`, else since the recording's zero.
     temperatures_c
         At each time, sensor to temperature [°C].
+    states
+        At each time, name to number of what is known of the machine's state.
     unread
-        Columns that are neither a time nor a sensor.
+        Columns that are neither a time nor a sensor nor a state.
     """
 
     times_s: Sequence[float]
     temperatures_c: Sequence[Mapping[str, float]]
+    states: Sequence[Mapping[str, float]]
     is_dated: bool
     unread: Sequence[str] = ()
 
@@ -80,8 +85,8 @@ def read_recording(
     Parameters
     ----------
     columns
-        Column of the file to sensor, or to `time`, `time_s`, `time_min`, `time_h`,
-        where the file calls it otherwise.
+        Column of the file to sensor, to `state NAME`, or to `time`, `time_s`, `time_min`,
+        `time_h`, where the file calls it otherwise.
     zone
         Of times that state none.
 
@@ -93,6 +98,7 @@ def read_recording(
     problems = Problems(file)
     text = read_delimited(file, problems)
     matches = _match_columns(text, sensors, columns)
+    states = _match_states(text, matches, columns)
     time = _time_column(text, [one for one in matches if one.thing in _TIMES])
     of_sensors = by_field(text, [one for one in matches if one.thing not in _TIMES])
     if not of_sensors:
@@ -104,27 +110,37 @@ def read_recording(
     problems.raise_if_any()
     table = Columns(text, {**of_sensors, "time": time})
     names = {field: name for name in sensors if (field := normal_heading(name)) in of_sensors}
-    found: dict[float, tuple[Row, dict[str, float]]] = {}
+    found: dict[float, _Line] = {}
     for row in text.rows:
         time_s = _read_time(table, row, zone)
-        values = _read_values(table, row, names)
-        if time_s is None or not values:
+        line = _Line(row, _read_values(table, row, names), _read_states(text, row, states))
+        if time_s is None or not line.temperatures_c:
             continue
-        earlier, known = found.setdefault(time_s, (row, values))
-        if known != values:
+        earlier = found.setdefault(time_s, line)
+        if (earlier.temperatures_c, earlier.states) != (line.temperatures_c, line.states):
             table.complain(
-                row, "time", f"expected each time once, got the time of line {earlier.line}"
+                row, "time", f"expected each time once, got the time of line {earlier.row.line}"
             )
     if not found:
         problems.add("expected lines with a time and temperatures, got none")
     problems.raise_if_any()
     times = sorted(found)
+    read = {*states, *(one.index for one in matches)}
     return Recording(
         times,
-        [found[time_s][1] for time_s in times],
+        [found[time_s].temperatures_c for time_s in times],
+        [found[time_s].states for time_s in times],
         time.thing.quantity is None,
-        [h for i, h in enumerate(text.headings) if h and i not in {one.index for one in matches}],
+        [heading for i, heading in enumerate(text.headings) if heading and i not in read],
     )
+
+
+class _Line(NamedTuple):
+    """One line of the file, and what it says of sensors and states."""
+
+    row: Row
+    temperatures_c: dict[str, float]
+    states: dict[str, float]
 
 
 def _match_columns(
@@ -148,6 +164,19 @@ def _match_columns(
         if match:
             by_index[i] = Column(*match, i)
     return [by_index[i] for i in sorted(by_index)]
+
+
+def _match_states(
+    text: DelimitedText, matches: Sequence[Column], columns: Mapping[str, str]
+) -> dict[int, str]:
+    """Find the columns `state NAME`, by their headings or as the command line says."""
+    stated = {name.lower(): meaning for name, meaning in columns.items()}
+    taken = {one.index for one in matches}
+    headings = [
+        "" if i in taken else stated.get(heading.lower(), heading)
+        for i, heading in enumerate(text.headings)
+    ]
+    return names_after(replace(text, headings=headings), STATE)
 
 
 def _expect_celsius(
@@ -205,5 +234,14 @@ def _read_values(columns: Columns, row: Row, names: Mapping[str, str]) -> dict[s
         name: columns.number(row, field)
         for field, name in names.items()
         if columns.word(row, field).lower() not in _NO_VALUE
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _read_states(text: DelimitedText, row: Row, states: Mapping[int, str]) -> dict[str, float]:
+    values = {
+        name: text.number(row, i)
+        for i, name in states.items()
+        if row.cells[i].lower() not in _NO_VALUE
     }
     return {name: value for name, value in values.items() if value is not None}

@@ -1,4 +1,4 @@
-"""thermap replay: recorded temperatures, sent as readings, and how the table changed over them.
+"""thermap replay: recorded temperatures and states, sent as readings, and how the table changed.
 
 A recording sent faster than it was recorded and stamped as it is sent seems to warm up
 faster than any machine does, and the service rightly takes that for sensors that jump.
@@ -30,6 +30,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from app.api.files.csv_columns import name_after
+from app.api.files.csv_verification import STATE
 from app.api.files.delimited_text import left_out
 from app.api.schemas.readings import ReadingSchema
 from app.arrays import FloatArray
@@ -87,7 +89,7 @@ def replay(
         typer.Option(
             envvar="THERMAP_COLUMNS",
             metavar="NAME=SENSOR",
-            help="What a column holds: a sensor, or time_s, time_min, time_h, time.",
+            help="What a column holds: a sensor, `state NAME`, or time_s, time_min, time_h, time.",
         ),
     ] = None,
     utc_offset: Annotated[
@@ -102,7 +104,8 @@ def replay(
 
     The file has a column `time` (ISO 8601 with its zone) or `time_s`, `time_min`,
     `time_h` (counted from the beginning), and columns named as the sensors (`x-middle`
-    or `x-middle_c`, °C); other columns are left out.
+    or `x-middle_c`, °C). Columns `state NAME` (`state spindle_rpm`) are sent as the
+    machine's state with the temperatures. Other columns are left out.
 
     Readings are stamped as they are sent. Where that would make sensors seem to jump
     they keep their recorded spacing and end now. With --fast they keep their
@@ -177,7 +180,7 @@ def _progress(total: int) -> Iterator[tuple[Progress, TaskID]]:
 
 def _show_change(thermap: ThermapClient, machine: str, plan: Plan) -> None:
     console = Console(highlight=False)
-    tables = sampled_tables(thermap, machine, [r.temperatures_c for r in plan.readings])
+    tables = sampled_tables(thermap, machine, plan.readings)
     if tables:
         console.print(change_view(component_changes(tables)))
     else:
@@ -212,7 +215,8 @@ def _read_columns(stated: list[str] | None) -> dict[str, str]:
 def _checked_sensors(machine: MachineAnswer, columns: Mapping[str, str]) -> list[str]:
     """Name the machine's sensors; a column of any other is wrong usage."""
     sensors = [sensor.name for sensor in machine.sensors]
-    unknown = sorted(set(columns.values()) - {*sensors, *TIME_COLUMNS})
+    stated = {meaning for meaning in columns.values() if not name_after(STATE, meaning)}
+    unknown = sorted(stated - {*sensors, *TIME_COLUMNS})
     if unknown:
         raise typer.BadParameter(
             f"machine {machine.id!r} has no sensor {list_names(unknown)}; "
@@ -285,8 +289,10 @@ def plan_replay(
         origin = _origin(recording, stamps, end, start)
         times = [origin + timedelta(seconds=t - zero_s) for t in recording.times_s]
     readings = [
-        ReadingSchema(time=time, temperatures_c=dict(values), state={})
-        for time, values in zip(times, recording.temperatures_c, strict=True)
+        ReadingSchema(time=time, temperatures_c=dict(temperatures_c), state=dict(state))
+        for time, temperatures_c, state in zip(
+            times, recording.temperatures_c, recording.states, strict=True
+        )
     ]
     return Plan(due_s, readings, stamps, reason)
 
@@ -364,16 +370,17 @@ class ComponentChange:
 
 
 def sampled_tables(
-    thermap: ThermapClient, machine: str, temperatures_c: Sequence[Mapping[str, float]]
+    thermap: ThermapClient, machine: str, readings: Sequence[ReadingSchema]
 ) -> list[CompensationAnswer]:
     """Ask for the tables at evenly chosen readings, both ends among them.
 
     Readings that have no table, because a sensor is missing, are passed over.
     """
     found = []
-    for i in evenly_chosen(len(temperatures_c), SAMPLES):
+    for i in evenly_chosen(len(readings), SAMPLES):
+        one = readings[i]
         try:
-            found.append(thermap.compensation(machine, temperatures_c[i]))
+            found.append(thermap.compensation(machine, one.temperatures_c, one.state))
         except InvalidContentError:
             continue
     return found

@@ -31,13 +31,19 @@ ENVIRONMENT = {
 
 
 @pytest.fixture
-def service_url(databases):
-    """A running service with the example machine and three maps."""
+def service_and_url(databases):
+    """A running service with the example machine and three maps, and where it listens."""
     database_url = databases.prepared("sqlite", furnish_database)
     service = create_app(Settings(database_url=database_url))
     with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
-        yield url_of(opened)
+        yield service, url_of(opened)
     databases.give_back(database_url)
+
+
+@pytest.fixture
+def service_url(service_and_url):
+    """Where a running service with the example machine and three maps listens."""
+    return service_and_url[1]
 
 
 @pytest.fixture

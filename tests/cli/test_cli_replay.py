@@ -8,6 +8,7 @@ import pytest
 from app.api.files.delimited_text import UnreadableFile
 from app.cli.csv_recording import Recording, read_recording
 from app.cli.replay import Stamps, plan_replay
+from tests.effect_examples import SPEED, adopt
 from thermap.answers import SensorSchema
 
 SENSORS = ["x-middle", "y-front", "z-column", "spindle"]
@@ -50,6 +51,22 @@ def test_all_at_once_shows_how_the_table_changed(thermap, client, write):
     stored = client.readings("mcfv5050")
     assert stored[-1].time - stored[0].time == timedelta(hours=1)
     assert abs(datetime.now(UTC) - stored[-1].time) < timedelta(seconds=20)
+
+
+@pytest.mark.slow
+def test_states_are_sent_and_effects_of_them_are_in_the_tables(
+    thermap, client, service_and_url, write
+):
+    adopt(service_and_url[0], SPEED)
+    file = write("time_min,x-middle,z-column,state spindle_rpm,rpm\n0,20,22,0,7\n1,20,22,8000,7\n")
+    found = thermap("replay", "mcfv5050", file, "--fast", "--column", "rpm=state other_rpm")
+    assert found.exit_code == 0, found.output
+    assert [r.state for r in client.readings("mcfv5050")] == [
+        {"spindle_rpm": 0.0, "other_rpm": 7.0}, {"spindle_rpm": 8000.0, "other_rpm": 7.0}
+    ]  # fmt: skip
+    # 0.001 µm for each 1/min.
+    row = next(line.split() for line in found.stdout.splitlines() if line.startswith("EXX"))
+    assert row[-3:] == ["-8.00", "-8.00", "8.00"]
 
 
 @pytest.mark.slow
@@ -166,6 +183,19 @@ def test_a_sensor_whose_name_begins_as_anothers_keeps_its_own_column(write):
     assert found.temperatures_c == [{"x_c": 20.0, "x": 30.0}]
 
 
+def test_states_are_read_beside_the_temperatures_of_their_line(write):
+    text = "time_s,spindle,state spindle_rpm,State: coolant,rpm\n0,20,2000,1,5\n60,21,,nan,6\n"
+    found = read_recording(write(text), SENSORS, {"rpm": "state x_rpm"}, None)
+    assert found.temperatures_c == [{"spindle": 20.0}, {"spindle": 21.0}]
+    assert found.states == [{"spindle_rpm": 2000.0, "coolant": 1.0, "x_rpm": 5.0}, {"x_rpm": 6.0}]
+    assert found.unread == []
+
+
+def test_a_sensors_column_holds_no_state_though_it_begins_with_the_word(write):
+    found = read_recording(write("time_s,state a\n0,20\n"), ["state a"], {}, None)
+    assert (found.temperatures_c, found.states) == ([{"state a": 20.0}], [{}])
+
+
 def test_a_zone_for_times_that_state_none(write):
     text = "time,spindle\n2026-03-01 07:00:00,20\n"
     zone = timezone(timedelta(hours=1))
@@ -185,6 +215,11 @@ def test_a_zone_for_times_that_state_none(write):
         ("time_s,spindle\n,20\n", "line 2, column 1 (time_s): expected a time in s, got none"),
         ("time_s,spindle\n0,20\n0,21\n", "line 3, column 1 (time_s): expected each time once, "
          "got the time of line 2"),
+        ("time_s,spindle,state rpm\n0,20,1\n0,20,2\n", "line 3, column 1 (time_s): expected each "
+         "time once, got the time of line 2"),
+        ("time_s,spindle,state rpm\n0,20,fast\n", "(state rpm): expected a number, got 'fast'"),
+        ("time_s,spindle,state rpm,State: rpm\n0,20,1,1\n", "line 1: expected each state in one "
+         "column, got rpm again"),
         ("spindle\n20\n", "line 1: expected one column of times (time, time_s, time_min, time_h), "
          "got none"),
         ("time,time_s,spindle\n", "line 1: expected one column of times"),
@@ -211,7 +246,8 @@ def recording(rise_c_per_min, minutes=30, is_dated=False):
     times_s = np.arange(0.0, 60.0 * minutes + 1.0)
     zero_s = NOW.timestamp() - 86400.0 if is_dated else 0.0
     values = [{"spindle": 20.0 + rise_c_per_min * t / 60.0} for t in times_s]
-    return Recording((zero_s + times_s).tolist(), values, is_dated)
+    states = [{"spindle_rpm": 1000.0 * (t // 600.0)} for t in times_s]
+    return Recording((zero_s + times_s).tolist(), values, states, is_dated)
 
 
 def plan(recorded, speed=60.0, start=None, recorded_times=False):
@@ -237,6 +273,13 @@ def test_which_times_readings_are_given(options, stamps):
 def test_dates_are_kept(options):
     found = plan(recording(0.1, is_dated=True), **options)
     assert (found.stamps, found.readings[0].time) == (Stamps.RECORDED, NOW - timedelta(days=1))
+
+
+def test_states_go_with_their_temperatures():
+    sent = plan(recording(0.1)).readings
+    assert [sent[i].state for i in (0, 599, 600, -1)] == [
+        {"spindle_rpm": 0.0}, {"spindle_rpm": 0.0}, {"spindle_rpm": 1000.0}, {"spindle_rpm": 3000.0}
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("rise_c_per_min", "jumps"), [(0.1, False), (0.16, False), (0.5, True)])
