@@ -95,7 +95,12 @@ SeedOption = Annotated[
         help=("Seed of the noise: the same seed gives the same noise."),
     ),
 ]
-LabelOption = Annotated[str, typer.Option(envvar="THERMAP_LABEL", help="The label in the file.")]
+LabelOption = Annotated[
+    str | None,
+    typer.Option(
+        envvar="THERMAP_LABEL", help="The label in the file; without it, what the file is called."
+    ),
+]
 
 
 class NotConfirmed(ThermapError):
@@ -166,6 +171,29 @@ def expect_page(output: Path) -> None:
         raise typer.BadParameter(
             f"cannot write {output}: there is no such folder", param_hint="--output"
         )
+
+
+def label_of(output: Path, stated: str | None) -> str:
+    """Give the label that a simulated file states: its own name, unless another is stated.
+
+    A label names one map or verification of a machine, so two files must not carry the same.
+
+    Raises
+    ------
+    typer.BadParameter
+        If a comment line of the file cannot hold it.
+
+    >>> label_of(Path("monday/night-shift.csv"), None)
+    'night-shift'
+    """
+    label = output.stem if stated is None else stated
+    if not label.isprintable() or not label or label != label.strip(' ;,"'):
+        raise typer.BadParameter(
+            "expected a name in one line that begins and ends with neither a blank nor "
+            f'one of ; , ", got {label!r}',
+            param_hint="--label",
+        )
+    return label
 
 
 def write_file(output: Path, text: str) -> None:

@@ -21,6 +21,7 @@ from app.cli.options import (
     command_group,
     connect,
     field_question,
+    label_of,
     read_point,
     write_file,
 )
@@ -114,7 +115,7 @@ def simulate_step_diagonal(
             "direction beside the diagonal, such as ppp=100,0.",
         ),
     ] = None,
-    label: LabelOption = "Simulated step diagonal",
+    label: LabelOption = None,
     missing_as_zero: MissingOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -125,7 +126,8 @@ def simulate_step_diagonal(
 
     Example: `thermap simulate step-diagonal mcfv5050 --noise 0.2 -o laser.csv`
     """
-    _expect_file_and_words(output, label, target)
+    _expect_file_and_target(output, target)
+    named = label_of(output, label)
     plan: dict[str, Any] = field_question(temperature, tool, missing_as_zero) | {
         "steps": steps,
         "noise_um": noise,
@@ -140,7 +142,7 @@ def simulate_step_diagonal(
         plan["step_mm"] = read_point(step, "--step", "50,50,40")
     with connect(url) as thermap:
         found = thermap.simulate_step_diagonal(machine, plan)
-    text = "".join(f"{line}\n" for line in step_diagonal_lines(found, plan, label, _now()))
+    text = "".join(f"{line}\n" for line in step_diagonal_lines(found, plan, named, _now()))
     write_file(output, text)
     zero = (
         [f"counted as zero: {list_names(found.counted_as_zero)}"] if found.counted_as_zero else []
@@ -202,15 +204,9 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
 
 
-def _expect_file_and_words(output: Path, label: str, target: str) -> None:
+def _expect_file_and_target(output: Path, target: str) -> None:
     if output.suffix.lower() == ".json":
         raise typer.BadParameter(f"expected a CSV file, got {str(output)!r}", param_hint="--output")
-    if not label.isprintable() or not label or label != label.strip(' ;,"'):
-        raise typer.BadParameter(
-            "expected a name in one line that begins and ends with neither a blank nor "
-            f'one of ; , ", got {label!r}',
-            param_hint="--label",
-        )
     if target not in TARGETS:
         raise typer.BadParameter(
             f"expected one of {list_names(TARGETS)}, got {target!r}", param_hint="--target"

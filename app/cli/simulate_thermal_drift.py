@@ -27,6 +27,7 @@ from app.cli.options import (
     UrlOption,
     connect,
     expect_finite,
+    label_of,
     read_named_numbers,
     read_point,
     read_time,
@@ -137,7 +138,7 @@ def simulate_thermal_drift(
         ),
     ] = 0.2,
     seed: SeedOption = 0,
-    label: LabelOption = "Simulated drift test",
+    label: LabelOption = None,
     missing_as_zero: MissingOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -151,6 +152,7 @@ def simulate_thermal_drift(
     import numpy as np
 
     expect_finite(context.params)
+    named = label_of(output, label)
     _expect_test(test, axis, target)
     growths = read_named_numbers(growth, "--growth", "a growth in µm")
     unknown = [name for name in growths if name.lower() not in LINEAR_LETTERS]
@@ -183,7 +185,7 @@ def simulate_thermal_drift(
         share = 1.0 - math.exp(-minutes / growth_min)
         read = [row.values[s] - zero[s] + grown.get(s[0], 0.0) * share for s in sensors]
         values.append([float(v) for v in np.array(read) + rng.normal(0.0, noise, len(read))])
-    head = [f"label: {label}", f"machine: {machine}", "instrument: simulation", f"test: {test}"]
+    head = [f"label: {named}", f"machine: {machine}", "instrument: simulation", f"test: {test}"]
     head += [f"axis: {axis}"] if axis else []
     head += [f"point_mm: {point}", f"tool_offset_mm: {tool}"]
     head += [] if sensor_distance is None else [f"sensor_distance_mm: {sensor_distance:g}"]

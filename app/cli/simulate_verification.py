@@ -24,6 +24,7 @@ from app.cli.options import (
     UrlOption,
     connect,
     expect_finite,
+    label_of,
     read_named_numbers,
     read_time,
     write_file,
@@ -139,7 +140,7 @@ def simulate_verification(
         ),
     ] = None,
     seed: SeedOption = 0,
-    label: LabelOption = "Simulated verification",
+    label: LabelOption = None,
     missing_as_zero: MissingOption = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -153,6 +154,7 @@ def simulate_verification(
     import numpy as np
 
     expect_finite(context.params)
+    named = label_of(output, label)
     reversals = _read_reversals(reversal)
     span = (
         None if since is None else read_time(since, "--from"),
@@ -189,7 +191,7 @@ def simulate_verification(
             "readings around them, or no two error maps"
         )
     head = [
-        f"label: {label}",
+        f"label: {named}",
         f"machine: {machine}",
         f"datum: {planned.datum}",
         "instrument: simulation",

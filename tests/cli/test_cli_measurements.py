@@ -370,7 +370,7 @@ def test_written_and_read_it_is_what_the_service_said(thermap, client, tmp_path)
     assert (read.machine, read.remarks) == ("mcfv5050", [])
     age = datetime.now(UTC) - datetime.fromisoformat(read.body["measured_at"])
     assert timedelta(0) <= age < timedelta(minutes=5)
-    assert read.body["label"] == "Simulated step diagonal"
+    assert read.body["label"] == "laser"
     assert read.body["instrument"] == "simulation"
     for name in ("origin_mm", "step_mm", "tool_offset_mm", "target", "temperatures_c"):
         assert read.body[name] == getattr(said, name)

@@ -94,6 +94,25 @@ def test_a_stated_plan(thermap, client, warmed, tmp_path):
     assert stored.count == 3, "the service takes what was written"
 
 
+def test_two_files_of_one_machine_carry_two_labels(thermap, client, warmed, tmp_path):
+    """The second one's label would be taken, and the file refused."""
+    for name in ("monday", "tuesday"):
+        file = tmp_path / f"{name}.csv"
+        words = ("simulate", "verification", "mcfv5050", "--seed", len(name), "--visits", 2)
+        written = thermap(*words, "--component", "EXX", "-o", file)
+        assert written.exit_code == 0, written.output
+        client.store_verification("mcfv5050", read_csv_verification(file).body)
+    assert [one.label for one in client.verifications("mcfv5050")] == ["monday", "tuesday"]
+
+
+def test_a_label_that_is_none(thermap, warmed, tmp_path):
+    file = tmp_path / "v.csv"
+    found = thermap("simulate", "verification", "mcfv5050", "-o", file, "--label", "two\nlines")
+    assert (found.exit_code, found.stdout) == (2, "")
+    assert "expected a name in one line" in found.stderr
+    assert not file.exists()
+
+
 def test_a_machine_without_readings(thermap, tmp_path):
     found = thermap("simulate", "verification", "mcfv5050", "-o", tmp_path / "v.csv")
     assert (found.exit_code, found.stdout) == (1, "")

@@ -64,7 +64,7 @@ def test_what_is_simulated_comes_out_again(thermap, client, warmed, tmp_path):
         kept.stdout.split()
     )
     (stored,) = client.verifications("mcfv5050")
-    assert (stored.label, str(stored.datum)) == ("Simulated drift test", "first")
+    assert (stored.label, str(stored.datum)) == ("drift", "first")
 
 
 def test_a_moving_axis_is_read_at_its_targets_in_turn(thermap, warmed, tmp_path):
