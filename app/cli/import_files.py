@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Final
@@ -193,9 +193,10 @@ def import_files(
         machines = _check_with_service(thermap, imported)
         for settings in machines.values():
             note_unassigned_components(thermap, settings, _components_of(settings.id, imported))
+        said: set[tuple[str, str]] = set()
         for i, one in enumerate(imported):
             with naming(one.file, [later.file for later in imported[i + 1 :]]):
-                _send(thermap, one, mode)
+                _send(thermap, one, mode, said)
 
 
 def _method_of(files: Sequence[Path], written: Sequence[InstrumentFormat | None]) -> str | None:
@@ -280,15 +281,17 @@ def _sensors_in(one: ImportedFile) -> Iterator[str]:
         yield from reading.temperatures_c
 
 
-def _send(thermap: ThermapClient, one: ImportedFile, mode: ImportMode) -> None:
+def _send(
+    thermap: ThermapClient, one: ImportedFile, mode: ImportMode, said: set[tuple[str, str]]
+) -> None:
+    """Send a file's content; what was `said` of a machine's earlier map is not said again."""
     for remark in one.remarks:
         typer.echo(f"{one.file}: note: {remark}", err=True)
     if mode.preview:
         for error_map in one.error_maps:
             preview = thermap.preview_error_map(one.machine, error_map)
             show_preview(one.file, preview, alone=True)
-            for warning in preview.warnings:
-                typer.echo(f"note: {warning}", err=True)
+            _note_once(one.machine, preview.warnings, said)
         return
     for settings in one.machines:
         typer.echo(f"{one.file}: {_send_machine(thermap, settings)}")
@@ -296,8 +299,7 @@ def _send(thermap: ThermapClient, one: ImportedFile, mode: ImportMode) -> None:
     for error_map in one.error_maps:
         show_preview(one.file, thermap.preview_error_map(one.machine, error_map))
         stored = thermap.store_error_map(one.machine, error_map, accept_losses=mode.accept_losses)
-        for warning in stored.warnings:
-            typer.echo(f"note: {warning}", err=True)
+        _note_once(one.machine, stored.warnings, said)
         report_stored_map(
             thermap,
             one.file,
@@ -315,6 +317,13 @@ def _send(thermap: ThermapClient, one: ImportedFile, mode: ImportMode) -> None:
         )
         for warning in done.warnings:
             typer.echo(f"{one.file}: {warning}", err=True)
+
+
+def _note_once(machine: str, warnings: Iterable[str], said: set[tuple[str, str]]) -> None:
+    for warning in warnings:
+        if (machine, warning) not in said:
+            typer.echo(f"note: {warning}", err=True)
+        said.add((machine, warning))
 
 
 def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.errors import Conflict, FieldError, InvalidContent
+from app.errors import Conflict, FieldError, InvalidContent, list_names
 from app.geometry.components import COMPONENTS
 from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
 from app.services.change_model import (
@@ -211,6 +211,7 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
 def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[str]:
     """Say what is unusual about tables on this machine's axes."""
     found = []
+    alone = []
     for table in tables:
         code = table.component.code
         if not table.component.is_table:
@@ -218,7 +219,7 @@ def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[st
         first, last = float(table.positions_mm[0]), float(table.positions_mm[-1])
         travel = machine.axes.get(table.component.axis or "")
         if first == last:
-            found.append(f"{code} has one position: its error counts as the same on the whole axis")
+            alone.append(code)
         elif travel is not None and (first < travel.min_mm or last > travel.max_mm):
             found.append(
                 f"{code} has positions from {first:g} to {last:g} mm, beyond the axis' travel of "
@@ -231,6 +232,14 @@ def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[st
                 f"{code} covers {first:g} to {last:g} mm of an axis of {travel.min_mm:g} to "
                 f"{travel.max_mm:g} mm: are its positions in mm?"
             )
+    if alone:
+        several = len(alone) > 1
+        words = (
+            "have one position each: their errors count"
+            if several
+            else ("has one position: its error counts")
+        )
+        found.append(f"{list_names(alone)} {words} as the same on the whole axis")
     return found
 
 

@@ -46,6 +46,22 @@ def test_a_csv_map_is_stored_once(thermap, client, write):
     assert len(client.models("mcfv5050")) == 4
 
 
+def test_what_is_unusual_about_several_maps_is_said_once(thermap, write):
+    """Every map has both components at one position."""
+    files = []
+    for i, (label, t_c) in enumerate((("Run #7", 34), ("Run #8", 38))):
+        lines = [line for line in CSV.splitlines(keepends=True) if ",500," not in line]
+        text = "".join(lines).replace("Run #7", label).replace("x-middle: 34", f"x-middle: {t_c}")
+        files.append(write(f"{i}.csv", text.replace("z-column: 36", f"z-column: {t_c + 2}")))
+    found = thermap("import", *files, "--machine", "mcfv5050", "--accept-losses")
+    assert found.exit_code == 0, found.output
+    said = [line for line in found.stderr.splitlines() if line.startswith("note: ")]
+    assert said == [
+        "note: EXX, EZZ have one position each: their errors count as the same on the whole axis",
+        "note: without a temperature, y-front cannot stand in for x-middle",
+    ]
+
+
 def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, write):
     right, wrong = write("right.csv", CSV), write("wrong.csv", CSV + "EYX,0,much\n")
     found = thermap("import", right, wrong, "--machine", "mcfv5050")
