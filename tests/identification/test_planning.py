@@ -142,6 +142,46 @@ def test_without_a_record_there_is_nothing_to_plan_with():
         plan(campaign_of(observations(), readings=empty), 3)
 
 
+def visits_to_come(hours):
+    """One planned file of observations at these hours after the record's first day began."""
+    like = observations(with_points=False)[0]
+    at = [replace(like.observations[0], time_s=START_S + 3600.0 * h) for h in hours]
+    return [replace(like, label="to come", is_planned=True, observations=at)]
+
+
+def first_hours(hours):
+    history, _ = readings()
+    kept = history.times_s <= history.times_s[0] + 3600.0 * hours
+    return TemperatureHistory(
+        history.times_s[kept], {name: t[kept] for name, t in history.temperatures_c.items()}
+    )
+
+
+def test_a_record_that_is_too_short_says_how_long_it_is_and_what_is_needed():
+    tomorrow = campaign_of(visits_to_come([36.0, 40.0]), readings=first_hours(6.0))
+    with pytest.raises(InvalidContent) as refused:
+        plan(tomorrow, 3)
+    assert "the record is too short: expected 28 h of readings or more" in str(refused.value)
+    assert str(refused.value).endswith("got 6 h")
+
+
+@pytest.mark.slow
+def test_hours_that_the_record_lacks_are_left_out():
+    found = plan(campaign_of(visits_to_come([26.0, 40.0]), readings=first_hours(6.0)), 3)
+    assert [(one.count, one.reason) for one in found.excluded] == [
+        (1, "no reading near enough in time")
+    ]
+    assert any("the record is too short: expected 38 h" in note for note in found.notes)
+
+
+@pytest.mark.slow
+def test_a_visit_of_days_is_placed_wherever_it_fits():
+    """It lasts 2.8 days of a record of 3.9, and begins half a day into one."""
+    lasting = visits_to_come([276.0, 343.0])
+    found = plan(campaign_of(lasting, readings=first_hours(93.6)), 3)
+    assert not found.excluded
+
+
 def test_where_the_maps_know_nothing_only_the_instrument_can_be_seen():
     """A rotation that points have shown, measured by itself: the maps know nothing of it."""
     roll = Effect("angular", ("EAX",), parameters={"angle_urad": 5.0}, variant="constant")

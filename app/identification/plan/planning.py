@@ -43,7 +43,7 @@ from app.search.rows import DeclaredNoise, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import FALSE_ALARM
 from app.search.state import State
-from app.units import SECONDS_PER_DAY, utc_time
+from app.units import SECONDS_PER_DAY, duration_text, utc_time
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
 """Where nobody states one; in the other units the same number."""
@@ -113,15 +113,18 @@ def _on_recorded_days(campaign: Campaign) -> tuple[Campaign, list[str]]:
             "verifications", "expected readings to plan with, got none: record some days first"
         )
     first_s, last_s = float(times_s[0]), float(times_s[-1])
-    moved, shifted = [], 0
-    days = max(int((last_s - first_s) // SECONDS_PER_DAY), 1)
+    moved, shifted, unplaced, longest_s = [], 0, 0, 0.0
     for v in campaign.verifications:
         begin_s = min((o.time_s for o in v.observations), default=first_s)
         end_s = max((o.time_s for o in v.observations), default=first_s)
         inside = begin_s >= first_s and end_s <= last_s
-        shift_s = 0.0 if inside else _shift_s(begin_s, end_s, first_s, last_s, days)
-        shifted += not inside
+        shift_s = 0.0 if inside else _shift_s(begin_s, end_s, first_s, last_s)
         moved.append(_shifted(v, shift_s) if shift_s else v)
+        if begin_s + shift_s < first_s or end_s + shift_s > last_s:
+            unplaced += 1
+            longest_s = max(longest_s, end_s - begin_s)
+        else:
+            shifted += not inside
     notes = []
     if shifted:
         notes.append(
@@ -129,17 +132,35 @@ def _on_recorded_days(campaign: Campaign) -> tuple[Campaign, list[str]]:
             "placed on recorded days at the same hour, as if the machine were used in the same "
             "way"
         )
-    return replace(campaign, verifications=moved), notes
+    if unplaced:
+        short = (
+            f"the record is too short: expected {duration_text(longest_s + SECONDS_PER_DAY)} of "
+            "readings or more, a day more than the visit lasts, for its hours to be among them, "
+            f"got {duration_text(last_s - first_s)}"
+        )
+        if not _any_within(moved, first_s, last_s):
+            raise InvalidContent.of_field("verifications", short)
+        notes.append(f"{short}; what lies outside the record is left out")
+    # What was moved lies not before the first reading, but where no hour of the record is its own.
+    older = campaign.older_readings or bool(unplaced)
+    return replace(campaign, verifications=moved, older_readings=older), notes
 
 
-def _shift_s(begin_s: float, end_s: float, first_s: float, last_s: float, days: int) -> float:
-    """Choose whole days back (or forward) into the record; later days of a plan go round."""
-    room = last_s - (end_s - begin_s)
+def _shift_s(begin_s: float, end_s: float, first_s: float, last_s: float) -> float:
+    """Choose whole days back (or forward) into the record; later days of a plan go round.
+
+    In a record that is longer than the visit by a day there is always such a place.
+    """
+    days = max(int((last_s - first_s) // SECONDS_PER_DAY), 1)
     away = int(np.floor((begin_s - first_s) / SECONDS_PER_DAY))
     shift_s = (away % days - away) * SECONDS_PER_DAY
-    if begin_s + shift_s > room:
-        shift_s -= SECONDS_PER_DAY
-    return shift_s
+    beyond_s = max(end_s + shift_s - last_s, 0.0)
+    back_s = float(np.ceil(beyond_s / SECONDS_PER_DAY)) * SECONDS_PER_DAY
+    return shift_s - back_s if begin_s + shift_s - back_s >= first_s else shift_s
+
+
+def _any_within(verifications: Sequence[Verification], first_s: float, last_s: float) -> bool:
+    return any(first_s <= o.time_s <= last_s for v in verifications for o in v.observations)
 
 
 def _shifted(verification: Verification, shift_s: float) -> Verification:
