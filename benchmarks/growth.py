@@ -46,6 +46,7 @@ from benchmarks.many_machines import multiply, process_of, resident_mib
 
 NOW = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
 SENSORS = ("x-middle", "y-front", "z-column", "spindle")
+AT_LEAST_S = 0.2
 CODES = (
     *("EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ", "SXY", "SYZ", "SZX"),
     *("EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ"),
@@ -97,7 +98,7 @@ def error_maps(positions: int, components: int, maps: int) -> list[ErrorMap]:
     return found
 
 
-def processor_ms(call: Callable[[], object], at_least_s: float = 0.2) -> float:
+def processor_ms(call: Callable[[], object]) -> float:
     """Processor time of a call [ms]: the fastest of three batches of enough repetitions."""
     repetitions = 1
     fastest = np.inf
@@ -107,7 +108,7 @@ def processor_ms(call: Callable[[], object], at_least_s: float = 0.2) -> float:
         for _ in range(repetitions):
             call()
         elapsed = time.process_time() - began
-        if elapsed < at_least_s / 4.0:
+        if elapsed < AT_LEAST_S / 4.0:
             repetitions *= 4
             continue
         batches += 1

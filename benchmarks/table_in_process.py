@@ -23,9 +23,10 @@ from app.thermal.compile_model import compile_model
 from benchmarks.example import STORED_RUNS, TEMPERATURES_C, measured_map
 
 ROUNDS = 7
+AT_LEAST_S = 0.2
 
 
-def seconds_per_call(call: Callable[[], object], at_least_s: float = 0.2) -> float:
+def seconds_per_call(call: Callable[[], object]) -> float:
     """Time a call: enough repetitions, the fastest of three batches."""
     repetitions = 1
     while True:
@@ -33,7 +34,7 @@ def seconds_per_call(call: Callable[[], object], at_least_s: float = 0.2) -> flo
         for _ in range(repetitions):
             call()
         elapsed = time.perf_counter() - started
-        if elapsed >= at_least_s:
+        if elapsed >= AT_LEAST_S:
             return elapsed / repetitions
         repetitions *= 4
 

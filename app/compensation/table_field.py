@@ -37,7 +37,7 @@ def table_field(
     ErrorField
         With an axis of states in its answers if there are several.
     """
-    found = thermal_tables(model, [table.states for table in tables], directions)
+    found = thermal_tables([table.states for table in tables], directions)
     corrected = {entry.component for table in tables for entry in table.corrected}
     entries = [{e.component: e for e in table.components} for table in tables if corrected]
     for component in corrected:

@@ -113,7 +113,7 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
         for code in table.curves
         if code not in curves
         and code in table.sizes_um
-        and not _is_folded(code, table, curves, controller)
+        and not _is_folded(code, curves, controller)
     ]
     for code, curve in curves.items():
         largest = max(float(np.abs(errors).max()) for _, errors in curve.sides)
@@ -146,9 +146,7 @@ def _asked(controller: Format, source: ErrorTable, options: Options) -> list[str
     return list(options.components)
 
 
-def _is_folded(
-    code: str, table: ErrorTable, curves: Mapping[str, Curve], controller: Format
-) -> bool:
+def _is_folded(code: str, curves: Mapping[str, Curve], controller: Format) -> bool:
     one = COMPONENTS[code]
     if not controller.folds or one.kind is not Kind.SQUARENESS:
         return False
@@ -222,7 +220,7 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
             f"the sign is not verified for {controller.title}: the values are stated as {stated}. "
             "Make one move of the check table before parts are made",
         )
-    warnings += _counted_with_absent_axes(controller, rendered.held, table, options)
+    warnings += _counted_with_absent_axes(rendered.held, table, options)
     files = [*rendered.files, _check_file(controller, table, options, checks, not_held)]
     return Export(
         files=files,
@@ -235,7 +233,7 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
 
 
 def _counted_with_absent_axes(
-    controller: Format, held: Sequence[Curve], table: ErrorTable, options: Options
+    held: Sequence[Curve], table: ErrorTable, options: Options
 ) -> list[str]:
     """Warn where an axis has the number of a three-axis machine, and this one has fewer.
 

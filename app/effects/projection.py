@@ -221,9 +221,7 @@ def places_of(code: str, points_mm: FloatArray, directions: FloatArray) -> Place
     return Places(points_mm[:, column], directions[:, column])
 
 
-def sum_of_terms(
-    projection: Projection, terms: Sequence[Term], valid: Valid | None = None
-) -> FloatArray:
+def sum_of_terms(projection: Projection, terms: Sequence[Term]) -> FloatArray:
     """Add terms up over all rows.
 
     Returns
@@ -231,7 +229,7 @@ def sum_of_terms(
     ndarray, shape (n,)
         NaN where a condition is missing.
     """
-    return projection.columns([terms], valid)[:, 0]
+    return projection.columns([terms])[:, 0]
 
 
 def missing_at_points(

@@ -129,7 +129,7 @@ def judge(situation: Situation) -> MachineStatus:
     if isinstance(table, ThermapError):
         causes = [_no_table(situation, table)]
     else:
-        beyond = _beyond(situation.model, table)
+        beyond = _beyond(table)
         causes = list(_causes(situation, table, beyond))
         causes += _otherwise_incomplete(table, causes)
     causes.sort(key=lambda cause: cause.state.gravity)
@@ -146,7 +146,7 @@ def judge(situation: Situation) -> MachineStatus:
         verdict=state.verdict,
         state=state,
         since=_since(situation, causes[0]) if causes else None,
-        sentences=(*_sentences(situation, causes, components), *situation.notes),
+        sentences=(*_sentences(causes, components), *situation.notes),
         computed_at=situation.judged_at,
         reading_time=situation.latest,
         reading_age_s=_age_s(situation),
@@ -374,9 +374,7 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
             yield Cause(State.FRESH, f"{state.detail}{rest}.")
 
 
-def _sentences(
-    situation: Situation, causes: Sequence[Cause], components: Sequence[ComponentCompensation]
-) -> list[str]:
+def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensation]) -> list[str]:
     """Write what is the matter, and what is good all the same."""
     state = causes[0].state if causes else State.FRESH
     said = list(dict.fromkeys(cause.sentence for cause in causes))
@@ -399,7 +397,7 @@ def _sentences(
     return said
 
 
-def _beyond(model: CompiledModel, table: CompensationTable) -> list[BeyondMaps]:
+def _beyond(table: CompensationTable) -> list[BeyondMaps]:
     """List the components outside their maps, and what going on in a line would add."""
     statuses = {c.component.code: c.basis for c in table.components}
     found = []

@@ -242,7 +242,6 @@ def list_readings(
     machine_id: str,
     since: datetime | None = None,
     until: datetime | None = None,
-    limit: int | None = None,
 ) -> Generator[Reading, None, None]:
     """Go through a machine's readings in order of time, both ends included.
 
@@ -253,7 +252,7 @@ def list_readings(
         query = query.where(ReadingRow.time >= since)
     if until is not None:
         query = query.where(ReadingRow.time <= until)
-    ordered = query.order_by(ReadingRow.time).limit(limit).execution_options(yield_per=1000)
+    ordered = query.order_by(ReadingRow.time).execution_options(yield_per=1000)
     with session.scalars(ordered) as rows:
         for row in rows:
             yield _reading(row)

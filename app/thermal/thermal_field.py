@@ -10,7 +10,6 @@ import numpy as np
 from app.arrays import FloatArray
 from app.geometry.components import LINEAR_LETTERS, Component
 from app.geometry.error_table import Table
-from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Member
 from app.thermal.group_state import GroupState
 
@@ -21,11 +20,10 @@ MEAN_OF_BOTH: Directions = (0, 0, 0)
 
 
 def thermal_tables(
-    model: CompiledModel,
     states: Sequence[Sequence[GroupState]],
     directions: Directions = MEAN_OF_BOTH,
 ) -> dict[str, Table]:
-    """Lay a model's components out at one thermal state or at several.
+    """Lay components out at one thermal state or at several.
 
     Parameters
     ----------

@@ -77,15 +77,13 @@ def close_the_loop(
     return rounds
 
 
-def adopt_what_helps(campaign: Campaign, most_rounds: int = MOST_ROUNDS) -> list[Effect]:
+def adopt_what_helps(campaign: Campaign) -> list[Effect]:
     """Adopt as the service does unasked, until an analysis has nothing to add.
 
     Parameters
     ----------
     campaign
         What the model is to learn from.
-    most_rounds
-        Most analyses.
 
     Returns
     -------
@@ -93,7 +91,7 @@ def adopt_what_helps(campaign: Campaign, most_rounds: int = MOST_ROUNDS) -> list
         What the model has then, what was adopted earlier as it was fitted anew.
     """
     effects = list(campaign.effects)
-    for _ in range(most_rounds):
+    for _ in range(MOST_ROUNDS):
         analysis = analyse(replace(campaign, effects=effects))
         new = [found.effect for found in analysis.effects if found.helps]
         if not new:

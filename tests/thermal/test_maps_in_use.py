@@ -133,7 +133,7 @@ def test_a_mean_of_maps_covers_what_all_of_them_do():
 def test_where_several_states_reach_differently_far_end_values_hold():
     model = compiled(LONG_AND_SHORT)
     states = [model.errors_at({"x-middle": t}) for t in (25.0, 35.0)]
-    found = thermal_tables(model, states)["EXX"]
+    found = thermal_tables(states)["EXX"]
     assert found.positions_mm.tolist() == [0, 100, 500]
     assert found.values.tolist() == [[0, 3, 15], [2.5, 6.5, 6.5]]
 

@@ -12,7 +12,7 @@ from tests.thermal.test_prediction import rich_maps
 
 
 def thermal_field(model, states, directions):
-    tables = thermal_tables(model, states, directions)
+    tables = thermal_tables(states, directions)
     return ErrorField.make(model.machine.chain, tables, model.measuring_lines)
 
 

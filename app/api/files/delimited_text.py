@@ -149,7 +149,7 @@ class DelimitedText:
         return found
 
 
-def read_delimited(file: Path, problems: Problems, most: int | None = None) -> DelimitedText:
+def read_delimited(file: Path, problems: Problems) -> DelimitedText:
     """Read a file into comments, column names and rows.
 
     Raises
@@ -157,7 +157,7 @@ def read_delimited(file: Path, problems: Problems, most: int | None = None) -> D
     UnreadableFile
         As `parse_delimited`, and if there is no such file.
     """
-    return parse_delimited(read_text(file), problems, most)
+    return parse_delimited(read_text(file), problems)
 
 
 def parse_delimited(text: str, problems: Problems, most: int | None = None) -> DelimitedText:

@@ -183,7 +183,7 @@ def judge_records(campaign: Campaign, residuals: Residuals, code: str) -> Judged
     conditions = residuals.projection.conditions.take(own)
     known = [
         (rows, found)
-        for rows in _candidates(campaign, residuals, code, conditions)
+        for rows in _candidates(campaign, code, conditions)
         for found in [columns_at(rows.columns, rows.zero, conditions)]
         if np.isfinite(found.values).all(axis=1).mean() >= KNOWN
     ]
@@ -250,9 +250,7 @@ def _records(residuals: Residuals, own: IntArray, usable: BoolArray) -> list[_Re
     ]
 
 
-def _candidates(
-    campaign: Campaign, residuals: Residuals, code: str, conditions: Conditions
-) -> list[ResponseRows]:
+def _candidates(campaign: Campaign, code: str, conditions: Conditions) -> list[ResponseRows]:
     """List the second sensors that changed clearly, with what they were in the maps."""
     model = campaign.model
     group = model.find(code)

@@ -74,7 +74,7 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         "asked": _asked(now),
         "columns": f"{first_mm:.2f}fr {second_mm:.2f}fr",
         "views": [_view(one, now, m) for one in slices],
-        "bars": _bars(now, second_mm, m),
+        "bars": _bars(now, second_mm),
         "is_ringed": all(one.ringed is not None for one in slices),
         "exaggerations": [
             (f"{times:g}", urlencode(base | {"times": f"{times:g}"}), times == now.exaggeration)
@@ -244,7 +244,7 @@ def _view(one: Slice, now: VolumeNow, margin_mm: float) -> dict[str, Any]:
     }
 
 
-def _bars(now: VolumeNow, width_mm: float, margin_mm: float) -> dict[str, Any]:
+def _bars(now: VolumeNow, width_mm: float) -> dict[str, Any]:
     """Draw the two bars for scale at the scale of the slices, in their second column."""
     travel = _round_below(width_mm / 3.0)
     error_um = _round_below(width_mm / 3.0 * UM_PER_MM / now.exaggeration)

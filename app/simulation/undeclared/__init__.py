@@ -10,7 +10,7 @@ signs are written again from their definitions, so that a mistake on one side sh
     campaign = make_campaign(3, "thermal-lag", amplitude=2.0)
     campaign.machine, campaign.error_maps, campaign.reading_bodies, campaign.verifications
     campaign.truth.effects, campaign.truth.contribution_um
-    campaign.oracle(campaign.every_nth_visit())
+    campaign.oracle(campaign.every_fourth_visit())
 
     record = make_record(4, "thermal-lag", hours=30, wander_um=1.0, later_visits=10)
     record.as_one_verification(), record.as_many_verifications(every_min=120)

@@ -120,9 +120,9 @@ class Campaign:
             refit_maps=refit_maps,
         )
 
-    def every_nth_visit(self, n: int = 4) -> list[int]:
-        """Name every nth visit: an interleaved hold-out."""
-        return list(range(n // 2, self.conditions.visits, n))
+    def every_fourth_visit(self) -> list[int]:
+        """Name every fourth visit: an interleaved hold-out."""
+        return list(range(2, self.conditions.visits, 4))
 
 
 def make_campaign(

@@ -84,7 +84,7 @@ def _later(campaign: Campaign) -> dict[str, Any]:
 
 def _oracle(campaign: Campaign) -> dict[str, Any]:
     """What the oracle reaches when every fourth visit is held out."""
-    held_out = campaign.every_nth_visit()
+    held_out = campaign.every_fourth_visit()
     fit = campaign.oracle(held_out)
     return {
         "held_out_visits": held_out,

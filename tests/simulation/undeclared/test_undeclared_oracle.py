@@ -12,7 +12,7 @@ NAMES = ["thermal-lag:sensor", "backlash", "state-variable:payload", "drift", "s
 @pytest.mark.parametrize("name", NAMES)
 def test_the_oracle_finds_all_of_an_effect(campaign_of, rms, name):
     campaign = campaign_of(2, name, 2.0)
-    fit = campaign.oracle(campaign.every_nth_visit())
+    fit = campaign.oracle(campaign.every_fourth_visit())
     assert fit.amplitudes == pytest.approx([1.0], abs=4.0 * fit.standard_errors[0])
     assert fit.holdout_rms_um < fit.holdout_rms_without_um
     assert fit.holdout_rms_um == pytest.approx(fit.floor_um, rel=0.12)
@@ -40,7 +40,7 @@ def test_plain_least_squares_is_what_it_says(campaign_of):
 @pytest.mark.parametrize("datum", ["first", "free"])
 def test_the_oracle_bears_with_an_unknown_zero(campaign_of, datum, one_verification):
     campaign = campaign_of(2, "backlash", 2.0, datum=datum, one_verification=one_verification)
-    fit = campaign.oracle(campaign.every_nth_visit())
+    fit = campaign.oracle(campaign.every_fourth_visit())
     assert fit.amplitudes == pytest.approx([1.0], abs=4.0 * fit.standard_errors[0])
     assert fit.holdout_rms_um == pytest.approx(fit.floor_um, rel=0.12)
 
@@ -48,7 +48,7 @@ def test_the_oracle_bears_with_an_unknown_zero(campaign_of, datum, one_verificat
 @pytest.mark.slow
 def test_the_oracle_leaves_outliers_out(campaign_of):
     campaign = campaign_of(2, "backlash", 2.0, outliers=0.03, frozen=1)
-    fit = campaign.oracle(campaign.every_nth_visit())
+    fit = campaign.oracle(campaign.every_fourth_visit())
     assert fit.amplitudes == pytest.approx([1.0], abs=0.15)
     assert fit.holdout_rms_um < 1.3
 
