@@ -40,7 +40,7 @@ class ConnectionsFile(Table):
     opcua_server: OpcuaServerTable | None = None
 
     @property
-    def connections(self) -> tuple[ConnectionTable, ...]:
+    def connections(self) -> tuple[MtconnectTable | OpcuaTable | MqttTable, ...]:
         """All connections, kind by kind."""
         return (*self.mtconnect, *self.opcua, *self.mqtt)
 

@@ -1,12 +1,11 @@
 """What every kind of connection is: a table of the file, and what runs by it.
 
-A kind is a module with a table (`ConnectionTable`), which names the extra that it needs and makes
-what runs (`RunningConnection`); it has its field in `ConnectionsFile`.
+A kind is a table (`ConnectionTable`), which names the extra that it needs and has its field in
+`ConnectionsFile`, and what runs by it (`RunningConnection`), which `Connections` makes.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -15,9 +14,7 @@ from typing import Annotated, ClassVar, NamedTuple, Protocol, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from app.answer import Answer
-from app.connections.intake import TakesValues
 from app.errors import list_names
-from app.services.context import Context
 from app.units import TemperatureUnit
 
 ShortName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
@@ -114,7 +111,3 @@ class ConnectionTable(Table):
 
     def expect_usable(self) -> None:
         """Refuse what only its library sees to be wrong, with ValueError."""
-
-    @abstractmethod
-    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
-        """Make what runs; only this needs the library."""

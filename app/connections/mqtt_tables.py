@@ -19,15 +19,12 @@ from pydantic import (
 
 from app.connections.connection import (
     ConnectionTable,
-    RunningConnection,
     ShortName,
     StatedUnit,
     Table,
 )
-from app.connections.intake import TakesValues
 from app.connections.mqtt_payloads import JsonPath, TimeForm
 from app.connections.mqtt_topics import TopicPattern
-from app.services.context import Context
 from app.units import TemperatureUnit
 
 
@@ -239,12 +236,6 @@ class MqttTable(ConnectionTable):
                     f"and {self.key or 'no key'}: {_why(why)}"
                 ) from None
         return made
-
-    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
-        """Make what runs; only this needs the library."""
-        from app.connections.mqtt_connection import MqttConnection
-
-        return MqttConnection(self, intake, context)
 
 
 def _why(error: OSError) -> str:

@@ -13,7 +13,6 @@ from pydantic import Field, field_validator
 from app.connections.connection import (
     Connection,
     ConnectionTable,
-    RunningConnection,
     ShortName,
     StatedUnit,
     Table,
@@ -55,10 +54,6 @@ class MtconnectTable(ConnectionTable):
         if not isinstance(stated, dict):
             return stated
         return {k: {"item": v} if isinstance(v, str) else v for k, v in stated.items()}
-
-    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
-        """Make what runs; only this needs the library."""
-        return AgentConnection(self, intake, context)
 
 
 class AgentConnection:

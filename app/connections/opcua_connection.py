@@ -12,7 +12,6 @@ from pydantic import Field, field_validator
 from app.connections.connection import (
     Connection,
     ConnectionTable,
-    RunningConnection,
     ShortName,
     StatedUnit,
     Table,
@@ -67,10 +66,6 @@ class OpcuaTable(ConnectionTable):
         if not isinstance(stated, dict):
             return stated
         return {k: {"node": v} if isinstance(v, str) else v for k, v in stated.items()}
-
-    def connection(self, intake: TakesValues, context: Callable[[], Context]) -> RunningConnection:
-        """Make what runs; only this needs the library."""
-        return ServerConnection(self, intake, context)
 
     @property
     def access(self) -> Access:

@@ -15,7 +15,10 @@ from app.connections.connection import (
     RunningConnection,
     TellsTables,
 )
-from app.connections.intake import Fate, Intake, Sender
+from app.connections.intake import Fate, Intake, Sender, TakesValues
+from app.connections.mqtt_tables import MqttTable
+from app.connections.mtconnect_connection import AgentConnection, MtconnectTable
+from app.connections.opcua_connection import OpcuaTable, ServerConnection
 from app.services.context import Context
 
 
@@ -49,7 +52,7 @@ class Connections:
         self._connections: list[tuple[Sender, RunningConnection]] = []
         for table in stated.connections:
             sender = Sender(self._intake)
-            one = table.connection(sender, context)
+            one = _connection(table, sender, context)
             if isinstance(one, TellsTables):
                 one.follow_tables = follow_tables
             self._connections.append((sender, one))
@@ -86,6 +89,23 @@ class Connections:
                 task.cancel()
             with suppress(asyncio.CancelledError):
                 await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _connection(
+    table: MtconnectTable | OpcuaTable | MqttTable,
+    intake: TakesValues,
+    context: Callable[[], Context],
+) -> RunningConnection:
+    match table:
+        case MtconnectTable():
+            return AgentConnection(table, intake, context)
+        case OpcuaTable():
+            return ServerConnection(table, intake, context)
+        case MqttTable():
+            # Imported only here: its library is an extra.
+            from app.connections.mqtt_connection import MqttConnection
+
+            return MqttConnection(table, intake, context)
 
 
 def _with_counts(now: Connection, sender: Sender) -> Connection:

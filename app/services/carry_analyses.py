@@ -15,7 +15,7 @@ from enum import Enum
 from multiprocessing.connection import Connection
 from threading import Event
 from time import monotonic
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 from uuid import uuid4
 
 from sqlalchemy.exc import IntegrityError
@@ -46,6 +46,15 @@ PATIENCE_S: Final = 15.0
 
 CANCEL_POLL_S: Final = 0.1
 """How soon a cancelled process is ended [s]."""
+
+QUEUE_POLL_S: Final = 2.0
+"""How often the queue is looked at for what other processes put there [s]."""
+
+STOP_S: Final = 10.0
+"""How long the end may take where the database hangs [s]."""
+
+Looked: TypeAlias = Callable[[bool], None]
+"""Called after each look at the queue: whether the database answered."""
 
 _SPAWN: Final = multiprocessing.get_context("spawn")
 

@@ -20,9 +20,16 @@ from procrastinate.exceptions import ProcrastinateException
 from procrastinate.jobs import Job, Status
 
 from app.errors import StorageUnavailable
-from app.services.carry_analyses import PATIENCE_S, AbandonedAnalyses, AnalysisCarrier, Carried
+from app.services.carry_analyses import (
+    PATIENCE_S,
+    QUEUE_POLL_S,
+    STOP_S,
+    AbandonedAnalyses,
+    AnalysisCarrier,
+    Carried,
+    Looked,
+)
 from app.services.context import Context
-from app.services.run_analyses import QUEUE_POLL_S, STOP_S, Looked
 from app.storage.analyses import running_analyses, waiting_analyses
 from app.storage.job_queue import QUEUE, TASK, hand_out, queue_connector
 from app.storage.postgresql import DriverError

@@ -7,27 +7,23 @@ the services and to `thermap worker` on any host. The table says in both cases w
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from threading import Event, Lock, Thread
 from time import monotonic
-from typing import Final, Protocol, TypeAlias
+from typing import Protocol
 
 from app.errors import StorageUnavailable
-from app.services.carry_analyses import AbandonedAnalyses, AnalysisCarrier, Carried
+from app.services.carry_analyses import (
+    QUEUE_POLL_S,
+    STOP_S,
+    AbandonedAnalyses,
+    AnalysisCarrier,
+    Carried,
+    Looked,
+)
 from app.services.context import Context
 from app.storage.analyses import next_analysis
 
 log = logging.getLogger("thermap")
-
-QUEUE_POLL_S: Final = 2.0
-"""How often the queue is looked at for what other processes put there [s]."""
-
-STOP_S: Final = 10.0
-"""How long the end may take where the database hangs [s]."""
-
-
-Looked: TypeAlias = Callable[[bool], None]
-"""Called after each look at the queue: whether the database answered."""
 
 
 def _to_nobody(_answered: bool) -> None:
