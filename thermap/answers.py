@@ -3347,7 +3347,8 @@ class AnalysisResult(Shape):
     """Unit of the overall figures: µm, or that of the angles where no length was measured"""
 
     noise_um: float | None
-    """Standard deviation of one observation [µm]; see `unit`"""
+    """Standard deviation of one observation [µm]; null where nothing is known of it; see `unit`
+    """
 
     floor_um: float | None
     """What noise alone would leave, judged by repeats and the scatter of set-ups [µm]; null where a

@@ -35,6 +35,10 @@ NORMAL: Final = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
+NOTHING_LEFT: Final = 1e-9
+"""Share of their size from which residuals beside a shift and a tilt are more than rounding."""
+
+
 class Repeatability(NamedTuple):
     """Scatter of one observation, where it comes from, and what it counts for."""
 
@@ -97,6 +101,25 @@ def _pooled_with_alike(
     leant = min(MOST_POOLED, count)
     value = (variance * freedom + common * leant) / (freedom + leant)
     return Repeatability(float(np.sqrt(value)), "replicates", POOLED_WEIGHT)
+
+
+def shows_scatter(rows: Rows, channel: int, use: BoolArray) -> bool:
+    """Whether a shift and a tilt of each visit leave anything over of what scatters in it.
+
+    Parameters
+    ----------
+    use : ndarray, shape (n,)
+        Which rows take part.
+    """
+    mine = use & (rows.channel == channel)
+    for visit in np.unique(rows.visit[mine]):
+        own = mine & (rows.visit == visit)
+        shapes = np.column_stack([np.ones(int(own.sum())), rows.tilt[own]])
+        coefficients, _, rank, _ = np.linalg.lstsq(shapes, rows.values[own], rcond=None)
+        left = rows.values[own] - shapes @ coefficients
+        if rank < len(left) and rms(left) > NOTHING_LEFT * rms(rows.values[own]):
+            return True
+    return False
 
 
 def replicate_scatter(rows: Rows, channel: int, use: BoolArray) -> float | None:

@@ -138,6 +138,38 @@ async def of_fewer_visits(campaign):
     return number
 
 
+async def test_one_observation_without_a_stated_repeatability_is_not_judged(campaign):
+    """It was taken for its own scatter, so that 9.8 µm were “nothing found”."""
+    first = (await campaign.get(f"{ROOM}/verifications/1")).json()
+    at = first["observations"][0]["time"]
+    place = {"time": at, "component": "EXX", "position_mm": 200.0, "measured_um": 0.0}
+    stated = {"label": "one", "datum": "absolute", "observations": [place]}
+    before = (await campaign.post(f"{ROOM}/verifications", json=stated)).json()["id"]
+    shown = await campaign.get(f"{ROOM}/verifications/{before}/residuals", params={"rows": 1})
+    (residual,) = shown.json()["rows"]
+    for n, (off_um, declared, verdict) in enumerate(
+        (
+            (9.8, {}, "not-judged"),
+            (9.8, {"repeatability_um": 0.5}, "not-judged"),
+            (0.1, {}, "nothing-found"),
+        )
+    ):
+        moved = place | {"measured_um": residual["predicted"] + off_um}
+        body = stated | {"label": f"one {n}", "observations": [moved]} | declared
+        sent = await campaign.post(f"{ROOM}/verifications", json=body)
+        number = sent.json()["id"]
+        asked = {"verifications": [number], "effects": ["backlash"]}
+        done, _ = await ended(campaign, (await campaign.post(PATH, json=asked)).json()["id"])
+        answer = done["result"]
+        assert answer["verdict"] == verdict
+        alone = "one observation says nothing of its own scatter" in answer["summary"]
+        assert alone == (verdict == "not-judged" and not declared)
+        assert (answer["noise_um"] is None) == (not declared)
+        if alone:
+            assert "the only observation of EXX is 9.8 µm from what the model" in answer["summary"]
+            assert any("each place twice" in words for words in answer["what_next"])
+
+
 @pytest.mark.slow
 async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
     """All observations lie before the machine's first reading."""

@@ -17,6 +17,7 @@ from app.identification.analysis.not_judged import (
     withhold,
 )
 from app.search.findings import FAR_OFF, ChannelNoise, Figure, HeldOut, Status, Verdict
+from app.search.rows import Nuisance, Rows
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import NOTHING
@@ -114,9 +115,41 @@ def test_where_nothing_was_found_too_setups_may_scatter_as_in_the_other_channels
     assert not not_judged(found, [])
     off = finished(0.3, floor=np.sqrt(1.0 + 0.3**2), off=4.0, seed=seed)
     assert [one.name for one in not_judged(off, [])] == ["EXX"]
-    # Of four set-ups in all nobody knows.
+    # Of four set-ups in all zeros knows.
     found.rows.visit[:] = found.rows.visit % 4
     assert not_judged(found, [])
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ([9.8], True),
+        ([9.8, -9.8], True),  # a tilt of the set-up, or the machine's slope
+        ([9.8, 9.8], True),
+        ([9.8, -9.8, 9.7, -9.6], False),  # repeated: as it is, however far off
+        ([0.3], False),
+    ],
+)
+def test_few_observations_are_not_their_own_scatter(values, named):
+    """Maps explain 0.25 µm, and no repeatability is stated."""
+    count, zeros = len(values), np.zeros(len(values), int)
+    size = float(np.sqrt(np.mean(np.square(values))))
+    places = np.array([-1.0, 1.0, -1.0, 1.0])[:count, None]
+    rows = Rows(np.array(values), zeros, zeros, places, zeros - 1)
+    found = SimpleNamespace(
+        rows=rows,
+        residuals=SimpleNamespace(rows=SimpleNamespace(channels=("EXX",))),
+        use=np.ones(count, dtype=bool),
+        zeros=[],
+        findings=SimpleNamespace(
+            noise={0: ChannelNoise(size, "residuals", size, 1, count)}, held_out={}
+        ),
+    )
+    maps = [Nuisance(0, np.arange(count), np.ones((count, 1)), np.array([0.25]))]
+    large = not_judged(found, maps)
+    assert [one.name for one in large] == ["EXX"] * named
+    if named:
+        assert "of its own scatter" in large[0].sentence or "of their own" in large[0].sentence
 
 
 def test_what_can_be_judged_is_said_and_what_cannot_is_named():

@@ -54,6 +54,7 @@ from app.identification.analysis.not_judged import (
     judged_channels,
     not_judged,
     stays_large,
+    tells_scatter,
     with_what_stays_large,
     withhold,
 )
@@ -383,9 +384,16 @@ def _by_live_path(
 
 
 def _noise(found: FinishedSearch) -> float | None:
-    """Pool the repeatability over the channels in µm, or over all where there is none."""
+    """Pool the repeatability over the channels in µm, or over all where there is none.
+
+    None where nothing is known of it.
+    """
     chosen = lengths(found.residuals)
-    numbers = [n for n in found.findings.noise if chosen[found.rows.channel == n].any()]
+    numbers = [
+        n
+        for n in found.findings.noise
+        if chosen[found.rows.channel == n].any() and tells_scatter(found, n)
+    ]
     noise = found.findings.noise
     return pooled([noise[n].fitted for n in numbers], [noise[n].rows for n in numbers])
 

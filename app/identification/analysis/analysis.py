@@ -670,7 +670,7 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """Unit of the overall figures: µm, or that of the angles where no length was measured"""
 
     noise: Annotated[float | None, Field(alias="noise_um")]
-    """Standard deviation of one observation [µm]; see `unit`"""
+    """Standard deviation of one observation [µm]; null where nothing is known of it; see `unit`"""
 
     floor: Annotated[float | None, Field(alias="floor_um")]
     """What noise alone would leave, judged by repeats and the scatter of set-ups [µm]; null where a

@@ -19,11 +19,11 @@ from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
-from app.search.channel import DECLARED_WEIGHT
+from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT
 from app.search.findings import FAR_OFF, Status, Unexplained, Verdict
-from app.search.noise import KNOWN
+from app.search.noise import KNOWN, shows_scatter
 from app.search.rows import Datum, Nuisance
-from app.search.scatter import FEWEST_BLOCKS
+from app.search.scatter import FEWEST_BLOCKS, FEWEST_SETUPS
 from app.search.sum_of_squares import surprise_of_squares
 
 LARGER: Final = 2.0
@@ -47,15 +47,38 @@ class TooLarge(NamedTuple):
     expected: float
     unit: str
     setups: int
+    unknown_scatter_of: int = 0
+    """Number of its observations, where they say nothing of their own scatter; else 0."""
 
     @property
     def sentence(self) -> str:
         """Say it."""
         setups = "one set-up" if self.setups == 1 else f"{self.setups} set-ups"
-        return (
+        expected = f"{self.expected:.2g} {self.unit}"
+        if self.unknown_scatter_of == 1:
+            return (
+                f"the only observation of {self.name} is {self.rms:.2g} {self.unit} from what the "
+                f"model predicts, where {expected} is to be expected; no repeatability is known, "
+                "and one observation says nothing of its own scatter"
+            )
+        told = (
             f"{self.name} has residuals of {self.rms:.2g} {self.unit} (root mean square) in "
-            f"{setups}, where repeatability and maps explain {self.expected:.2g} {self.unit}"
+            f"{setups}, where "
         )
+        if self.unknown_scatter_of:
+            return (
+                f"{told}{expected} is to be expected; no repeatability is known, and "
+                f"{self.unknown_scatter_of} observations there say nothing of their own scatter"
+            )
+        return f"{told}repeatability and maps explain {expected}"
+
+
+class _Scatter(NamedTuple):
+    """How far one observation of a channel scatters, and what that is worth."""
+
+    value: float
+    freedom: float
+    is_shown: bool
 
 
 def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> FinishedSearch:
@@ -134,16 +157,19 @@ def _beyond_setups(
         if (own := np.flatnonzero(found.use & (rows.channel == c))).size
         and np.unique(rows.visit[own]).size < FEWEST_BLOCKS
     }
-    named = set()
+    of_maps, named = _of_maps(len(values), maps), set()
+    scatters = _scatters(found, values, of_maps)
     for c, own in few.items():
-        noise, visit = found.findings.noise[c], rows.visit[own]
+        scatter, visit = scatters[c], rows.visit[own]
         setups = np.unique(visit)
-        known = DECLARED_WEIGHT if noise.origin in KNOWN else 0.0
+        if not scatter.freedom:
+            named.add(channels[c])
+            continue
         zeroed = np.mean([rows.datum.get((int(v), c)) is Datum.FIRST for v in visit])
         p = surprise_of_squares(
             float(np.sum(values[own] ** 2)),
-            float(noise.fitted**2 * (1.0 + zeroed)),
-            max(known + len(own) - len(setups), 1.0),
+            float(scatter.value**2 * (1.0 + zeroed)),
+            scatter.freedom,
             (visit[:, None] == setups) * float(np.sqrt(setup / (1.0 + zeroed))),
             _columns(maps, c, own, len(values)),
             len(own),
@@ -151,6 +177,61 @@ def _beyond_setups(
         if p * len(few) < BY_CHANCE:
             named.add(channels[c])
     return named
+
+
+def tells_scatter(found: FinishedSearch, channel: int) -> bool:
+    """Whether anything is known of how far one observation of a channel scatters."""
+    setups = np.unique(found.rows.visit[found.use & (found.rows.channel == channel)]).size
+    return setups >= FEWEST_SETUPS or not _is_without_scatter(found, channel)
+
+
+def _is_without_scatter(found: FinishedSearch, channel: int) -> bool:
+    """Whether observations show nothing of their own scatter, and nothing is stated of it."""
+    return found.findings.noise[channel].origin == "residuals" and not shows_scatter(
+        found.rows, channel, found.use
+    )
+
+
+def _scatters(
+    found: FinishedSearch, values: FloatArray, of_maps: FloatArray
+) -> dict[int, _Scatter]:
+    """Say how far one observation of each channel scatters.
+
+    Where a shift and a tilt of each set-up leave nothing over that would show it, the search took
+    the residuals themselves for it, and nothing could exceed that. Then four set-ups tell how
+    they scatter in all; else it is taken for as many times the maps' own uncertainty as in the
+    other channels; and where no channel shows it, nobody knows it.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Residuals; NaN takes no part.
+    of_maps : ndarray, shape (n,)
+        The variance that the maps' uncertainty leaves in each row.
+    """
+    rows, shown, times = found.rows, {}, []
+    own = {c: np.flatnonzero(found.use & (rows.channel == c)) for c in found.findings.noise}
+    own = {c: numbers for c, numbers in own.items() if numbers.size}
+    for c, numbers in own.items():
+        noise = found.findings.noise[c]
+        if _is_without_scatter(found, c):
+            continue
+        known = DECLARED_WEIGHT if noise.origin in KNOWN else 0.0
+        spare = len(numbers) - np.unique(rows.visit[numbers]).size
+        shown[c] = _Scatter(noise.fitted, max(known + spare, 1.0), is_shown=True)
+        if (uncertain := float(np.mean(of_maps[numbers]))) > 0.0:
+            times.append(noise.fitted / np.sqrt(uncertain))
+    for c in own.keys() - shown.keys():
+        numbers = own[c]
+        if np.unique(rows.visit[numbers]).size >= FEWEST_SETUPS:
+            size, freedom = float(np.std(values[numbers], ddof=1)), float(len(numbers) - 1)
+        elif times:
+            size = float(np.median(times) * np.sqrt(np.mean(of_maps[numbers])))
+            freedom = ESTIMATED_WEIGHT
+        else:
+            size, freedom = 0.0, 0.0
+        shown[c] = _Scatter(size, freedom, is_shown=False)
+    return shown
 
 
 def _variance_of_setups(found: FinishedSearch) -> float:
@@ -203,21 +284,23 @@ def too_large(
     values = without_zeros(found.zeros, np.where(use, rows.values - explained, np.nan))
     variance = _of_maps(len(values), maps)
     large = []
-    for channel, noise in found.findings.noise.items():
+    for channel, scatter in _scatters(found, values, variance).items():
         own = use & (rows.channel == channel)
         setups = np.unique(rows.visit[own]).size
-        if not own.any() or setups >= FEWEST_BLOCKS:
+        if setups >= FEWEST_BLOCKS:
             continue
         size = float(np.sqrt(np.mean(values[own] ** 2)))
         # Counted from a first observation, all of them have its noise too.
         zeroed = np.mean(
             [rows.datum.get((int(v), channel)) is Datum.FIRST for v in rows.visit[own]]
         )
-        expected = float(np.sqrt(noise.fitted**2 * (1.0 + zeroed) + np.mean(variance[own])))
+        expected = float(np.sqrt(scatter.value**2 * (1.0 + zeroed) + np.mean(variance[own])))
         if size > LARGER * expected:
             name = found.residuals.rows.channels[channel]
-            large.append(TooLarge(name, size, expected, channel_unit(name).symbol, setups))
-    return sorted(large, key=lambda one: -one.rms / one.expected)
+            unknown = 0 if scatter.is_shown else int(own.sum())
+            unit = channel_unit(name).symbol
+            large.append(TooLarge(name, size, expected, unit, setups, unknown))
+    return sorted(large, key=lambda one: -one.rms / max(one.expected, np.finfo(float).tiny))
 
 
 def withhold(
@@ -273,9 +356,11 @@ def _told(large: Sequence[TooLarge]) -> str:
 
 
 def _again(large: Sequence[TooLarge]) -> str:
+    twice = any(one.unknown_scatter_of for one in large)
     return (
         f"Measure {list_names([one.name for one in large], 4)} again in at least {FEWEST_BLOCKS} "
-        "set-ups at different temperatures, mounting the instrument afresh each time."
+        "set-ups at different temperatures, mounting the instrument afresh each time"
+        f"{' and each place twice' if twice else ''}."
     )
 
 
