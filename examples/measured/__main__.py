@@ -1,27 +1,27 @@
 """Run the loop on measured data and print what it found, before and after.
 
-python -m examples.measured [lathe|responses|unseen|drive|slit|printers …]
-    [--data FOLDER] [--folds N]
+python -m examples.measured [responses|unseen|drive|slit|printers …]
+    [--data FOLDER] [--from DATE …]
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from examples.measured import (
     drive_report,
     lathe_public,
-    lathe_report,
     lathe_responses,
     printers_report,
     slit_report,
 )
 from examples.measured.data_folder import data_folder
 
-REPORTS = {
-    "lathe": lathe_report.print_report,
+REPORTS: dict[str, Callable[[Path], None]] = {
     "responses": lathe_responses.print_report,
     "unseen": lathe_public.print_report,
     "drive": drive_report.print_report,
@@ -39,16 +39,22 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("what", nargs="*", metavar="DATA", help=f"{', '.join(REPORTS)}; all")
     parser.add_argument("--data", type=Path, default=data_folder(), metavar="FOLDER")
     parser.add_argument(
-        "--folds", type=int, default=7, help="parts in which the lathe's runs are left out"
+        "--from",
+        dest="since",
+        nargs="+",
+        choices=lathe_public.FIRST_UNSEEN,
+        default=lathe_public.FIRST_UNSEEN,
+        help="first unseen run of each split of `unseen`",
     )
     asked = parser.parse_args(arguments)
     for name in asked.what or REPORTS:
         if name not in REPORTS:
             parser.error(f"expected {', '.join(REPORTS)}, got {name}")
+    reports = REPORTS | {"unseen": partial(lathe_public.print_report, since=asked.since)}
     for name in asked.what or REPORTS:
         print(f"== {name}")
         begun = time.perf_counter()
-        REPORTS[name](asked.data, asked.folds)
+        reports[name](asked.data)
         print(f"  {time.perf_counter() - begun:.0f} s\n")
 
 

@@ -11,7 +11,7 @@ from examples.measured.printing import pooled, print_figures, print_rounds
 CYCLES = (2, 3, 4, 5)
 
 
-def print_report(data: Path, _: int) -> None:
+def print_report(data: Path) -> None:
     """Print both axes: what all cycles show, and how each cycle is predicted by the others."""
     for axis in TESTS:
         print(f"  axis {axis.upper()}, all cycles")

@@ -4,7 +4,8 @@ All goes over HTTP, as a shop would send it: the machine, two error maps, what s
 read during the runs and nothing between them, and a verification of each run. Analysing and
 adopting what helps, which is what `thermap analyse --adopt` does, is repeated until an analysis
 has nothing to add; then the runs that nobody has seen are sent, and held against the first model
-and the last. Each run counts from its first observation, where the instrument was zeroed.
+and the last. Each run counts from its first observation, where the instrument was zeroed. Three
+splits, from each of the first three runs on, let every run but that of the maps be unseen once.
 """
 
 from __future__ import annotations
@@ -28,12 +29,15 @@ from app.main import create_app
 from app.search.figures import rms
 from app.settings import Settings
 from examples.measured.black_boxes import black_boxes, left_of, print_left
-from examples.measured.lathe import Lathe, make_lathe
+from examples.measured.lathe import MAPPED, Lathe, make_lathe
 from examples.measured.lathe_runs import DISPLACEMENTS, Run, read_runs
 from thermap import AsyncThermapClient
 from thermap.answers import AnalysisAnswer, AnalysisResult
 
 UNSEEN_EACH: Final = 3
+FIRST_UNSEEN: Final = ("20200615", "20200616", "20200618")
+"""The first runs: every third from each of them on, and each run is unseen once."""
+
 MOST_ROUNDS: Final = 8
 LOOK_EVERY_S: Final = 0.5
 MOST_ROWS: Final = 10_000
@@ -55,35 +59,86 @@ class Held:
     left: FloatArray
 
 
-def print_report(data: Path, _: int) -> None:
-    """Print what each analysis adopted, and the unseen runs before and after."""
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Unseen runs of one component: measured, and left by each thing that corrects them."""
+
+    measured: list[FloatArray]
+    left: dict[str, list[FloatArray]]
+
+    def print(self, title: str) -> None:
+        """Print each of them, and the run that it makes worse by most, or better by least."""
+        print(f"  {title}, {len(self.measured)} unseen runs, from their zero [µm]")
+        for name, left in self.left.items():
+            print_left(name, self.measured, left)
+
+    @classmethod
+    def pooled(cls, splits: Sequence[Split]) -> Split:
+        """Put the runs of several splits together."""
+        return cls(
+            [run for split in splits for run in split.measured],
+            {
+                name: [run for split in splits for run in split.left[name]]
+                for name in splits[0].left
+            },
+        )
+
+
+def print_report(data: Path, since: Sequence[str] = FIRST_UNSEEN) -> None:
+    """Print what each analysis adopted, and the unseen runs before and after.
+
+    Parameters
+    ----------
+    data
+        The folder of measured data.
+    since
+        The first unseen run of each split.
+    """
     lathe = make_lathe(read_runs(data))
-    unseen = [run.date for run in lathe.runs][1::UNSEEN_EACH]
+    splits = [_print_split(lathe, one) for one in since]
+    if len(splits) > 1:
+        for code in DISPLACEMENTS:
+            Split.pooled([split[code] for split in splits]).print(f"{code}, all splits")
+
+
+def unseen_dates(lathe: Lathe, since: str) -> list[str]:
+    """List every third run from one on; the run that the maps are states of is always known."""
+    if since not in FIRST_UNSEEN:
+        raise ValueError(f"expected one of {', '.join(FIRST_UNSEEN)}, got {since}")
+    dates = [run.date for run in lathe.runs]
+    return [date for date in dates[dates.index(since) :: UNSEEN_EACH] if date != MAPPED]
+
+
+def _print_split(lathe: Lathe, since: str) -> dict[str, Split]:
+    unseen = unseen_dates(lathe, since)
+    print(f"  unseen: {', '.join(unseen)}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         seen, first, last = asyncio.run(close_and_hold(Path(folder), lathe, unseen))
     for number, one in enumerate(seen, 1):
         print(f"  analysis {number}: {one.result.summary}")
         for effect in one.result.effects:
             print(f"    {'adopted' if effect.helps else 'left   '} {effect.explanation}")
-    print(f"  unseen: {', '.join(unseen)}")
+        for moved in one.result.refitted:
+            print(f"    {moved.outcome:7} {moved.explanation}")
     residuals = residuals_of(lathe.campaign([run.date for run in lathe.runs]))
+    found = {}
     for code in DISPLACEMENTS:
-        print(f"  {code}, unseen runs, from their zero [µm]; the run that loses most")
         measured = [first[date, code].measured for date in unseen]
-        print_left("uncompensated", measured, measured)
-        print_left("maps", measured, [first[date, code].left for date in unseen])
-        print_left("after adoption", measured, [last[date, code].left for date in unseen])
-        for date in unseen:
-            maps, adopted = first[date, code], last[date, code]
-            print(
-                f"      {date}: {rms(maps.measured):.1f}, maps {rms(maps.left):.1f}, "
-                f"after adoption {rms(adopted.left):.1f}"
-            )
+        left = {
+            "uncompensated": measured,
+            "maps": [first[date, code].left for date in unseen],
+            "after adoption": [last[date, code].left for date in unseen],
+        }
         set_ups = response_rows(residuals, code).set_ups
         known = [one.course for one in set_ups if one.label not in unseen]
         asked = [one.course for one in set_ups if one.label in unseen]
         for name, learn in black_boxes().items():
-            print_left(name, measured, left_of(learn, known, asked))
+            left[name] = left_of(learn, known, asked)
+        found[code] = Split(measured, left)
+        found[code].print(f"{code}, split from {since}")
+        for date, *each in zip(unseen, *left.values(), strict=True):
+            print(f"      {date}: {', '.join(f'{rms(one):.2f}' for one in each)}", flush=True)
+    return found
 
 
 async def close_and_hold(
@@ -164,7 +219,8 @@ async def _close(thermap: AsyncThermapClient, machine: str) -> list[Seen]:
         if result is None:
             raise RuntimeError(f"analysis {job.id} came to no answer")
         version = None
-        if any(effect.helps for effect in result.effects):
+        is_refit_due = any(one.is_changed for one in result.refitted)
+        if is_refit_due or any(effect.helps for effect in result.effects):
             version = (await thermap.adopt_analysis(machine, job.id)).version
         seen.append(Seen(result, version))
         if version is None:

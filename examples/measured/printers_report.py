@@ -27,7 +27,7 @@ STEPS = (
 )
 
 
-def print_report(data: Path, _: int) -> None:
+def print_report(data: Path) -> None:
     """Print for each printer what was found, and what is left of the stretches left out."""
     for name, printer in PRINTERS.items():
         homings = read_homings(data, printer)

@@ -16,7 +16,7 @@ from examples.measured.printing import pooled, print_figures, print_rounds
 from examples.measured.slit import campaign, read_sweep
 
 
-def print_report(data: Path, _: int) -> None:
+def print_report(data: Path) -> None:
     """Print what the first stretches show, and what is left of the last ones."""
     known, asked = campaign(read_sweep(data))
     rounds = close_the_loop(known)

@@ -13,6 +13,7 @@ from app.identification.residuals.frozen_observations import FROZEN
 from app.thermal.doubtful_sensors import doubtful_sensors
 from examples.measured.data_folder import data_folder
 from examples.measured.lathe import make_lathe
+from examples.measured.lathe_public import FIRST_UNSEEN, unseen_dates
 from examples.measured.lathe_runs import FAILED, FOLDER, read_runs
 from examples.measured.loop import (
     MAY_BE_ADOPTED,
@@ -34,6 +35,13 @@ PARTS = 7
 @pytest.fixture(scope="module")
 def lathe():
     return make_lathe(read_runs(data_folder()), every_s=900.0)
+
+
+@pytest.mark.slow
+def test_every_run_but_that_of_the_maps_is_unseen_in_one_split(lathe):
+    unseen = [date for since in FIRST_UNSEEN for date in unseen_dates(lathe, since)]
+    assert sorted(unseen) == lathe.dates
+    assert len(unseen) == 28
 
 
 @pytest.mark.slow
