@@ -9,10 +9,11 @@ from typing import Final, NamedTuple
 
 from app.controllers.error_table import Origin
 from app.errors import InvalidContent
-from app.units import iso_time
+from app.thermal.error_map import LARGEST_ERROR_UM
+from app.units import UM_PER_MM, iso_time
 
-LARGEST_ERROR_MM: Final = 10.0
-"""No machine is wrong by more; a larger value in a file is something else than an error."""
+LARGEST_ERROR_MM: Final = LARGEST_ERROR_UM / UM_PER_MM
+"""A larger value in a file is something else than an error."""
 
 FARTHEST_MM: Final = 1e6
 """Positions further out are refused [mm]."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from app.arrays import FloatArray, IntArray
 from app.errors import InvalidContent
-from app.measurement.stated_numbers import LARGEST_UM
+from app.thermal.error_map import LARGEST_ERROR_UM
 from app.units import MM_PER_M, UM_PER_MM, URAD_PER_RAD
 
 ComplexArray = NDArray[np.complex128]
@@ -92,7 +92,7 @@ def _complex(points: FloatArray) -> ComplexArray:
 
 def _expect_small(errors_mm: ComplexArray, n: ComplexArray, m: ComplexArray) -> None:
     worst = int(np.abs(errors_mm).argmax())
-    if abs(errors_mm[worst]) * UM_PER_MM <= LARGEST_UM:
+    if abs(errors_mm[worst]) * UM_PER_MM <= LARGEST_ERROR_UM:
         return
     # No rotation makes a mirrored plate fit: if its mirror image fits, that is what is wrong.
     seen_from_behind = np.conj(n)
@@ -100,13 +100,13 @@ def _expect_small(errors_mm: ComplexArray, n: ComplexArray, m: ComplexArray) -> 
     left = np.abs(m * np.conj(turned) / max(abs(turned), UNTURNED) - seen_from_behind)
     perhaps = (
         "mirrored (seen from the other side, or x and y exchanged)"
-        if left.max() * UM_PER_MM <= LARGEST_UM
+        if left.max() * UM_PER_MM <= LARGEST_ERROR_UM
         else "in another order or another unit"
     )
     raise InvalidContent.of_field(
         "measured_mm",
-        f"expected each hole within {LARGEST_UM / UM_PER_MM:g} mm of its nominal place after a "
-        f"shift and a rotation, got {abs(errors_mm[worst]):.3g} mm at index {worst}: perhaps "
+        f"expected each hole within {LARGEST_ERROR_UM / UM_PER_MM:g} mm of its nominal place after "
+        f"a shift and a rotation, got {abs(errors_mm[worst]):.3g} mm at index {worst}: perhaps "
         f"{perhaps}",
     )
 

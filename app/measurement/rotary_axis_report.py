@@ -15,7 +15,7 @@ from app.geometry.components import LINEAR_LETTERS
 from app.geometry.rotary_axes import AXIS_LETTERS, about, cyclic_codes
 from app.measurement.axis_of_rotation import AxisFit, fit_axis
 from app.measurement.rotary_axis_points import arc_deg, number_places, position_per_um, urad_per_um
-from app.measurement.stated_numbers import LARGEST_UM
+from app.thermal.error_map import LARGEST_ERROR_UM
 from app.units import UM_PER_MM, URAD_PER_RAD
 
 CODES: Final = {letter: cyclic_codes(letter) for letter in AXIS_LETTERS}
@@ -217,11 +217,11 @@ def _about_noise(found: FittedPoints) -> list[str]:
 
 def _about_size(errors: Mapping[str, float]) -> list[str]:
     notes = []
-    far = [code for code in list(errors)[:2] if abs(errors[code]) > LARGEST_UM]
+    far = [code for code in list(errors)[:2] if abs(errors[code]) > LARGEST_ERROR_UM]
     steep = [code for code in list(errors)[2:] if abs(errors[code]) > LARGEST_URAD]
     if far:
         notes.append(
-            f"{list_names(far)} beyond {LARGEST_UM:g} µm: the place of the axis in these "
+            f"{list_names(far)} beyond {LARGEST_ERROR_UM:g} µm: the place of the axis in these "
             "coordinates rather than its error; pivot_mm states a point of the nominal axis."
         )
     if steep:

@@ -15,13 +15,11 @@ from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
-from app.units import MM_PER_M, UM_PER_MM
+from app.thermal.error_map import LARGEST_ERROR_UM
+from app.units import MM_PER_M
 
 FARTHEST_MM: Final = 100 * MM_PER_M
 """Positions beyond 100 m are none of a machine tool."""
-
-LARGEST_UM: Final = 10 * UM_PER_MM
-"""Errors beyond 10 mm, or angles beyond 10 mrad, are another unit or another thing."""
 
 SUSPICIOUSLY_SMALL_UM: Final = 0.05
 """Where every reading is less, they may be in mm."""
@@ -119,7 +117,7 @@ def expect_displacements(field: str, readings_um: FloatArray, place: Place) -> N
     """
     hint = "are they in nm, or is the nominal displacement still in them?"
     what = "displacements less their nominal"
-    expect_plausible(field, readings_um, "µm", LARGEST_UM, hint, what=what, place=place)
+    expect_plausible(field, readings_um, "µm", LARGEST_ERROR_UM, hint, what=what, place=place)
 
 
 def as_numbers(
@@ -185,7 +183,7 @@ def as_standard_deviation(
     stated: float | None,
     unit: str,
     *,
-    largest: float = LARGEST_UM,
+    largest: float = LARGEST_ERROR_UM,
     zero: bool = True,
 ) -> float | None:
     """Take a stated standard deviation.

@@ -9,7 +9,8 @@ from app.arrays import FloatArray, frozen
 from app.errors import InvalidContent, counted
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind, parse_component
 from app.geometry.measuring_line import MeasuringLine
-from app.measurement.stated_numbers import FARTHEST_MM, LARGEST_UM, as_numbers
+from app.measurement.stated_numbers import FARTHEST_MM, as_numbers
+from app.thermal.error_map import LARGEST_ERROR_UM
 
 
 def expect_linear_axis(axis: str) -> None:
@@ -148,7 +149,8 @@ def as_runs(field: str, stated: ArrayLike, positions: int, unit: str) -> FloatAr
     """
     of_length = "perhaps in nm, or positions instead of deviations"
     hint = of_length if unit == "µm" else "perhaps in another unit"
-    return over_positions(field, as_numbers(field, stated, unit, LARGEST_UM, hint), positions, unit)
+    numbers = as_numbers(field, stated, unit, LARGEST_ERROR_UM, hint)
+    return over_positions(field, numbers, positions, unit)
 
 
 def over_positions(field: str, readings: FloatArray, positions: int, unit: str) -> FloatArray:

@@ -33,14 +33,13 @@ from app.geometry.measuring_line import MeasuringLines
 from app.measurement.result import MeasurementResult
 from app.measurement.stated_numbers import (
     FARTHEST_MM,
-    LARGEST_UM,
     as_numbers,
     as_point,
     as_standard_deviation,
     suspiciously_small,
 )
 from app.measurement.stated_runs import expect_linear_axis, stated_line
-from app.thermal.error_map import ComponentTable
+from app.thermal.error_map import LARGEST_ERROR_UM, ComponentTable
 from app.units import SECONDS_PER_MIN, UM_PER_MM, URAD_PER_RAD
 
 
@@ -309,7 +308,9 @@ def _take(
     read: dict[str, FloatArray] = {}
     for name in (name for name in SENSORS if name in displacements_um):
         field = f"{name}_um"
-        read[name] = as_numbers(field, displacements_um[name], "µm", LARGEST_UM, "perhaps in nm")
+        read[name] = as_numbers(
+            field, displacements_um[name], "µm", LARGEST_ERROR_UM, "perhaps in nm"
+        )
         if read[name].shape != times.shape:
             raise InvalidContent.of_field(
                 field,

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.errors import Conflict, FieldError, InvalidContent, list_names
 from app.geometry.components import COMPONENTS
-from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
+from app.measurement.stated_numbers import suspiciously_small
 from app.services.change_model import (
     Draft,
     MachineChange,
@@ -32,7 +32,7 @@ from app.storage.error_maps import (
 )
 from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import ErrorMapRow
-from app.thermal.error_map import ComponentTable, ErrorMap
+from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error
 from app.thermal.machine import Machine
 from app.thermal.sensor_health import Health, check_temperatures
 from app.units import TemperatureUnit, Unit
@@ -190,21 +190,15 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
             f"its temperatures are {stated} °C: are they in °F? Then they are {meant} °C, and are "
             "to be stated so"
         )
-    values = {
-        code: np.concatenate([t.errors, *([] if (b := t.backward_errors) is None else [b])])
-        for code, t in error_map.tables.items()
-        if t.component.is_table and t.component.unit in (Unit.UM, Unit.URAD)
-    }
-    lengths = [v for code, v in values.items() if COMPONENTS[code].unit is Unit.UM]
+    lengths = [
+        errors
+        for table in error_map.tables.values()
+        if table.component.is_table and table.component.unit is Unit.UM
+        for errors in (table.errors, table.backward_errors)
+        if errors is not None
+    ]
     if lengths:
         found += suspiciously_small("errors_um", np.concatenate(lengths))
-    for code, of_one in values.items():
-        unit, largest = COMPONENTS[code].unit, float(np.abs(of_one).max())
-        if largest > LARGEST_UM:
-            smaller = "nm" if unit is Unit.UM else "nrad"
-            found.append(
-                f"{code} has an error of {largest:g} {unit.symbol}: are its errors in {smaller}?"
-            )
     return found
 
 
@@ -255,11 +249,20 @@ def _check_time(context: Context, error_map: ErrorMap) -> None:
 
 
 def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
-    """Refuse what this machine cannot have: its sensors' ranges, its axes."""
+    """Refuse what this machine cannot have: its sensors' ranges, its axes, errors beyond any."""
     errors = [
         FieldError(f"temperatures_c.{state.sensor}", state.detail)
         for state in check_temperatures(machine, error_map.temperatures_c)
         if state.health is not Health.OK
+    ]
+    errors += [
+        FieldError(f"components.{i}.{name}", said)
+        for i, table in enumerate(error_map.tables.values())
+        for name, stated in (
+            (table.component.input_field, table.errors),
+            (table.backward_field, table.backward_errors),
+        )
+        if stated is not None and (said := impossible_error(table.component, stated))
     ]
     axes = {*machine.chain.axes, None}
     errors += [

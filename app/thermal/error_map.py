@@ -5,18 +5,68 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from app.arrays import FloatArray, frozen
 from app.errors import InvalidContent
-from app.geometry.components import Component
+from app.geometry.components import Component, Kind
 from app.geometry.measuring_line import MeasuringLines
 from app.thermal.uncertainty import check_covariance, standard_errors_of
+from app.units import UM_PER_MM, Unit
 
-VALUE_LIMIT = 1e6
-"""Larger errors than a metre [µm], a radian [µrad] are no errors but a wrong unit."""
+LARGEST_ERROR_UM: Final = 10 * UM_PER_MM
+"""No machine tool is wrong by more than 10 mm [µm], 10 mrad [µrad] or 10 mm/m [µm/m].
+
+Larger numbers are in another unit, or the nominal position is still in them.
+"""
+
+VALUE_LIMIT: Final = 1e6
+"""What a table can hold: a metre [µm], which is where a rotary axis may be instead of at zero."""
+
+
+def largest_error(component: Component | None) -> float:
+    """Give the largest number that is taken as an error [component.unit; µm at a point].
+
+    What places a rotary axis may be its place in the machine's coordinates, which is no error.
+
+    >>> from app.geometry.components import COMPONENTS
+    >>> largest_error(COMPONENTS["EXX"]), largest_error(COMPONENTS["XOC"])
+    (10000.0, 1000000.0)
+    """
+    is_place = component is not None and component.kind is Kind.ROTARY_LOCATION
+    return VALUE_LIMIT if is_place else LARGEST_ERROR_UM
+
+
+def impossible_error(component: Component | None, errors: ArrayLike) -> str:
+    """Say that an error is larger than any machine's; empty if none is.
+
+    Parameters
+    ----------
+    component
+        Whose errors they are; None for components of an error at a point.
+    errors : array-like [component.unit; µm at a point]
+        Errors as they are stated, wherever they come from.
+
+    Examples
+    --------
+    >>> from app.geometry.components import COMPONENTS
+    >>> impossible_error(COMPONENTS["EBX"], [0.0, 12.5])
+    ''
+    >>> impossible_error(COMPONENTS["EBX"], [0.0, -12500.0])[:55]
+    'expected errors within ±10000 µrad, got -12500 µrad: is'
+    """
+    stated, largest = np.atleast_1d(np.asarray(errors, dtype=float)), largest_error(component)
+    worst = float(stated[np.abs(stated).argmax()])
+    if abs(worst) <= largest:
+        return ""
+    unit = (Unit.UM if component is None else component.unit).symbol
+    return (
+        f"expected errors within ±{largest:g} {unit}, got {worst:g} {unit}: is it in another unit, "
+        "or is the nominal position still in it?"
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -263,10 +263,9 @@ HOT = {"x-middle": 77.0, "y-front": 77.0, "z-column": 78.8}
         (HOT, [0.0, 12.0], "are they in °F? Then they are 25.0 to 26.0 °C"),
         (HOT | {"z-column": 40.0}, [0.0, 12.0], None),
         (WARM, [0.0, 0.012], "they may be in mm instead of µm"),
-        (WARM, [0.0, 12_000.0], "EXX has an error of 12000 µm: are its errors in nm?"),
         (WARM, [0.0, 0.0], None),
     ],
-    ids=["fahrenheit", "one is hot", "millimetres", "nanometres", "zeros"],
+    ids=["fahrenheit", "one is hot", "millimetres", "zeros"],
 )
 async def test_numbers_that_may_be_in_another_unit_are_asked_about(
     client, temperatures_c, errors, said
@@ -280,6 +279,34 @@ async def test_numbers_that_may_be_in_another_unit_are_asked_about(
     for answer in (before, after):
         warnings = answer.json()["warnings"]
         assert [said in w for w in warnings] == [True] if said else warnings == []
+
+
+TOO_LARGE = "expected errors within ±10000 µm, got 12000 µm: is it in another unit"
+
+
+async def test_an_error_that_no_machine_has_is_refused_however_it_comes(client):
+    """As JSON and as a file; the file's answer names its line."""
+    stated = error_map("Run #9", 40.0, temperatures_c=WARM)
+    stated["components"] = [table("EXX", [0, 500], [0, 0], backward_errors_um=[0.0, 12_000.0])]
+    for params in ({}, {"preview": "true"}):
+        refused = problem(await client.post(PATH, params=params, json=stated), 422)
+        assert [e["field"] for e in refused["errors"]] == ["components.0.backward_errors_um"]
+        assert refused["errors"][0]["message"].startswith(TOO_LARGE)
+    file = "# label: Run #9\n# measured_at: 2026-03-01T06:00:00Z\n" + "".join(
+        f"# temperature {name}: {t_c}\n" for name, t_c in WARM.items()
+    )
+    file += "component,position_mm,error_um\nEXX,0,0\nEXX,500,12000\n"
+    headers = {"content-type": "text/csv"}
+    answer = await client.post(
+        f"{PATH}/from-file", params={"name": "run-9.csv"}, content=file, headers=headers
+    )
+    assert TOO_LARGE in problem(answer, 422)["detail"]
+
+
+async def test_the_place_of_a_rotary_axis_is_no_error(client):
+    """It may lie a hand's breadth beside the nominal axis; a metre and more is refused."""
+    rotary = {"component": "XOC", "value_um": 120_000.0}
+    assert (await stored(client, rotary)).status_code == 201
 
 
 async def test_positions_beyond_the_travel_are_stored_with_a_warning(client):

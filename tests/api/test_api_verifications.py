@@ -226,7 +226,7 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         ),
         (verification(POINT | {"measured_um": 1.0}), "observations.0.measured_um", "x, y and z"),
         (verification(POINT | {"measured_um": [1.0]}), "observations.0.measured_um", "at least 3"),
-        (verification(observation(measured_um=2e6)), "observations.0.measured_um", "±1e+06 µm"),
+        (verification(observation(measured_um=2e4)), "observations.0.measured_um", "±10000 µm"),
         (verification(observation(measured_um="4")), "observations.0.measured_um", "a number"),
         (verification(POINT | {"component": "EXX"}), "observations.0.component", "not both"),
         (verification(observation(direction="up")), "observations.0.direction", "`+`"),

@@ -50,7 +50,8 @@ from app.api.files.delimited_text import (
 from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
 from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import COMPONENTS, Component, parse_component
-from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
+from app.measurement.stated_numbers import suspiciously_small
+from app.thermal.error_map import impossible_error
 from app.units import Unit
 
 _COMPONENT: Final = Named("component", None)
@@ -310,14 +311,9 @@ def _read_value(table: _Table, row: Row, kind: str, component: Component) -> flo
             value = text.number(row, column.index, symbol)
             if value is not None and is_converted:
                 value = _VALUE.convert(value, column.unit)
-            if value is not None and abs(value) > LARGEST_UM:
-                text.complain(
-                    row,
-                    column.index,
-                    f"expected errors within ±{LARGEST_UM:g} {component.unit.symbol}, "
-                    f"got {value:g} {component.unit.symbol}: is it in another unit, or is the "
-                    "nominal position still in it?",
-                )
+            impossible = "" if value is None else impossible_error(component, value)
+            if impossible:
+                text.complain(row, column.index, impossible)
             elif value is not None and value < 0 and kind.endswith("standard_"):
                 text.complain(
                     row,

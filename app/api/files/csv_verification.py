@@ -26,7 +26,6 @@ from app.api.files.csv_columns import (
     Named,
     find_columns,
     names_after,
-    symbol_of,
 )
 from app.api.files.csv_comments import Comments, Stated, Statement, read_comments
 from app.api.files.csv_measurements.formats import REPEATABILITY, choice_among
@@ -34,9 +33,10 @@ from app.api.files.delimited_text import DelimitedText, Row, parse_delimited, re
 from app.api.files.delimited_text import Problems as FileProblems
 from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.errors import UnknownComponent, list_names
-from app.geometry.components import LINEAR_LETTERS, parse_component
-from app.measurement.stated_numbers import LARGEST_UM, suspiciously_small
+from app.geometry.components import LINEAR_LETTERS, Component, parse_component
+from app.measurement.stated_numbers import suspiciously_small
 from app.search.rows import Datum
+from app.thermal.error_map import impossible_error
 from app.units import Unit
 
 Body = dict[str, Any]
@@ -135,21 +135,21 @@ def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> list[str]
             values = [
                 v for v in (stated if isinstance(stated, list) else [stated]) if v is not None
             ]
-            if any(abs(value) > LARGEST_UM for value in values):
-                unit = symbol_of(field.removeprefix("measured_"))
-                text.problems.add(
-                    f"expected errors within ±{LARGEST_UM:g} {unit}, got "
-                    f"{max(values, key=abs):g} {unit}: is it in another unit, or is the nominal "
-                    "position still in it?",
-                    row.line,
-                )
+            impossible = values and impossible_error(_component_of(observation), values)
+            if impossible:
+                text.problems.add(impossible, row.line)
             lengths += values if _is_length(observation) else []
     return suspiciously_small(_MEASURED.full, np.array(lengths)) if lengths else []
 
 
-def _is_length(observation: Body) -> bool:
+def _component_of(observation: Body) -> Component | None:
     name = observation.get("component")
-    return not name or parse_component(name)[0].unit is Unit.UM
+    return parse_component(name)[0] if name else None
+
+
+def _is_length(observation: Body) -> bool:
+    component = _component_of(observation)
+    return component is None or component.unit is Unit.UM
 
 
 def _head(comments: Comments, name: str) -> Body:

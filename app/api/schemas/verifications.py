@@ -15,7 +15,7 @@ from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS, Component
 from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
-from app.thermal.error_map import VALUE_LIMIT
+from app.thermal.error_map import impossible_error
 
 if TYPE_CHECKING:
     from app.services.predictions import ErrorQuestion
@@ -113,13 +113,9 @@ class MeasuredObservation(WithSetup):
                 stated[0],
                 f"expected {expected}, got {'a list' if isinstance(value, list) else 'one'}",
             )
-        symbol = "µm" if component is None else component.unit.symbol
-        too_large = [v for v in values if abs(v) > VALUE_LIMIT]
-        if too_large:
-            raise InvalidContent.of_field(
-                stated[0],
-                f"expected an error within ±{VALUE_LIMIT:g} {symbol}, got {too_large[0]:g}",
-            )
+        impossible = impossible_error(component, values)
+        if impossible:
+            raise InvalidContent.of_field(stated[0], impossible)
         return values
 
     @classmethod
