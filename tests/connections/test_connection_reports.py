@@ -11,7 +11,11 @@ from tests.service_examples import client_of
 
 pytestmark = pytest.mark.anyio
 
+# What is taken stays with the connections: the database has no such machine.
 FILE = """
+[intake]
+collect_s = 60.0
+
 [[mtconnect]]
 name = "mill"
 machine = "mcfv5050"
