@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, ClassVar, NamedTuple, Protocol, TypeAlias
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -97,6 +97,17 @@ class Table(BaseModel):
     """A table of the file: no key but those that there are, no type but the one expected."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+def each(key: str) -> BeforeValidator:
+    """Let `x-middle = "Xtemp"` stand for `x-middle = { KEY = "Xtemp" }` in a table of tables."""
+
+    def expand(stated: Any) -> Any:
+        if not isinstance(stated, dict):
+            return stated
+        return {k: {key: v} if isinstance(v, str) else v for k, v in stated.items()}
+
+    return BeforeValidator(expand)
 
 
 class ConnectionTable(Table):

@@ -22,6 +22,7 @@ from app.connections.connection import (
     ShortName,
     StatedUnit,
     Table,
+    each,
 )
 from app.connections.mqtt_payloads import JsonPath, TimeForm
 from app.connections.mqtt_topics import TopicPattern
@@ -62,19 +63,8 @@ class MetricTable(Table):
     unit: StatedUnit = TemperatureUnit.CELSIUS
 
 
-def _each(key: str) -> BeforeValidator:
-    """Let `x-middle = "d.t"` stand for `x-middle = { path = "d.t" }`."""
-
-    def expand(stated: Any) -> Any:
-        if not isinstance(stated, dict):
-            return stated
-        return {k: {key: v} if isinstance(v, str) else v for k, v in stated.items()}
-
-    return BeforeValidator(expand)
-
-
-Paths: TypeAlias = Annotated[dict[str, PathTable], _each("path")]
-Metrics: TypeAlias = Annotated[dict[str, MetricTable], _each("metric")]
+Paths: TypeAlias = Annotated[dict[str, PathTable], each("path")]
+Metrics: TypeAlias = Annotated[dict[str, MetricTable], each("metric")]
 
 
 class TopicTable(Table):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import httpx
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from app.connections.connection import (
     Connection,
@@ -16,6 +16,7 @@ from app.connections.connection import (
     ShortName,
     StatedUnit,
     Table,
+    each,
 )
 from app.connections.intake import TakesValues
 from app.connections.known_values import REPEATED_S, KnownValues
@@ -42,18 +43,10 @@ class MtconnectTable(ConnectionTable):
 
     machine: ShortName
     url: Annotated[str, Field(pattern=_URL, max_length=500)]
-    sensors: Annotated[dict[str, ItemTable], Field(min_length=1, max_length=200)]
-    state: dict[str, ItemTable] = Field(default_factory=dict)
+    sensors: Annotated[dict[str, ItemTable], Field(min_length=1, max_length=200), each("item")]
+    state: Annotated[dict[str, ItemTable], each("item")] = Field(default_factory=dict)
     every_s: float = Field(1.0, ge=0.1, le=3600.0)
     stream: bool = False
-
-    @field_validator("sensors", "state", mode="before")
-    @classmethod
-    def _items_by_name(cls, stated: Any) -> Any:
-        """Let `x-middle = "Xtemp"` stand for `x-middle = { item = "Xtemp" }`."""
-        if not isinstance(stated, dict):
-            return stated
-        return {k: {"item": v} if isinstance(v, str) else v for k, v in stated.items()}
 
 
 class AgentConnection:

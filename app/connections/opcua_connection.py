@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from app.connections.connection import (
     Connection,
@@ -15,6 +15,7 @@ from app.connections.connection import (
     ShortName,
     StatedUnit,
     Table,
+    each,
 )
 from app.connections.intake import TakesValues
 from app.connections.known_values import REPEATED_S, KnownValues
@@ -53,19 +54,13 @@ class OpcuaTable(ConnectionTable):
 
     machine: ShortName
     endpoint: Annotated[str, Field(pattern=_ENDPOINT, max_length=500)]
-    sensors: Annotated[dict[str, NodeTable], Field(min_length=1, max_length=200)]
-    state: Annotated[dict[str, StateNodeTable], Field(max_length=200)] = Field(default_factory=dict)
+    sensors: Annotated[dict[str, NodeTable], Field(min_length=1, max_length=200), each("node")]
+    state: Annotated[dict[str, StateNodeTable], Field(max_length=200), each("node")] = Field(
+        default_factory=dict
+    )
     publishing_s: float = Field(1.0, ge=0.1, le=60.0)
     security: SecurityTable | None = None
     user: UserTable | None = None
-
-    @field_validator("sensors", "state", mode="before")
-    @classmethod
-    def _nodes_by_name(cls, stated: Any) -> Any:
-        """Let `x-middle = "ns=2;s=X"` stand for `x-middle = { node = "ns=2;s=X" }`."""
-        if not isinstance(stated, dict):
-            return stated
-        return {k: {"node": v} if isinstance(v, str) else v for k, v in stated.items()}
 
     @property
     def access(self) -> Access:

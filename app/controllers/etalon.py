@@ -27,12 +27,18 @@ from app.controllers.format import (
     add_curve,
     parsed,
 )
-from app.controllers.iso_names import BY_ISO_NAME, DECIMALS, HELD, file_factor, iso_name
+from app.controllers.iso_names import (
+    BY_ISO_NAME,
+    DECIMALS,
+    HELD,
+    POSITION_DECIMALS,
+    file_factor,
+    iso_name,
+)
 from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of, plain
 from app.geometry.components import Component
 
 TITLE: Final = "Etalon exchange format"
-_POSITION_DECIMALS: Final = 6
 _BLOCK: Final = re.compile(r"\[\s*(\w+)\s*\]")
 _VALUE: Final = re.compile(r"VALUE\s*=\s*(\S+)", re.IGNORECASE)
 _GRID: Final = re.compile(r"Gridpoints\s*=\s*\{", re.IGNORECASE)
@@ -45,13 +51,13 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
     for curve in table.curves.values():
         factor = file_factor(curve.component)
         errors = np.round(curve.errors * factor, DECIMALS)
-        at = np.round(curve.positions_mm, _POSITION_DECIMALS)
+        at = np.round(curve.positions_mm, POSITION_DECIMALS)
         held.append(Curve(curve.component, frozen(at) if at.size else at, errors / factor))
         lines.append(f"[{iso_name(curve.component)}]")
         if curve.component.is_table:
             lines.append("Gridpoints = {")
             lines += [
-                f"  {plain(float(p), _POSITION_DECIMALS)} {float(e):.{DECIMALS}f}"
+                f"  {plain(float(p), POSITION_DECIMALS)} {float(e):.{DECIMALS}f}"
                 for p, e in zip(at, errors, strict=True)
             ]
             lines.append("}")

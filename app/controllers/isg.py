@@ -29,12 +29,18 @@ from app.controllers.format import (
     axes_of,
     parsed,
 )
-from app.controllers.iso_names import BY_ISO_NAME, DECIMALS, HELD, file_factor, iso_name
+from app.controllers.iso_names import (
+    BY_ISO_NAME,
+    DECIMALS,
+    HELD,
+    POSITION_DECIMALS,
+    file_factor,
+    iso_name,
+)
 from app.controllers.lines import Line, head, lines_of, plain
 from app.geometry.components import LINEAR_LETTERS, Component
 
 TITLE: Final = "ISG CSV"
-_POSITION_DECIMALS: Final = 6
 
 
 def _render(table: ErrorTable, options: Options) -> Rendered:
@@ -47,7 +53,7 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
     for axis in axes_of(table):
         curves = [c for c in table.curves.values() if c.component.axis == axis]
         at = np.unique(
-            np.concatenate([np.round(c.positions_mm, _POSITION_DECIMALS) for c in curves])
+            np.concatenate([np.round(c.positions_mm, POSITION_DECIMALS) for c in curves])
         )
         blocks.append(_block(axis.upper(), at, curves, held))
     for i, block in enumerate(blocks):
@@ -67,7 +73,7 @@ def _block(argument: str, at: np.ndarray, curves: Sequence[Curve], held: list[Cu
     lines = [" ".join([argument, *names]).strip()]
     for i, position in enumerate(at):
         values = [f"{float(column[i]):.{DECIMALS}f}" for column in columns]
-        place = [plain(float(position), _POSITION_DECIMALS)] if argument else []
+        place = [plain(float(position), POSITION_DECIMALS)] if argument else []
         lines.append(" ".join([*place, *values]))
     return lines
 

@@ -15,7 +15,10 @@ HELD: Final = tuple(code for code, one in COMPONENTS.items() if one.kind is not 
 """All components but nonrigid slopes."""
 
 DECIMALS: Final = 12
-"""A millionth of a nanometre, of a microradian."""
+"""Of an error: a millionth of a nanometre, of a microradian."""
+
+POSITION_DECIMALS: Final = 6
+"""A nanometre."""
 
 
 def iso_name(component: Component) -> str:

@@ -24,6 +24,7 @@ from app.programs.path import (
     Place,
     expect_whole,
     middle_of,
+    place_words,
     travel_of,
     whole_step,
 )
@@ -117,7 +118,6 @@ def moving_axis_program(
     path.retract()
     name = axis.upper()
     said = ", ".join(f"{s.feed_mm_per_min:g} mm/min for {s.minutes:g} min" for s in steps)
-    beside = ", ".join(f"{a.upper()} {mm:g} mm" for a, mm in sorted(line.items())) or "as it stands"
     return MeasuringProgram(
         name=f"MOVE{name}",
         number=7022 + LINEAR_LETTERS.index(axis),
@@ -128,7 +128,7 @@ def moving_axis_program(
             f"{counted(walk.strokes, 'stroke')}, each a block; "
             f"{counted(len(targets), 'target')} read in both directions, every {every_min:g} min "
             "and at the end of each step",
-            f"line: {beside}",
+            f"line: {place_words(line)}",
             *manner.sentences(),
             path.order_of_axes(),
             f"travel used: {path.travel_used()}",

@@ -400,3 +400,14 @@ def middle_of(machine: Machine, place_mm: Place, but: str | None = None) -> dict
         if axis != but
     }
     return middle | {axis: expect_whole(f"line.{axis}", mm) for axis, mm in place_mm.items()}
+
+
+def place_words(place_mm: Place) -> str:
+    """Write where axes stand for a person.
+
+    >>> place_words({"y": 250.0, "x": 0.5}), place_words({})
+    ('X 0.5 mm, Y 250 mm', 'as it stands')
+    """
+    return ", ".join(f"{a.upper()} {mm:g} mm" for a, mm in sorted(place_mm.items())) or (
+        "as it stands"
+    )

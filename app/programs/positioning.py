@@ -25,6 +25,7 @@ from app.programs.path import (
     Place,
     expect_whole,
     middle_of,
+    place_words,
     travel_of,
     whole_step,
 )
@@ -144,7 +145,6 @@ def positioning_program(
     path = Path(machine, manner)
     _walk(path, axis, targets, runs, line)
     name = axis.upper()
-    beside = ", ".join(f"{a.upper()} {mm:g} mm" for a, mm in sorted(line.items())) or "as it stands"
     return MeasuringProgram(
         name=f"POS{name}",
         number=7001 + LINEAR_LETTERS.index(axis),
@@ -153,7 +153,7 @@ def positioning_program(
         head=(
             f"{counted(len(targets), 'target')}, {counted(runs, 'run')} in each direction",
             origin,
-            f"line: {beside}",
+            f"line: {place_words(line)}",
             *manner.sentences(),
             path.order_of_axes(),
             f"travel used: {path.travel_used()}",

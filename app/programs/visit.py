@@ -19,7 +19,7 @@ from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.programs.path import Manner, Path, Place, expect_whole, middle_of, own_place
 from app.programs.program import MeasuringProgram, Readings
 from app.thermal.machine import Machine
-from app.units import Unit, date_text, iso_time
+from app.units import SECONDS_PER_MIN, Unit, date_text, iso_time
 
 MOST_OBSERVATIONS: Final = 20_000
 
@@ -120,10 +120,10 @@ def visit_program(
             f"{list_names(elsewhere)}: no position, so the program does not go there; measure "
             "it otherwise, or delete its lines"
         )
-    if late_s > 60.0:
+    if late_s > SECONDS_PER_MIN:
         notes.append(
-            f"the program falls {late_s / 60.0:.0f} min behind the planned times, rapid moves and "
-            "stops not counted: write the clock's times into the file"
+            f"the program falls {late_s / SECONDS_PER_MIN:.0f} min behind the planned times, rapid "
+            "moves and stops not counted: write the clock's times into the file"
         )
     return MeasuringProgram(
         name="VISIT",
