@@ -177,8 +177,8 @@ def prepare(
         rows=index,
         scale=scale,
         values=_without_free_constants(rows.values[index] / scale, blocks, starts),
-        nuisance=_unit_prior_columns(nuisance, number, index, len(rows.values), scale),
-        shared=_shared(nuisance, number),
+        nuisance=unit_prior_columns(nuisance, number, index, len(rows.values), scale),
+        shared=shared_errors(nuisance, number),
         shapes=shapes,
         starts=starts,
         numbers=numbers,
@@ -239,10 +239,19 @@ def _without_free_constants(values: FloatArray, blocks: Blocks, starts: IntArray
     return np.asarray(values - np.repeat(np.where(blocks.free, means, 0.0), counts))
 
 
-def _shared(nuisance: Sequence[Nuisance], number: int) -> SparseArray:
-    """Set the shared errors of a channel's columns side by side."""
+def shared_errors(
+    nuisance: Sequence[Nuisance], number: int, count: int | None = None
+) -> SparseArray:
+    """Set the shared errors of a channel's columns side by side.
+
+    Parameters
+    ----------
+    count
+        How many errors are shared at all; None: as many as any of these has.
+    """
     own = [one for one in nuisance if one.channel == number]
-    count = max((one.shared.shape[0] for one in nuisance if one.shared is not None), default=0)
+    if count is None:
+        count = max((one.shared.shape[0] for one in nuisance if one.shared is not None), default=0)
     blocks = [
         sparse.csr_array((count, len(one.prior))) if one.shared is None else one.shared
         for one in own
@@ -250,9 +259,20 @@ def _shared(nuisance: Sequence[Nuisance], number: int) -> SparseArray:
     return sparse.hstack([sparse.csr_array((count, 0)), *blocks], format="csr")
 
 
-def _unit_prior_columns(
+def unit_prior_columns(
     nuisance: Sequence[Nuisance], number: int, index: IntArray, n: int, scale: float
 ) -> FloatArray:
+    """Lay a channel's columns out over its rows, in repeatabilities for a prior of one.
+
+    Parameters
+    ----------
+    index : ndarray, shape (m,)
+        The channel's rows, of n.
+
+    Returns
+    -------
+    ndarray, shape (m, p)
+    """
     place = np.full(n, -1, dtype=np.intp)
     place[index] = np.arange(len(index))
     blocks = [np.zeros((len(index), 0))]

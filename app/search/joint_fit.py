@@ -13,7 +13,9 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
+from app.search.channel import shared_errors, unit_prior_columns
 from app.search.problem import Term
+from app.search.rows import Nuisance
 from app.search.state import State
 
 ROUNDS: Final = 25
@@ -131,6 +133,46 @@ def unexpected(term: Term, fit: Fit, place: int) -> float:
         return 0.0
     variance = float(fit.covariance[place, place]) / norm**2
     return expected.cost(float(fit.amplitudes[place]) / norm, variance)
+
+
+def left_out(
+    states: Mapping[int, State], terms: Sequence[Term], fit: Fit, errors: Sequence[Nuisance]
+) -> FloatArray:
+    """Say what errors that no likelihood counts add to the amplitudes' covariance.
+
+    Parameters
+    ----------
+    errors
+        Columns of errors with a standard deviation of one each, shared by channels.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        G E E'G with the amplitudes' covariance G; E is what generalised least squares takes of
+        each error: X'V⁻¹Z, summed over the channels.
+    """
+    width = len(fit.amplitudes)
+    count = max((0 if one.shared is None else one.shared.shape[0] for one in errors), default=0)
+    taken = np.zeros((width, count))
+    offsets = np.cumsum([0, *(t.size for t in terms)])
+    for c, state in states.items():
+        mine = [(o, t) for o, t in zip(offsets, terms, strict=False) if c in t.columns]
+        own = [one for one in errors if one.channel == c]
+        if not mine or not own:
+            continue
+        channel, use = state.fixed.channel, state.blocks[state.fixed.channel.block]
+        n = 1 + max(int(channel.rows.max()), *(int(one.rows.max(initial=0)) for one in own))
+        x = np.hstack([t.columns[c] for _, t in mine])
+        z = unit_prior_columns(own, c, channel.rows, n, channel.scale)
+        level, nuisance = state.level(fit.level[c]), channel.nuisance[use]
+        of_x, of_z = (
+            level.shadow(nuisance.T @ a[use], channel.reduce(a)[state.blocks])[0] for a in (x, z)
+        )
+        cross = (x[use].T @ z[use] - of_x.T @ of_z) / fit.scatter[c]
+        index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
+        taken[index] += cross @ shared_errors(own, c, count).T
+    moved = fit.covariance @ taken
+    return np.asarray(moved @ moved.T)
 
 
 def _null(state: State) -> tuple[float, int, float]:

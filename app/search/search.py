@@ -31,7 +31,7 @@ from app.search.findings import (
 )
 from app.search.foresight import learn
 from app.search.held_out import held_out_figures, typical_level
-from app.search.joint_fit import Fit
+from app.search.joint_fit import Fit, left_out
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
 from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts
@@ -82,6 +82,7 @@ def search(
     *,
     holdout_fraction: float,
     known: Known | None = None,
+    unsaid: Sequence[Nuisance] = (),
     seed: int = 0,
     false_alarm: float = FALSE_ALARM,
     most_terms: int = MOST_TERMS,
@@ -104,6 +105,9 @@ def search(
     known
         Terms that the model has already, of candidates among these: fitted anew together with
         what is found.
+    unsaid
+        Errors of the model that no value and no likelihood counts, as columns: they make the
+        standard errors of sizes larger, and choose nothing.
     seed
         Of all draws; the same rows, candidates and seed give the same findings.
     false_alarm
@@ -198,7 +202,7 @@ def search(
         ),
     ]
     report(0.95, "summing up")
-    outcome = _Outcome(selector, main, fit, rivals, doubts, checked)
+    outcome = _Outcome(selector, main, fit, rivals, doubts, checked, unsaid)
     answer = _answer(outcome, use, excluded, held_out, remains)
     report(1.0, "done")
     return _beyond(answer, residuals.values - rows.values)
@@ -223,6 +227,7 @@ class _Outcome(NamedTuple):
     rivals: Rivals
     doubts: Sequence[tuple[str, ...]]
     checked: Validation
+    unsaid: Sequence[Nuisance]
 
 
 def _answer(
@@ -233,9 +238,10 @@ def _answer(
     left: Sequence[Unexplained],
 ) -> Findings:
     """Write everything down, in the channels' own units."""
-    selector, main, fit, _, _, checked = outcome
+    selector, main, fit, _, _, checked, unsaid = outcome
     library = selector.library
-    every = [_found(outcome, number) for number in range(len(main.terms))]
+    sized = _with_unsaid(selector, main.terms, fit, unsaid)
+    every = [_found(outcome, number, sized) for number in range(len(main.terms))]
     terms = tuple(term for term in every if term.origin is None)
     still = {term.origin for term in every}
     return Findings(
@@ -254,7 +260,7 @@ def _answer(
         refitted=tuple(term for term in every if term.origin is not None),
         dropped=tuple(n for n in range(len(selector.known)) if n not in still),
         known=_in_own_unit(library.problem, checked.known),
-        beside=partial(_beside, selector, main.terms, every),
+        beside=partial(_beside, selector, main.terms, every, unsaid),
     )
 
 
@@ -272,11 +278,13 @@ def _beside(
     selector: Selector,
     terms: Sequence[Term],
     every: Sequence[FoundTerm],
+    unsaid: Sequence[Nuisance],
     kept: Collection[int],
 ) -> tuple[list[FoundTerm], list[FoundTerm]]:
     """Fit known terms and some of the found ones again, without the others."""
     chosen = [i for i, term in enumerate(terms) if term.origin is not None or i in kept]
-    fit, start = selector.fit([terms[i] for i in chosen]), 0
+    again = [terms[i] for i in chosen]
+    fit, start = _with_unsaid(selector, again, selector.fit(again), unsaid), 0
     found: tuple[list[FoundTerm], list[FoundTerm]] = ([], [])
     for i in chosen:
         part = slice(start, start + terms[i].size)
@@ -301,6 +309,16 @@ def _is_sized(amplitudes: FloatArray, covariance: FloatArray) -> bool:
     """
     distance = float(amplitudes @ np.linalg.pinv(covariance) @ amplitudes)
     return distance > float(chi2.isf(NOT_ZERO, len(amplitudes)))
+
+
+def _with_unsaid(
+    selector: Selector, terms: Sequence[Term], fit: Fit, unsaid: Sequence[Nuisance]
+) -> Fit:
+    """Let the covariance of a fit's amplitudes count what no likelihood does."""
+    if not terms or not unsaid:
+        return fit
+    more = left_out(selector.states, terms, fit, unsaid)
+    return replace(fit, covariance=fit.covariance + more)
 
 
 def _sizes(term: Term, fit: Fit, part: slice) -> tuple[FloatArray, FloatArray]:
@@ -397,8 +415,8 @@ def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
     ]
 
 
-def _found(outcome: _Outcome, number: int) -> FoundTerm:
-    selector, main, fit, rivals, doubts, checked = outcome
+def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
+    selector, main, fit, rivals, doubts, checked, _ = outcome
     term = main.terms[number]
     others = main.terms[:number] + main.terms[number + 1 :]
     start = sum(t.size for t in main.terms[:number])
@@ -407,7 +425,7 @@ def _found(outcome: _Outcome, number: int) -> FoundTerm:
     strongest, share = leverage(selector, main.terms, number)
     slope, inclusion = checked.slope(number), checked.inclusion(number)
     judged = status_of(slope, checked.forward[number], inclusion, ratio, share)
-    amplitudes, covariance = _sizes(term, fit, part)
+    amplitudes, covariance = _sizes(term, sized, part)
     covariance = covariance + _by_nonlinear(selector, term, others)
     place = sum(t.origin is None for t in main.terms[:number])
     return FoundTerm(

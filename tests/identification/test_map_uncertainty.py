@@ -21,6 +21,7 @@ from app.identification.residuals.coarse_sensors import (
     step_columns,
 )
 from app.identification.residuals.map_uncertainty import (
+    between_positions,
     channel_entries,
     combined,
     entry_columns,
@@ -130,6 +131,41 @@ def test_channels_share_the_errors_of_one_map():
         own = entries[channel].columns[:, touched].toarray()
         np.testing.assert_allclose(back, own, atol=largest)
         np.testing.assert_allclose(back @ back.T, own @ own.T, atol=0.5 * largest**2)
+
+
+def test_a_straight_line_between_positions_leaves_the_curve_of_the_error():
+    """With EXX at 2 µm/K times the square of the share of travel, what lies between is known."""
+    where, curved = example_view(), []
+    along = np.linspace(0.0, 1.0, 5)
+    for m in where.maps:
+        above = m.temperatures_c["x-middle"] - 20.0
+        table = ComponentTable.make(COMPONENTS["EXX"], 2.0 * above * along**2, 500.0 * along)
+        curved.append(replace(m, tables={**m.tables, "EXX": table}, repeatability_um=1e-6))
+    model = compile_model(where.machine, curved, ASSIGNMENT)
+    projection = residuals_of(Campaign(model, curved, observations(), *readings())).projection
+    view = projection.view("EXX")
+    own = next(
+        one
+        for one in between_positions(projection, curved)
+        if projection.rows.channels[one.channel] == "EXX"
+    )
+    at = np.searchsorted(view.rows, own.rows)
+    above = view.conditions.temperatures_c["x-middle"][at] - 20.0
+    u = view.places.positions_mm[at] / 125.0 % 1.0
+    # The straight line is above the parabola; outside the maps their end values hold.
+    left = 2.0 * np.clip(above, 0.0, 10.0) * u * (1.0 - u) / 16.0
+    np.testing.assert_allclose(own.columns[:, 0], left, atol=1e-6)
+    assert np.ptp(left) > 0.01
+    # Once more gap by gap: no row lies in two of them.
+    assert (np.count_nonzero(own.columns[:, 1:], axis=1) <= 1).all()
+    assert own.columns.shape[1] > 2
+
+
+def test_what_entries_scatter_is_not_taken_for_a_curve():
+    """With the half micrometre that is assumed, a curve of less than that is nowhere to be seen."""
+    where = example_view()
+    channels = [one.channel for one in between_positions(where.projection, where.maps)]
+    assert where.rows.channels.index("EXX") not in channels
 
 
 def dense_maps(where, positions):

@@ -6,16 +6,17 @@ import hypothesis
 import numpy as np
 import pytest
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
 from scipy.stats import multivariate_normal
 
 from app.search import scan as scans
 from app.search.channel import prepare
 from app.search.draws import Draws
-from app.search.joint_fit import fit_terms
+from app.search.joint_fit import fit_terms, left_out
 from app.search.library import read_library
 from app.search.moments import fixed_of
 from app.search.problem import make_problem
-from app.search.rows import Datum
+from app.search.rows import Datum, Nuisance
 from app.search.scan import scan
 from app.search.scatter import UNLIMITED
 from app.search.state import Given, State
@@ -204,3 +205,30 @@ def test_against_statsmodels_mixed_model():
     (shadows,) = state.shadows
     amplitudes = np.linalg.solve(state.level(level).root[0].T, shadows[level, -3:])[:, 0]
     np.testing.assert_allclose(amplitudes * channel.scale, theirs.fe_params, atol=1e-3)
+
+
+def test_errors_that_nothing_counts_move_amplitudes_as_generalised_least_squares_says():
+    """One error that two channels share, one of each alone, against dense matrices."""
+    campaign, problem = make_small()
+    rows, everything = campaign.rows, np.ones(2, dtype=bool)
+    term = problem.term(make_library(campaign, pitches=4)[-1], 1.0)
+    assert len(term.columns) == 2
+    states = problem.states(everything)
+    fit = fit_terms(states, [term])
+    random, errors, amounts = np.random.default_rng(8), [], []
+    for c in (0, 1):
+        own = np.flatnonzero(rows.channel == c)
+        columns = random.normal(0.0, 0.3, (own.size, 2))
+        shared = np.zeros((3, 2))
+        shared[0, 0] = shared[1 + c, 1] = 1.0
+        errors.append(Nuisance(c, own, columns, np.ones(2), csr_array(shared)))
+        # V⁻¹ of the channel as the fit has it; an amplitude moves by G X'V⁻¹ Z.
+        channel = states[c].fixed.channel
+        inverse = np.linalg.inv(covariance(channel, fit.level[c]) * fit.scatter[c])
+        laid = np.zeros((len(rows.values), 2))
+        laid[own] = columns / channel.scale
+        amounts.append(term.columns[c].T @ inverse @ laid[channel.rows] @ shared.T)
+    moved = fit.covariance @ sum(amounts)
+    np.testing.assert_allclose(
+        left_out(states, [term], fit, errors), moved @ moved.T, rtol=1e-8, atol=1e-12
+    )

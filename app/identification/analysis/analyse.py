@@ -81,7 +81,7 @@ from app.identification.residuals.coarse_sensors import (
     read_in_steps,
     step_columns,
 )
-from app.identification.residuals.map_uncertainty import map_uncertainty
+from app.identification.residuals.map_uncertainty import between_positions, map_uncertainty
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.zeroed import to_state, zeroed
 from app.search.candidate import Candidate, Known
@@ -152,6 +152,7 @@ def analyse(
         of_maps = map_uncertainty(
             projection, campaign.maps, step_columns(projection, trusted, coarse)
         )
+        between = between_positions(projection, campaign.maps)
         generic = generic_candidates(view)
 
         def look(
@@ -163,6 +164,7 @@ def analyse(
                 [*candidates, *generic],
                 holdout_fraction=holdout_fraction,
                 known=known,
+                unsaid=between,
                 seed=seed,
                 progress=progress,
             )

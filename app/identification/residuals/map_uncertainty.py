@@ -8,7 +8,7 @@ on it: they are kept sparse, and memory follows the observations, not the maps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,6 +36,9 @@ NEGLIGIBLE_IN_A_ROW: Final = 0.1
 
 ROUNDED: Final = 1e-12
 """What rounding leaves in a row that no entry enters, as a share of the largest variance."""
+
+NOTHING_BETWEEN: Final = 0.01
+"""Share of an entry's standard error that a straight line between two of them may leave."""
 
 AT_ONCE: Final = 64
 """Columns that are looked at together: memory follows the observations, not the entries."""
@@ -84,26 +87,10 @@ def channel_entries(
     list of ChannelEntries
         Of each channel in which some entry shows.
     """
-    model, rows = projection.model, projection.rows
-    codes = [c for group in model.groups for c in group.codes]
-    if not codes:
-        return []
-    scaled = {code: _in_standard_errors(projection, maps, code) for code in codes}
-    starts = dict(zip(codes, np.cumsum([0, *(s.shape[1] for s in scaled.values())]), strict=False))
-    width = sum(s.shape[1] for s in scaled.values())
-    found = []
-    for number, channel in enumerate(rows.channels):
-        own = rows.of_channel(channel)
-        shown = codes if channel in POINT_CHANNELS else [c for c in codes if c == channel]
-        parts = [
-            _placed(scaled[c], projection.view(c).rows, own, int(starts[c]), width) for c in shown
-        ]
-        if own.size and any(part.nnz for part in parts):
-            columns = _sum(parts)
-            if steps is not None:
-                columns = sparse.csr_array(sparse.hstack([columns, steps[own]]))
-            found.append(ChannelEntries(number, own, columns))
-    return found
+    codes = _codes(projection)
+    return _in_channels(
+        projection, {code: _in_standard_errors(projection, maps, code) for code in codes}, steps
+    )
 
 
 def map_uncertainty(
@@ -123,16 +110,24 @@ def map_uncertainty(
     InvalidContent
         If the columns would not fit into the memory that an analysis may take.
     """
-    entries = channel_entries(projection, maps, steps)
-    if not entries:
-        return []
-    touched = np.unique(np.concatenate([one.touched for one in entries]))
-    found: list[Nuisance] = []
-    for one in entries:
-        taken = sum(n.columns.size for n in found)
-        _refuse_too_large(projection, one, taken)
-        found.append(_nuisance(projection, one, touched))
-    return found
+    return _nuisances(projection, channel_entries(projection, maps, steps))
+
+
+def between_positions(projection: Projection, maps: Sequence[ErrorMap]) -> list[Nuisance]:
+    """Lay out what straight lines between the tables' positions leave of a curved error.
+
+    Nothing was measured there, so no standard error of an entry has it. With the curvature e''
+    of the tables' second differences, a straight line over a gap h leaves −u (1 − u) h² e''/2 at
+    the share u of the gap. That is one error of the whole component, and once more one of each
+    gap by itself, at its mean size: how shorter waves run there is not known.
+
+    Returns
+    -------
+    list of Nuisance
+        As those of `map_uncertainty`, of a standard deviation of one.
+    """
+    bows = {code: _bows(projection, maps, code) for code in _codes(projection)}
+    return _nuisances(projection, _in_channels(projection, bows))
 
 
 def entry_columns(model: CompiledModel, code: str, view: View) -> SparseArray:
@@ -263,6 +258,85 @@ def _not_negligible(
             else:
                 kept.append(number)
     return np.array(sorted(kept), dtype=np.intp)
+
+
+def _codes(projection: Projection) -> list[str]:
+    """List the components that have tables."""
+    return [code for group in projection.model.groups for code in group.codes]
+
+
+def _in_channels(
+    projection: Projection, scaled: Mapping[str, SparseArray], steps: SparseArray | None = None
+) -> list[ChannelEntries]:
+    """Put the columns of components' errors into the channels in which they show."""
+    rows = projection.rows
+    widths = [columns.shape[1] for columns in scaled.values()]
+    starts = dict(zip(scaled, np.cumsum([0, *widths]).tolist(), strict=False))
+    found = []
+    for number, channel in enumerate(rows.channels):
+        own = rows.of_channel(channel)
+        shown = scaled if channel in POINT_CHANNELS else [c for c in scaled if c == channel]
+        parts = [
+            _placed(scaled[c], projection.view(c).rows, own, starts[c], sum(widths)) for c in shown
+        ]
+        if own.size and any(part.nnz for part in parts):
+            columns = _sum(parts)
+            if steps is not None:
+                columns = sparse.csr_array(sparse.hstack([columns, steps[own]]))
+            found.append(ChannelEntries(number, own, columns))
+    return found
+
+
+def _nuisances(projection: Projection, entries: Sequence[ChannelEntries]) -> list[Nuisance]:
+    """Make the columns of all channels; refuse what memory does not hold."""
+    if not entries:
+        return []
+    touched = np.unique(np.concatenate([one.touched for one in entries]))
+    found: list[Nuisance] = []
+    for one in entries:
+        taken = sum(n.columns.size for n in found)
+        _refuse_too_large(projection, one, taken)
+        found.append(_nuisance(projection, one, touched))
+    return found
+
+
+def _bows(projection: Projection, maps: Sequence[ErrorMap], code: str) -> SparseArray:
+    """Columns of one component on the rows of its view: all its gaps at once, then each gap."""
+    model, view = projection.model, projection.view(code)
+    found = model.find(code)
+    assert found is not None
+    group, member = found
+    x, n = member.positions_mm, len(view.rows)
+    if x.size < 3:
+        return sparse.csr_array((n, 0))
+    h = np.diff(x)
+    nodes = group.nodes[:, member.forward]
+    errors = entry_errors(model, maps, code).reshape(nodes.shape)
+    slopes, apart = np.diff(nodes, axis=1) / h, (h[1:] + h[:-1]) / 2.0
+    curvature = np.diff(slopes, axis=1) / apart
+    steps = np.stack([1.0 / h[:-1], -1.0 / h[:-1] - 1.0 / h[1:], 1.0 / h[1:]]) / apart
+    noise = sum((step * errors[:, k : k + len(step)]) ** 2 for k, step in enumerate(steps))
+    square, by_noise = float(np.mean(curvature**2)), float(np.mean(noise))
+    largest = float(h.max()) ** 2 / 8.0 * np.sqrt(max(square - by_noise, 0.0))
+    if largest <= NOTHING_BETWEEN * float(np.median(errors)):
+        return sparse.csr_array((n, 0))
+    # Of second differences that are mostly noise, little is curvature.
+    curvature = curvature * np.sqrt(1.0 - by_noise / square)
+    at_ends = np.pad(curvature, ((0, 0), (1, 1)), mode="edge")
+    of_gaps = (at_ends[:, 1:] + at_ends[:, :-1]) / 2.0
+    conditions = view.conditions
+    weights = np.nan_to_num(
+        maps_at(model, group, conditions.temperatures_c, len(conditions)).weights
+    )
+    gap, _, u = hat_weights(x, view.places.positions_mm)
+    bow = view.gains * u * (1.0 - u) * h[gap] ** 2 / 2.0
+    whole = bow * np.einsum("nm,mn->n", weights, of_gaps[:, gap])
+    each = bow * np.sqrt(square - by_noise) * (weights != 0.0).any(axis=1)
+    rows = np.arange(n)
+    return sparse.csr_array(
+        (np.concatenate([whole, each]), (np.tile(rows, 2), np.concatenate([0 * gap, 1 + gap]))),
+        shape=(n, 1 + h.size),
+    )
 
 
 def _nuisance(projection: Projection, own: ChannelEntries, touched: IntArray) -> Nuisance:
