@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event
 
 from app.errors import StorageUnavailable
 from app.storage.limits import Limits
+
+_ANOTHER: Final = "name another file with --database-url sqlite:///FILE or its variable"
 
 
 class SqliteFile:
@@ -115,9 +117,9 @@ def _make(path: Path) -> None:
             return
     except OSError as error:
         raise StorageUnavailable(
-            f"the database is away: the file {path} cannot be made ({error.strerror})"
+            f"the database {path} cannot be made ({error.strerror}); {_ANOTHER}"
         ) from error
     raise StorageUnavailable(
-        f"the database is away: there is no folder {path.parent.absolute()}; "
-        "make it first, if the name is right"
+        f"there is no folder {path.parent.absolute()} for the database {path.name}; make the "
+        f"folder, or {_ANOTHER}"
     )

@@ -69,7 +69,9 @@ def test_only_a_new_database_is_said_to_be_new(start, free_port, sqlite_url):
 def test_a_folder_that_is_not_there_is_refused(run, tmp_path):
     found = run("serve", "--port", "0", "--database-url", f"sqlite:///{tmp_path}/typo/x.db")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert f"there is no folder {tmp_path}/typo; make it first" in found.stderr
+    said = f"thermap: there is no folder {tmp_path}/typo for the database"
+    assert found.stderr.startswith(said)
+    assert "--database-url sqlite:///FILE" in found.stderr
     assert not list(tmp_path.iterdir())
 
 
@@ -192,7 +194,7 @@ def test_a_newer_database_is_refused(run, sqlite_url):
     ("database_url", "code", "words"),
     [
         ("postgresql://u@127.0.0.1:1/x", 1, "the database is away"),
-        ("sqlite:////proc/nowhere/x.db", 1, "the database is away"),
+        ("sqlite:////proc/nowhere/x.db", 1, "there is no folder /proc/nowhere"),
         ("mysql://host/x", 2, "expected sqlite:///FILE"),
         ("no-url", 2, "expected sqlite:///FILE"),
     ],

@@ -186,7 +186,8 @@ def test_without_its_driver_postgresql_says_what_to_install(monkeypatch):
 
 def test_the_folder_of_a_sqlite_file_has_to_be_there(tmp_path):
     """A misspelt one would hold a new, empty database, and nobody would know."""
-    with pytest.raises(StorageUnavailable, match=r"no folder .*/misspelt; make it first"):
+    said = r"^there is no folder .*/misspelt for the database thermap.db; make the folder"
+    with pytest.raises(StorageUnavailable, match=said):
         Database(f"sqlite:///{tmp_path}/misspelt/thermap.db")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "b c % #").mkdir()
