@@ -126,6 +126,7 @@ async def test_every_result_is_shown_with_its_decision(client, app, which):
     for step in ALL[which]["what_next"]:
         assert sentence(step) in page.text
     assert "What would have been seen" in page.text
+    assert not re.search(r'<div class="stack">\s*</div>', answer.text), "a column without content"
 
 
 async def test_what_to_measure_next_is_listed_once(client, app):
