@@ -41,7 +41,7 @@ CHECK = {
     ],
 }
 
-SIZES = {"panel": (1366, 768), "phone": (390, 844), "wide": (1920, 1080)}
+SIZES = {"panel": (1366, 768), "phone": (390, 844), "wide": (1920, 1080), "upright": (900, 1200)}
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +183,21 @@ def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
             assert root.evaluate("e => e.scrollWidth") <= SIZES[size][0]
             assert root.evaluate("e => getComputedStyle(e).colorScheme") == scheme
             assert barriers(page) == []
+        assert wrong == []
+
+
+@pytest.mark.parametrize("size", ["upright", "panel"])
+def test_every_column_of_the_machines_is_on_the_screen(chromium, shop, size):
+    """Nobody looks for a compensation behind the edge of a table that scrolls."""
+    with shop.open(), opened(chromium, shop, size) as (page, wrong):
+        shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "A long name " * 5})
+        shop.feed(31.4)
+        page.goto(shop.url)
+        expect(page.locator("#connection")).to_have_text("Live")
+        table = page.locator("table.machines")
+        room = table.locator("..").evaluate("e => e.clientWidth")
+        assert table.evaluate("e => e.scrollWidth") <= room + 1
+        expect(page.get_by_role("columnheader", name="Compensation")).to_be_visible()
         assert wrong == []
 
 
