@@ -298,7 +298,7 @@ def run_moves(
 
 
 def _sampler(compensated: bool) -> str:
-    """Write down each cycle in the controller's own thread, as `drive.Cycle` reads it."""
+    """Write down each cycle in the controller's own thread, as `drive.Recorder` reads it."""
     stem = "thermap-" if compensated else ""
     signals = [f"{stem}{axis}-nominal" for axis in "xyz"] + [f"{axis}-motor" for axis in "xyz"]
     signals += ["line", *(f"thermap-{axis}-offset" for axis in "xyz" if compensated)]
