@@ -12,12 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from app.errors import counted
-from app.identification.analysis.analysis import (
-    Analysis,
-    ComponentFigures,
-    FoundEffect,
-    RefittedEffect,
-)
+from app.identification.analysis.analysis import Analysis
+from app.identification.analysis.figures import ComponentFigures
+from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.identification.plan.plan import Plan, PlannedEffect
 from app.pages.report_parts.assignment_words import proposal_words, staying_words
 from app.pages.report_parts.component_names import component_name

@@ -15,7 +15,8 @@ from typing import Final, Literal, TypeAlias
 from app.answer import Answer, Codes, Sensors, UnitSymbol
 from app.effects.registry import explain
 from app.errors import counted, list_names
-from app.identification.analysis.analysis import Analysis, FoundEffect, Parameters, Verdict
+from app.identification.analysis.analysis import Analysis, Verdict
+from app.identification.analysis.found_effect import FoundEffect, Parameters
 from app.identification.analysis.tried_effect import TriedEffect, claim_of
 
 OF_THE_TYPE: Final = {

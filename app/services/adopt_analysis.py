@@ -12,7 +12,8 @@ from app.effects.effect import Effect, Provenance, effect_from_json
 from app.effects.past import sensors_of
 from app.effects.registry import explain, kind_of
 from app.errors import Conflict, InvalidContent, list_names
-from app.identification.analysis.analysis import Analysis, RefittedEffect
+from app.identification.analysis.analysis import Analysis
+from app.identification.analysis.found_effect import RefittedEffect
 from app.identification.analysis.refits import effects_after
 from app.services.change_model import (
     Draft,

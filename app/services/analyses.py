@@ -20,7 +20,8 @@ from app.errors import (
     existing_names,
     expect_each_once,
 )
-from app.identification.analysis.analysis import Analysis, FoundEffect
+from app.identification.analysis.analysis import Analysis
+from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.tried_effect import TriedEffect, try_effect
 from app.identification.plan.plan import Plan
 from app.identification.plan.planning import plan

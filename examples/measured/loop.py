@@ -17,7 +17,8 @@ from app.effects.effect import Effect
 from app.effects.observations import ObservationRows, Verification
 from app.effects.registry import KINDS
 from app.identification.analysis.analyse import analyse
-from app.identification.analysis.analysis import Analysis, FoundEffect
+from app.identification.analysis.analysis import Analysis
+from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.refits import effects_after
 from app.identification.campaign import Campaign, residuals_of
 from app.search.rows import Datum

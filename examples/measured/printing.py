@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from app.arrays import FloatArray
-from app.identification.analysis.analysis import FoundEffect
+from app.identification.analysis.found_effect import FoundEffect
 from examples.measured.loop import Figures, Round
 
 MOST_TIES = 3

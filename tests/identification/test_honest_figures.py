@@ -10,9 +10,9 @@ import pytest
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.advice import summary
 from app.identification.analysis.analyse import analyse
-from app.identification.analysis.analysis import Figures
 from app.identification.analysis.before_after import UnknownZero, without_zeros, zero_of
 from app.identification.analysis.curves import mean_variances, of_one_unit
+from app.identification.analysis.figures import Figures
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
 from app.search.findings import ChannelNoise, Figure, HeldOut

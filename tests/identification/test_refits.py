@@ -9,7 +9,7 @@ from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Provenance, effect_from_json
 from app.effects.hypothesis import key_of
 from app.identification.analysis.analyse import analyse
-from app.identification.analysis.analysis import RefittedEffect
+from app.identification.analysis.found_effect import RefittedEffect
 from app.identification.analysis.refits import adopted_before, effects_after
 from app.identification.campaign import residuals_of
 from app.simulation.undeclared import make_campaign

@@ -14,7 +14,7 @@ from app.effects.effect import Effect, Provenance
 from app.effects.shape import Everywhere
 from app.effects.term import Term
 from app.errors import Conflict, InvalidContent, StorageUnavailable, UnknownThing
-from app.identification.analysis.analysis import RefittedEffect
+from app.identification.analysis.found_effect import RefittedEffect
 from app.services.adopt_analysis import version_with_effects
 from app.services.change_model import changing_machine
 from app.services.follow_database import DatabaseFollower

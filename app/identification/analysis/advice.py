@@ -9,13 +9,9 @@ from typing import Final
 from app.effects.kind import NotTested, do_the_same
 from app.effects.registry import kind_of
 from app.errors import capitalised, list_names
-from app.identification.analysis.analysis import (
-    Alternative,
-    Figures,
-    FoundEffect,
-    RefittedEffect,
-    UnexplainedPart,
-)
+from app.identification.analysis.analysis import UnexplainedPart
+from app.identification.analysis.figures import Figures
+from app.identification.analysis.found_effect import Alternative, FoundEffect, RefittedEffect
 from app.search.findings import Status
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import MOST_TERMS

@@ -22,15 +22,7 @@ from app.errors import list_names
 from app.identification.analysis import analysis
 from app.identification.analysis.adoption import Judged, is_refit_better, judge_help, shakes
 from app.identification.analysis.advice import left_out_visits, mistakes_first, summary, what_next
-from app.identification.analysis.analysis import (
-    Analysis,
-    ComponentFigures,
-    FoundEffect,
-    RefittedEffect,
-    SmallestSeen,
-    UnexplainedPart,
-    by_reason,
-)
+from app.identification.analysis.analysis import Analysis, SmallestSeen, UnexplainedPart, by_reason
 from app.identification.analysis.assignments import judge_assignments, said_first
 from app.identification.analysis.before_after import (
     NO_REPEATS,
@@ -43,7 +35,9 @@ from app.identification.analysis.before_after import (
     without_zeros,
 )
 from app.identification.analysis.curves import plots
+from app.identification.analysis.figures import ComponentFigures
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.identification.analysis.found_effects import (
     faults_of_readings,
     found_effects,

@@ -32,8 +32,9 @@ from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.projection import View
 from app.errors import ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER
-from app.identification.analysis.analysis import Analysis, FoundEffect, TriedAssignment
+from app.identification.analysis.analysis import Analysis, TriedAssignment
 from app.identification.analysis.assignment_rivals import Rivals
+from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.response_judged import (
     LEAST_GAIN,
     SURE,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
-from app.identification.analysis.analysis import ComponentFigures, Figures, Zero
+from app.identification.analysis.figures import ComponentFigures, Figures, Zero
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.figures import figure, rms
 from app.search.findings import ChannelNoise, Findings, HeldOut

@@ -21,9 +21,9 @@ from app.effects.effect import Effect
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.identification.analysis.analysis import EffectCurve, Plots, VisitMeans
 from app.identification.analysis.before_after import setup_scatter, without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.plots import EffectCurve, Plots, VisitMeans
 from app.identification.residuals.residuals import channel_unit
 
 MOST_POINTS: Final = 400

@@ -13,9 +13,9 @@ from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, series_text
 from app.effects.registry import explain, kind_of, separating_measurement
 from app.identification.analysis.adoption import Help, Judged
-from app.identification.analysis.analysis import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.analysis.before_after import lengths, without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effect import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.analysis.reading_faults import ReadingFaults
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import rms

@@ -19,12 +19,12 @@ from app.effects.observations import Observation, Verification, observation_rows
 from app.errors import capitalised, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.analysis.analysis import (
-    FoundEffect,
     NextVisit,
     PlannedPlace,
     PlannedVisit,
     UnexplainedPart,
 )
+from app.identification.analysis.found_effect import FoundEffect
 from app.identification.campaign import Campaign
 from app.identification.plan.added_visits import choose_added_visits, conditions_at
 from app.search.scatter import FEWEST_BLOCKS

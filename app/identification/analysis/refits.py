@@ -21,8 +21,8 @@ from app.effects.kinds.response import Response
 from app.effects.projection import Projection
 from app.effects.registry import explain
 from app.errors import list_names
-from app.identification.analysis.analysis import RefittedEffect
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effect import RefittedEffect
 from app.identification.campaign import Campaign
 from app.search.candidate import Candidate, Known, KnownTerm
 from app.search.findings import FoundTerm

@@ -11,7 +11,6 @@ from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import BoolArray, FloatArray
-from app.identification.analysis.analysis import Zero
 from app.identification.analysis.before_after import (
     UnknownZero,
     lengths,
@@ -20,6 +19,7 @@ from app.identification.analysis.before_after import (
     without_zeros,
     zero_of,
 )
+from app.identification.analysis.figures import Zero
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.residuals.summary import Summary, summarise
 from app.search.figures import rms

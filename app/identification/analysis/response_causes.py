@@ -20,7 +20,7 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.collinear import LATE, LEVEL, ON, START, STATE, Column
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
-from app.identification.analysis.analysis import Cause
+from app.identification.analysis.found_effect import Cause
 from app.identification.analysis.response_rows import ResponseRows
 from app.search.response import Prior, Response, misfit
 from app.search.response_average import Average

@@ -32,8 +32,8 @@ from app.effects.registry import explain, kind_of
 from app.effects.term import Term
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
-from app.identification.analysis.analysis import Cause, Evidence, FoundEffect
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effect import Cause, Evidence, FoundEffect
 from app.identification.analysis.response_causes import causes_of
 from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_records import JudgedRecords, judge_records

@@ -7,7 +7,8 @@ from typing import Any
 
 from app.effects.registry import kind_of
 from app.errors import list_names
-from app.identification.analysis.analysis import EffectCurve, FoundEffect
+from app.identification.analysis.found_effect import FoundEffect
+from app.identification.analysis.plots import EffectCurve
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
     INK,

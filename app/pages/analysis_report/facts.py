@@ -7,7 +7,8 @@ from datetime import UTC
 from typing import Final
 
 from app.errors import counted, list_names
-from app.identification.analysis.analysis import Analysis, Evidence, FoundEffect
+from app.identification.analysis.analysis import Analysis
+from app.identification.analysis.found_effect import Evidence, FoundEffect
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import kind_name, learnt_text
 from app.pages.report_parts.words import chance_text, figure_text, sentence

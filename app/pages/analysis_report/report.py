@@ -8,12 +8,9 @@ from statistics import median
 from typing import Final
 
 from app.effects.registry import kind_of
-from app.identification.analysis.analysis import (
-    Analysis,
-    ComponentFigures,
-    FoundEffect,
-    SmallestSeen,
-)
+from app.identification.analysis.analysis import Analysis, SmallestSeen
+from app.identification.analysis.figures import ComponentFigures
+from app.identification.analysis.found_effect import FoundEffect
 from app.pages.analysis_report.effect_plots import caption, effect_drawings
 from app.pages.analysis_report.facts import effect_facts, head_facts
 from app.pages.analysis_report.visit_plots import visit_drawings

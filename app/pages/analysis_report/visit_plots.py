@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Final
 
-from app.identification.analysis.analysis import Analysis, ComponentFigures, VisitMeans
+from app.identification.analysis.analysis import Analysis
+from app.identification.analysis.figures import ComponentFigures
+from app.identification.analysis.plots import VisitMeans
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import (
     BAND,

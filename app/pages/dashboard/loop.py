@@ -11,14 +11,10 @@ from typing import Any, Final
 from app.effects.registry import KINDS, kind_of
 from app.errors import capitalised, counted, list_names
 from app.geometry.components import COMPONENTS, Kind
-from app.identification.analysis.analysis import (
-    Analysis,
-    ComponentFigures,
-    EffectCurve,
-    FoundEffect,
-    TriedAssignment,
-    VisitMeans,
-)
+from app.identification.analysis.analysis import Analysis, TriedAssignment
+from app.identification.analysis.figures import ComponentFigures
+from app.identification.analysis.found_effect import FoundEffect
+from app.identification.analysis.plots import EffectCurve, VisitMeans
 from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
 from app.pages.dashboard.navigation import Shown

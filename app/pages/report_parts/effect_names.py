@@ -11,7 +11,7 @@ from app.effects.registry import kind_of
 from app.effects.valid import LearntIn
 from app.errors import list_names
 from app.identification.analysis import advice
-from app.identification.analysis.analysis import Evidence, FoundEffect
+from app.identification.analysis.found_effect import Evidence, FoundEffect
 from app.units import date_text, duration_text, plus_minus, true_minus, unit_of_field
 
 VERDICTS: Final = {
