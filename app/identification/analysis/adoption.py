@@ -5,45 +5,36 @@ How sure its name is, is another question, and its status answers it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import norm, t
 
-from app.arrays import BoolArray, FloatArray
-from app.effects.driver import Always, SinceReference, StepAfter
+from app.arrays import FloatArray
 from app.effects.effect import Effect
 from app.effects.kind import Shakes
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.step import Step
-from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
 from app.errors import list_names
-from app.geometry.components import COMPONENTS
 from app.identification.analysis.finished_search import GROWING, FinishedSearch
-from app.identification.residuals.residuals import channel_unit
-from app.search.figures import rms
+from app.identification.analysis.held_out_visits import (
+    gains_of_visits,
+    get_smaller,
+    is_above_zero,
+    markedly_worse,
+    size_left,
+    worse_words,
+)
+from app.identification.analysis.shown_by_few import ITSELF, is_of_few_places, is_of_one_setup
 from app.search.findings import FLEXIBLE, FoundTerm
 from app.search.names import ALIKE, WALKS
-from app.search.rows import Datum
-from app.search.scatter import FEWEST_SETUPS
 from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
-
-ONE_SIDED: Final = 0.01
-"""Probability by which a gain counts as one, and a visit as worse, although it is not."""
 
 AGREES: Final = 0.05
 """Probability by which held-out set-ups seem to agree with a refit although it gains nothing."""
-
-MARKEDLY: Final = 0.1
-"""A visit is not markedly worse by less than this share of what it was."""
-
-FEWEST_GAINS: Final = 5
-"""Visits from which a mean gain has a lower bound."""
 
 MOST_CHANNELS: Final = 4
 """So many channels are named in a reason."""
@@ -51,23 +42,8 @@ MOST_CHANNELS: Final = 4
 FEWEST_SEEN: Final = 2
 """Set-ups that must show which sensor a component follows where something else may be."""
 
-SHOWN: Final = 0.05
-"""Share of its largest size from which an effect shows in a visit."""
-
 HALF: Final = 0.5
 """Share of what is predicted below which squares grow by it."""
-
-ITSELF: Final = 3.0
-"""Standard errors by which a component's own observations must show less than the whole."""
-
-APART: Final = 1e-9
-"""Share of an effect's information below which nothing tells it from what was always there."""
-
-CHANGES: Final = 0.1
-"""Share of an effect's squares from which it changes at its places."""
-
-SPARE_PLACES: Final = 2
-"""So many more places than unknowns."""
 
 EITHER: Final = frozenset({*GROWING, Step.kind})
 """What a machine and an instrument can do alike."""
@@ -133,15 +109,6 @@ class Judged(NamedTuple):
     unsure: frozenset[int] = frozenset()
 
 
-class _Worse(NamedTuple):
-    """A visit of one channel that gets markedly worse with what would be adopted."""
-
-    rows: BoolArray
-    channel: int
-    before: float
-    after: float
-
-
 def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
     """Say of each found effect whether it helps, those together that do.
 
@@ -172,7 +139,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         if _spoilt(effect, effects) is not None
         or i in shaken
         or _why_not_lasting(found, effect, term) is not None
-        or _is_of_few_places(found, effect, term)
+        or is_of_few_places(found, effect, term)
     }
     while chosen := [i for i, words in enumerate(said) if words is None]:
         dropped = [
@@ -183,14 +150,14 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         predicted = found.findings.adopted - sum(
             (own[i] for i in dropped), np.zeros(len(found.use))
         )
-        worse = next(_markedly_worse(found, predicted), None)
+        worse = next(markedly_worse(found, predicted), None)
         if worse is None:
             break
         # The one without which that visit would be best.
-        least = min(chosen, key=lambda i: _size(found, predicted - own[i], worse.rows))
+        least = min(chosen, key=lambda i: size_left(found, predicted - own[i], worse.rows))
         if not own[least][worse.rows].any():
             break
-        said[least] = _gets_worse(found, worse)
+        said[least] = worse_words(found, worse)
         unsure.add(least)
     if not found.findings.refitted:
         _keep_what_stands_alone(found, effects, own, said)
@@ -201,7 +168,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
     rest = [part for part, one in zip(own, helps, strict=True) if not one.helps]
     together = found.findings.adopted - sum(rest, np.zeros(len(found.use)))
     predicted = together if any(one.helps for one in helps) else found.findings.known
-    holds_refitted = next(_markedly_worse(found, predicted), None) is None
+    holds_refitted = next(markedly_worse(found, predicted), None) is None
     return Judged(helps, holds_refitted, frozenset(unsure))
 
 
@@ -223,10 +190,10 @@ def is_refit_better(found: FinishedSearch, channels: Collection[int], instead: F
     """
     seen = found.use & np.isfinite(found.findings.adopted) & np.isfinite(instead)
     anew, before = (
-        np.array(_gains_of_visits(found, channels, predicted, seen))
+        np.array(gains_of_visits(found, channels, predicted, seen))
         for predicted in (found.findings.adopted, instead)
     )
-    return _is_above_zero(anew - before, AGREES)
+    return is_above_zero(anew - before, AGREES)
 
 
 def _keep_what_stands_alone(
@@ -309,7 +276,7 @@ def _why_not_itself(
 
 def _gain(found: FinishedSearch, channels: Collection[int], predicted: FloatArray) -> float:
     """Sum up by how much the squares of some channels fall, each in its floor's."""
-    return sum(_gains_of_visits(found, channels, predicted, found.use))
+    return sum(gains_of_visits(found, channels, predicted, found.use))
 
 
 def _spoilt(effect: Effect, effects: Sequence[Effect]) -> str | None:
@@ -391,7 +358,7 @@ def _why_not(
     )
     is_seen = (term.inclusion or 0.0) >= OFTEN_FOUND and _is_seen(found, effect, term)
     is_alone = not any(set(term.channels) & set(other.channels) for other in others)
-    if not fails_forward and (is_seen or (is_alone and _gains(found, term.channels))):
+    if not fails_forward and (is_seen or (is_alone and get_smaller(found, term.channels))):
         return None
     slope = forward if fails_forward else term.slope
     if slope is None:
@@ -424,7 +391,7 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
     is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
     if effect.kind not in EITHER:
         return AS_SLOW_AS_CAN_BE if is_open and found.is_slowest(term) else None
-    if _is_of_one_setup(found, effect):
+    if is_of_one_setup(found, effect):
         return OF_EITHER
     if WALKS in term.doubts:
         return OF_A_WALK
@@ -435,189 +402,3 @@ def _setups(found: FinishedSearch, term: FoundTerm) -> int:
     """Count the set-ups in which a term acts."""
     acts = found.use & np.isin(found.rows.channel, term.channels)
     return int(np.unique(found.rows.visit[acts]).size)
-
-
-def _is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
-    """Whether an effect may be anything else, as it never changes at any of its few places.
-
-    What changes with time or direction shows at one place. What is the same there always, shows
-    by how places differ: where they are hardly more than what is unknown of it and of its set-up,
-    whatever else differs from place to place looks the same, held-out moments included.
-    """
-    rows, size = found.residuals.rows, found.explained(effect)
-    for c in term.channels:
-        own = np.flatnonzero(found.use & (found.rows.channel == c))
-        has_places = rows.channels[c] in POINT_CHANNELS or COMPONENTS[rows.channels[c]].axis
-        if not has_places or not size[own].any():
-            return False
-        places = np.column_stack([rows.points_mm[own], rows.tool_offsets_mm[own]])
-        place = np.unique(np.nan_to_num(places), axis=0, return_inverse=True)[1].ravel()
-        counts = np.bincount(place)
-        means = np.bincount(place, weights=size[own]) / counts
-        if np.sum((size[own] - means[place]) ** 2) > CHANGES * np.sum(size[own] ** 2):
-            return False
-        setups = np.unique(found.rows.visit[own]).size
-        zeros = {found.rows.datum.get((int(v), c), Datum.ABSOLUTE) for v in found.rows.visit[own]}
-        unknown = term.degrees_of_freedom
-        if setups < FEWEST_SETUPS:
-            unknown += 1 + int((np.ptp(found.rows.tilt[own], axis=0) > 0.0).sum())
-        elif zeros != {Datum.ABSOLUTE}:
-            unknown += 1
-        if len(counts) >= unknown + SPARE_PLACES:
-            return False
-    return bool(term.channels)
-
-
-def _is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
-    """Whether one set-up alone knows an effect that grows or begins with time.
-
-    Its components by themselves may show it in several set-ups, or points. Where both were
-    measured, points count only if they show it by themselves: an effect that one record of its
-    component knows alone is only predicted there.
-    """
-    names = np.array(found.residuals.rows.channels)[found.rows.channel]
-    itself = found.use & np.isin(names, effect.components)
-    if _is_in_several(found, effect, itself):
-        return False
-    always = _had_it_always_been(found, effect)
-    points = found.use & np.isin(names, POINT_CHANNELS) & (always != 0.0)
-    if not _is_in_several(found, effect, points):
-        return True
-    return bool(itself.any()) and not _is_shown(found, effect, always, points)
-
-
-def _is_in_several(found: FinishedSearch, effect: Effect, acts: BoolArray) -> bool:
-    """Whether it shows in two set-ups at least; where it begins, in two before it too.
-
-    Parameters
-    ----------
-    acts : ndarray, shape (n,)
-        Rows in which it shows, or would had it begun before.
-    """
-    size = np.abs(found.explained(effect))
-    after = acts & (size > SHOWN * size[acts].max(initial=0.0))
-    sides = [acts] if effect.kind in GROWING else [after, acts & ~after]
-    return all(len(np.unique(found.rows.visit[side])) > 1 for side in sides)
-
-
-def _had_it_always_been(found: FinishedSearch, effect: Effect) -> FloatArray:
-    """Say what an effect of time would be had it always been the same, shape (n,)."""
-    terms = (
-        replace(term, driver=Always())
-        if isinstance(term.driver, SinceReference | StepAfter)
-        else term
-        for term in effect.terms
-    )
-    return found.explained(replace(effect, terms=tuple(terms)))
-
-
-def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: BoolArray) -> bool:
-    """Whether some rows show by themselves that an effect came, as large as it is said to be.
-
-    What was there all the time, such as a map that is wrong, is fitted beside it: generalised
-    least squares, with the scatter of observations and of set-ups.
-
-    Parameters
-    ----------
-    always : ndarray, shape (n,)
-        What it would be had it always been the same.
-    acts : ndarray, shape (n,)
-        These rows.
-    """
-    own = found.explained(effect)
-    others = sum((found.explained(e) for e in found.effects()), -own)
-    information, product = np.zeros((2, 2)), np.zeros(2)
-    for c, visit in np.unique(
-        np.column_stack([found.rows.channel, found.rows.visit])[acts], axis=0
-    ).tolist():
-        rows = acts & (found.rows.channel == c) & (found.rows.visit == visit)
-        noise, shift = found.scatter(c)
-        columns = np.column_stack([found.from_zero(part, rows) for part in (own, always)])
-        # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
-        shared = shift**2 / (noise**2 + len(columns) * shift**2)
-        weighted = (columns - shared * columns.sum(axis=0)) / noise**2
-        information += weighted.T @ columns
-        product += weighted.T @ found.from_zero(found.rows.values - others, rows)
-    covariance = np.linalg.pinv(information, hermitian=True)
-    # Where nothing tells the two apart, neither is known.
-    if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:
-        return False
-    share, error = float(covariance[0] @ product), float(np.sqrt(covariance[0, 0]))
-    return share > ITSELF * error and abs(share - 1.0) <= ITSELF * error
-
-
-def _gains(found: FinishedSearch, channels: Collection[int]) -> bool:
-    """Whether held-out visits get smaller: the lower bound of their mean gain is above zero."""
-    held_out = found.use & np.isfinite(found.findings.adopted)
-    gains = _gains_of_visits(found, channels, found.findings.adopted, held_out)
-    return _is_above_zero(np.array(gains), ONE_SIDED)
-
-
-def _is_above_zero(gains: FloatArray, chance: float) -> bool:
-    """Whether the mean gain of set-ups is above zero but for a chance; not known of a few."""
-    if len(gains) < FEWEST_GAINS:
-        return False
-    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    return bool(np.mean(gains) > t.isf(chance, len(gains) - 1) * error)
-
-
-def _gains_of_visits(
-    found: FinishedSearch, channels: Collection[int], predicted: FloatArray, chosen: BoolArray
-) -> list[float]:
-    """Sum up by how much the squares of each visit fall, each channel in its floor's."""
-    gains: list[float] = []
-    visit = found.rows.visit
-    chosen = chosen & np.isin(found.rows.channel, list(channels))
-    for number in np.unique(visit[chosen]):
-        gain = 0.0
-        for c in channels:
-            own = chosen & (visit == number) & (found.rows.channel == c)
-            before = found.from_zero(found.rows.values, own)
-            after = found.from_zero(found.rows.values - predicted, own)
-            gain += float(np.sum(before**2 - after**2)) / found.floor(c) ** 2
-        gains.append(gain)
-    return gains
-
-
-def _markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[_Worse]:
-    """List the held-out visits, channel by channel, that get markedly worse."""
-    seen = found.use & np.isfinite(predicted)
-    pairs = np.unique(np.column_stack([found.rows.channel, found.rows.visit])[seen], axis=0)
-    nothing = np.zeros(len(predicted))
-    for c, visit in pairs.tolist():
-        own = seen & (found.rows.channel == c) & (found.rows.visit == visit)
-        if not predicted[own].any():
-            continue
-        before, after = (_size(found, part, own) for part in (nothing, predicted))
-        often = float(norm.isf(ONE_SIDED / int((pairs[:, 0] == c).sum())))
-        scatter = _scatter_of_visit(found, c, visit, int(own.sum()))
-        if after - before > max(MARKEDLY * before, often * scatter):
-            yield _Worse(own, c, before, after)
-
-
-def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
-    """Say how far a visit lies off as a whole by its set-up and its repeatability."""
-    noise, setup = found.scatter(channel)
-    is_zeroed = found.rows.datum.get((visit, channel)) is Datum.FIRST
-    return float(np.sqrt(setup**2 + noise**2 * (1.0 / count + is_zeroed)))
-
-
-def _size(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> float:
-    return rms(found.from_zero(found.rows.values - predicted, own))
-
-
-def _gets_worse(found: FinishedSearch, worse: _Worse) -> str:
-    rows = found.residuals.rows
-    first = int(np.flatnonzero(worse.rows)[0])
-    label = rows.verifications[int(rows.verification[first])].label
-    setup = (
-        rows.verifications[int(rows.verification[first])]
-        .observations[int(rows.observation[first])]
-        .setup
-    )
-    name = rows.channels[worse.channel]
-    where = list_names([repr(label), *([] if setup is None else [f"set-up {setup!r}"])])
-    return (
-        f"the residuals of {name} would get worse in {where}, which was held out: from "
-        f"{worse.before:.3g} to {worse.after:.3g} {channel_unit(name).symbol}"
-    )

@@ -1,0 +1,111 @@
+"""How visits that were held out fare with what would be adopted."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.stats import norm, t
+
+from app.arrays import BoolArray, FloatArray
+from app.errors import list_names
+from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.residuals.residuals import channel_unit
+from app.search.figures import rms
+from app.search.rows import Datum
+
+ONE_SIDED: Final = 0.01
+"""Probability by which a gain counts as one, and a visit as worse, although it is not."""
+
+MARKEDLY: Final = 0.1
+"""A visit is not markedly worse by less than this share of what it was."""
+
+FEWEST_GAINS: Final = 5
+"""Visits from which a mean gain has a lower bound."""
+
+
+class Worse(NamedTuple):
+    """A visit of one channel that gets markedly worse with what would be adopted."""
+
+    rows: BoolArray
+    channel: int
+    before: float
+    after: float
+
+
+def markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[Worse]:
+    """List the held-out visits, channel by channel, that get markedly worse."""
+    seen = found.use & np.isfinite(predicted)
+    pairs = np.unique(np.column_stack([found.rows.channel, found.rows.visit])[seen], axis=0)
+    nothing = np.zeros(len(predicted))
+    for c, visit in pairs.tolist():
+        own = seen & (found.rows.channel == c) & (found.rows.visit == visit)
+        if not predicted[own].any():
+            continue
+        before, after = (size_left(found, part, own) for part in (nothing, predicted))
+        often = float(norm.isf(ONE_SIDED / int((pairs[:, 0] == c).sum())))
+        scatter = _scatter_of_visit(found, c, visit, int(own.sum()))
+        if after - before > max(MARKEDLY * before, often * scatter):
+            yield Worse(own, c, before, after)
+
+
+def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
+    """Say how far a visit lies off as a whole by its set-up and its repeatability."""
+    noise, setup = found.scatter(channel)
+    is_zeroed = found.rows.datum.get((visit, channel)) is Datum.FIRST
+    return float(np.sqrt(setup**2 + noise**2 * (1.0 / count + is_zeroed)))
+
+
+def size_left(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> float:
+    """Give the root mean square of what a prediction leaves of some rows, from their zero."""
+    return rms(found.from_zero(found.rows.values - predicted, own))
+
+
+def worse_words(found: FinishedSearch, worse: Worse) -> str:
+    """Say which visit gets worse, and by how much."""
+    rows = found.residuals.rows
+    first = int(np.flatnonzero(worse.rows)[0])
+    verification = rows.verifications[int(rows.verification[first])]
+    setup = verification.observations[int(rows.observation[first])].setup
+    name = rows.channels[worse.channel]
+    where = list_names(
+        [repr(verification.label), *([] if setup is None else [f"set-up {setup!r}"])]
+    )
+    return (
+        f"the residuals of {name} would get worse in {where}, which was held out: from "
+        f"{worse.before:.3g} to {worse.after:.3g} {channel_unit(name).symbol}"
+    )
+
+
+def get_smaller(found: FinishedSearch, channels: Collection[int]) -> bool:
+    """Whether held-out visits get smaller: the lower bound of their mean gain is above zero."""
+    held_out = found.use & np.isfinite(found.findings.adopted)
+    gains = gains_of_visits(found, channels, found.findings.adopted, held_out)
+    return is_above_zero(np.array(gains), ONE_SIDED)
+
+
+def is_above_zero(gains: FloatArray, chance: float) -> bool:
+    """Whether the mean gain of set-ups is above zero but for a chance; not known of a few."""
+    if len(gains) < FEWEST_GAINS:
+        return False
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+    return bool(np.mean(gains) > t.isf(chance, len(gains) - 1) * error)
+
+
+def gains_of_visits(
+    found: FinishedSearch, channels: Collection[int], predicted: FloatArray, chosen: BoolArray
+) -> list[float]:
+    """Sum up by how much the squares of each visit fall, each channel in its floor's."""
+    gains: list[float] = []
+    visit = found.rows.visit
+    chosen = chosen & np.isin(found.rows.channel, list(channels))
+    for number in np.unique(visit[chosen]):
+        gain = 0.0
+        for c in channels:
+            own = chosen & (visit == number) & (found.rows.channel == c)
+            before = found.from_zero(found.rows.values, own)
+            after = found.from_zero(found.rows.values - predicted, own)
+            gain += float(np.sum(before**2 - after**2)) / found.floor(c) ** 2
+        gains.append(gain)
+    return gains

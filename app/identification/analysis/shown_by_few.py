@@ -1,0 +1,142 @@
+"""Whether so few set-ups or places show an effect that it may be anything else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.driver import Always, SinceReference, StepAfter
+from app.effects.effect import Effect
+from app.effects.observations import POINT_CHANNELS
+from app.geometry.components import COMPONENTS
+from app.identification.analysis.finished_search import GROWING, FinishedSearch
+from app.search.findings import FoundTerm
+from app.search.rows import Datum
+from app.search.scatter import FEWEST_SETUPS
+
+SHOWN: Final = 0.05
+"""Share of its largest size from which an effect shows in a visit."""
+
+ITSELF: Final = 3.0
+"""Standard errors by which observations must show something, or less than the whole of it."""
+
+APART: Final = 1e-9
+"""Share of an effect's information below which nothing tells it from what was always there."""
+
+CHANGES: Final = 0.1
+"""Share of an effect's squares from which it changes at its places."""
+
+SPARE_PLACES: Final = 2
+"""So many more places than unknowns."""
+
+
+def is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether an effect may be anything else, as it never changes at any of its few places.
+
+    What changes with time or direction shows at one place. What is the same there always, shows
+    by how places differ: where they are hardly more than what is unknown of it and of its set-up,
+    whatever else differs from place to place looks the same, held-out moments included.
+    """
+    rows, size = found.residuals.rows, found.explained(effect)
+    for c in term.channels:
+        own = np.flatnonzero(found.use & (found.rows.channel == c))
+        has_places = rows.channels[c] in POINT_CHANNELS or COMPONENTS[rows.channels[c]].axis
+        if not has_places or not size[own].any():
+            return False
+        places = np.column_stack([rows.points_mm[own], rows.tool_offsets_mm[own]])
+        place = np.unique(np.nan_to_num(places), axis=0, return_inverse=True)[1].ravel()
+        counts = np.bincount(place)
+        means = np.bincount(place, weights=size[own]) / counts
+        if np.sum((size[own] - means[place]) ** 2) > CHANGES * np.sum(size[own] ** 2):
+            return False
+        setups = np.unique(found.rows.visit[own]).size
+        zeros = {found.rows.datum.get((int(v), c), Datum.ABSOLUTE) for v in found.rows.visit[own]}
+        unknown = term.degrees_of_freedom
+        if setups < FEWEST_SETUPS:
+            unknown += 1 + int((np.ptp(found.rows.tilt[own], axis=0) > 0.0).sum())
+        elif zeros != {Datum.ABSOLUTE}:
+            unknown += 1
+        if len(counts) >= unknown + SPARE_PLACES:
+            return False
+    return bool(term.channels)
+
+
+def is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
+    """Whether one set-up alone knows an effect that grows or begins with time.
+
+    Its components by themselves may show it in several set-ups, or points. Where both were
+    measured, points count only if they show it by themselves: an effect that one record of its
+    component knows alone is only predicted there.
+    """
+    names = np.array(found.residuals.rows.channels)[found.rows.channel]
+    itself = found.use & np.isin(names, effect.components)
+    if _is_in_several(found, effect, itself):
+        return False
+    always = _had_it_always_been(found, effect)
+    points = found.use & np.isin(names, POINT_CHANNELS) & (always != 0.0)
+    if not _is_in_several(found, effect, points):
+        return True
+    return bool(itself.any()) and not _is_shown(found, effect, always, points)
+
+
+def _is_in_several(found: FinishedSearch, effect: Effect, acts: BoolArray) -> bool:
+    """Whether it shows in two set-ups at least; where it begins, in two before it too.
+
+    Parameters
+    ----------
+    acts : ndarray, shape (n,)
+        Rows in which it shows, or would had it begun before.
+    """
+    size = np.abs(found.explained(effect))
+    after = acts & (size > SHOWN * size[acts].max(initial=0.0))
+    sides = [acts] if effect.kind in GROWING else [after, acts & ~after]
+    return all(len(np.unique(found.rows.visit[side])) > 1 for side in sides)
+
+
+def _had_it_always_been(found: FinishedSearch, effect: Effect) -> FloatArray:
+    """Say what an effect of time would be had it always been the same, shape (n,)."""
+    terms = (
+        replace(term, driver=Always())
+        if isinstance(term.driver, SinceReference | StepAfter)
+        else term
+        for term in effect.terms
+    )
+    return found.explained(replace(effect, terms=tuple(terms)))
+
+
+def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: BoolArray) -> bool:
+    """Whether some rows show by themselves that an effect came, as large as it is said to be.
+
+    What was there all the time, such as a map that is wrong, is fitted beside it: generalised
+    least squares, with the scatter of observations and of set-ups.
+
+    Parameters
+    ----------
+    always : ndarray, shape (n,)
+        What it would be had it always been the same.
+    acts : ndarray, shape (n,)
+        These rows.
+    """
+    own = found.explained(effect)
+    others = sum((found.explained(e) for e in found.effects()), -own)
+    information, product = np.zeros((2, 2)), np.zeros(2)
+    for c, visit in np.unique(
+        np.column_stack([found.rows.channel, found.rows.visit])[acts], axis=0
+    ).tolist():
+        rows = acts & (found.rows.channel == c) & (found.rows.visit == visit)
+        noise, shift = found.scatter(c)
+        columns = np.column_stack([found.from_zero(part, rows) for part in (own, always)])
+        # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
+        shared = shift**2 / (noise**2 + len(columns) * shift**2)
+        weighted = (columns - shared * columns.sum(axis=0)) / noise**2
+        information += weighted.T @ columns
+        product += weighted.T @ found.from_zero(found.rows.values - others, rows)
+    covariance = np.linalg.pinv(information, hermitian=True)
+    # Where nothing tells the two apart, neither is known.
+    if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:
+        return False
+    share, error = float(covariance[0] @ product), float(np.sqrt(covariance[0, 0]))
+    return share > ITSELF * error and abs(share - 1.0) <= ITSELF * error
