@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from app.arrays import FloatArray
-from app.effects.adopted.live_effects import Missing
+from app.effects.adopted.held import Missing
 from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
 from app.effects.conditions import Conditions, recorded_conditions
 from app.effects.effect import Effect, acting_on

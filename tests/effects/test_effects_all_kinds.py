@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from app.effects.adopted.contributions import contributions
 from app.effects.adopted.learnt_ranges import with_ranges
-from app.effects.adopted.live_effects import LiveEffects, contributions, corrected_tables
+from app.effects.adopted.live_effects import LiveEffects, corrected_tables
 from app.effects.conditions import Conditions
 from app.effects.effect import effect_from_json
 from app.effects.hypothesis import Estimate

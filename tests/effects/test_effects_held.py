@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.compensation.table import compensation_table
+from app.effects.adopted.contributions import contributions
 from app.effects.adopted.in_table import add_effects
 from app.effects.adopted.learnt_ranges import AGAIN, growths, limited_in_time, with_ranges
-from app.effects.adopted.live_effects import contributions, corrected_tables
+from app.effects.adopted.live_effects import corrected_tables
 from app.effects.adopted.live_lags import LiveLags
 from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
 from app.effects.conditions import Conditions, Signal

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.effects.adopted.live_effects import contributions, corrected_tables
+from app.effects.adopted.contributions import contributions
+from app.effects.adopted.live_effects import corrected_tables
 from app.effects.adopted.live_lags import LiveLags
 from app.effects.conditions import Conditions, Signal
 from app.effects.driver import (

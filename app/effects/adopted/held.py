@@ -1,8 +1,9 @@
-"""Where adopted effects lie outside the ranges in which they were learnt, and how that is said."""
+"""Where adopted effects lack something or lie outside what they learnt, and how that is said."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,6 +30,18 @@ _LESS_GRAVE: Final = frozenset(
 )
 """What `held` takes precedence over; what says that the maps themselves are left, or that nothing
 is known, comes first."""
+
+NO_NUMBER: Final = "what drives it has no usable value here"
+NOT_COMMON: Final = "the maps that it reads here share no range of positions"
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """An effect that is not in an answer, and why."""
+
+    effect: int
+    kind: str
+    reason: str
 
 
 class Remark(NamedTuple):

@@ -1,4 +1,4 @@
-"""Adopted effects in what the service gives out: live tables, and predictions at many times.
+"""Adopted effects in the live tables: each component's row at one moment.
 
 Effects that read the maps at another temperature change how much of each map enters; the row is
 then made of those maps that really enter, as a plain one is. Other effects add to it.
@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import FloatArray
 from app.effects.adopted.faulty_sensors import set_faulty_aside
 from app.effects.adopted.held import (
+    NO_NUMBER,
+    NOT_COMMON,
+    Missing,
     OutsideRange,
     ReadBeyondMaps,
     Remark,
@@ -29,35 +32,17 @@ from app.effects.campaign_view import travel_of
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.map_tables import MapReading
-from app.effects.projection import Projection, View
 from app.effects.shape import Exchange, Places
 from app.effects.term import Term
 from app.effects.valid import Valid
 from app.geometry.axis_table import CLOSEST_MM
 from app.geometry.components import COMPONENTS, ORDER, Component
-from app.thermal.bracket import Status, StatusArray
+from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Group, MapsInUse, Member
 from app.thermal.group_state import GroupState
-from app.thermal.map_weights import (
-    added,
-    common_ranges,
-    maps_at,
-    read_maps,
-)
-from app.thermal.prediction import GRAVITY, BeyondTables, beyond_tables
-
-NO_NUMBER: Final = "what drives it has no usable value here"
-NOT_COMMON: Final = "the maps that it reads here share no range of positions"
-
-
-@dataclass(frozen=True, slots=True)
-class Missing:
-    """An effect that is not in an answer, and why."""
-
-    effect: int
-    kind: str
-    reason: str
+from app.thermal.map_weights import added
+from app.thermal.prediction import GRAVITY
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,38 +94,6 @@ class LiveEffects:
     unlearnt: tuple[Remark, ...] = ()
     moved: tuple[Remark, ...] = ()
     refused: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True, eq=False)
-class Contributions:
-    """What effects add to many predictions.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (n,)
-        What is to be added [the rows' units]; an effect adds nothing where its condition is
-        not known.
-    is_lacking : ndarray, shape (n,)
-        Where some effect's condition is not known.
-    is_held : ndarray, shape (n,)
-        Where some effect is held at the edge of where it was learnt.
-    held
-        Why, effect by effect; which take part though they were not learnt there, or it is not
-        known where they were learnt; and which read the maps outside of them.
-    status : ndarray of object, shape (n,)
-        The gravest of the temperatures at which effects read the maps; `at-map` where none does.
-    beyond
-        Of components of which effects change how much of each map enters: the places that the
-        maps that enter do not cover.
-    """
-
-    errors: FloatArray
-    is_lacking: BoolArray
-    missing: tuple[Missing, ...]
-    is_held: BoolArray
-    held: tuple[Remark, ...]
-    status: StatusArray
-    beyond: Mapping[str, tuple[BeyondTables, ...]]
 
 
 def corrected_tables(
@@ -421,235 +374,3 @@ def _on(positions_mm: FloatArray, own_mm: FloatArray, values: FloatArray) -> Flo
     if own_mm.size < 2 or np.array_equal(positions_mm, own_mm):
         return np.broadcast_to(values, (max(positions_mm.size, 1),))
     return np.interp(positions_mm, own_mm, values)
-
-
-def contributions(projection: Projection, effects: Sequence[Effect]) -> Contributions:
-    """Evaluate effects at many observations.
-
-    Parameters
-    ----------
-    projection
-        The rows: where, when, from which side; faulty sensors' readings included.
-
-    Returns
-    -------
-    Contributions
-        To be added to what the tables say by `SetAside.conditions`.
-    """
-    n = len(projection.rows)
-    aside = set_faulty_aside(projection.model, effects, projection.conditions)
-    takes_part = [
-        ~np.broadcast_to(aside.effects.get(number, np.zeros(n, dtype=np.bool_)), n)
-        for number in range(len(effects))
-    ]
-    parts = [
-        _Part(number, term, projection.view(term.component), *_evaluated(projection, term, effect))
-        for number, effect in enumerate(effects)
-        for term in effect.terms
-    ]
-    lacking = np.zeros(n, dtype=np.bool_)
-    missing: list[Missing] = []
-    for number, effect in enumerate(effects):
-        is_unknown = np.zeros(n, dtype=np.bool_)
-        for part in parts:
-            if part.number == number:
-                is_unknown[part.view.rows[~np.isfinite(part.one_each)]] = True
-        unknown = np.flatnonzero(is_unknown & takes_part[number])
-        if unknown.size:
-            there = projection.conditions.take(unknown)
-            reasons = (t.why_missing(projection.model, there) for t in effect.terms)
-            reason = next(filter(None, reasons), NO_NUMBER)
-            missing.append(Missing(number, effect.kind, f"{reason} ({unknown.size} values)"))
-            lacking[unknown] = True
-            takes_part[number] = takes_part[number] & ~is_unknown
-    of_maps = {code: parts_of for code, parts_of in _by_component(parts).items() if parts_of}
-    plain = {
-        code: maps_at(
-            projection.model,
-            _found(projection.model, code)[0],
-            aside.conditions.take(parts_of[0].view.rows).temperatures_c,
-            parts_of[0].view.rows.size,
-        ).weights
-        for code, parts_of in of_maps.items()
-    }
-    while apart := _without_common_range(projection.model, of_maps, plain, takes_part):
-        for number, rows in apart.items():
-            reason = f"{NOT_COMMON} ({rows.size} values)"
-            missing.append(Missing(number, effects[number].kind, reason))
-            lacking[rows] = True
-            takes_part[number] = takes_part[number].copy()
-            takes_part[number][rows] = False
-    total = np.zeros(n)
-    for part in parts:
-        if part.reading is None:
-            view = part.view
-            values = np.where(takes_part[part.number][view.rows], part.one_each, 0.0)
-            total[view.rows] += view.gains * values
-    beyond = {}
-    for code, parts_of in of_maps.items():
-        view = parts_of[0].view
-        found = _found(projection.model, code)
-        weights = _with_readings(plain[code], parts_of, takes_part)
-        change = read_maps(*found, weights, *view.places)
-        change = change - read_maps(*found, plain[code], *view.places)
-        total[view.rows] += view.gains * np.where(np.isfinite(change), change, 0.0)
-        beyond[code] = beyond_tables(found[1], weights, view.places.positions_mm)
-    is_held, held = _said(projection, effects, takes_part)
-    status, moved = _statuses(projection.model, parts, takes_part, n)
-    held += beyond_maps_sentences(effects, moved)
-    return Contributions(total, lacking, tuple(missing), is_held, tuple(held), status, beyond)
-
-
-class _Part(NamedTuple):
-    """One term in the rows in which it shows: as weights of maps, or as numbers.
-
-    `one_each` has a number for each of the rows that is not finite where a condition is missing.
-    """
-
-    number: int
-    term: Term
-    view: View
-    reading: MapReading | None
-    one_each: FloatArray
-
-
-def _evaluated(
-    projection: Projection, term: Term, effect: Effect
-) -> tuple[MapReading | None, FloatArray]:
-    view = projection.view(term.component)
-    reading = term.reading(projection.model, view.conditions, effect.valid)
-    if reading is not None:
-        return reading, reading.weights.sum(axis=1)
-    return None, term.at(projection.model, view.places, view.conditions, effect.valid)
-
-
-def _by_component(parts: Iterable[_Part]) -> dict[str, list[_Part]]:
-    """Put the parts that change how much of each map enters together."""
-    found: dict[str, list[_Part]] = defaultdict(list)
-    for part in parts:
-        if part.reading is not None:
-            found[part.term.component].append(part)
-    return found
-
-
-def _found(model: CompiledModel, code: str) -> tuple[Group, Member]:
-    found = model.find(code)
-    assert found is not None
-    return found
-
-
-def _with_readings(
-    plain: FloatArray, parts: Iterable[_Part], takes_part: Sequence[BoolArray]
-) -> FloatArray:
-    """Add up how much of each map enters one component with its effects, shape (m, M)."""
-    weights = plain
-    for part in parts:
-        assert part.reading is not None
-        use = takes_part[part.number][part.view.rows]
-        weights = added(weights, np.where(use[:, None], part.reading.weights, 0.0))
-    return weights
-
-
-def _without_common_range(
-    model: CompiledModel,
-    of_maps: Mapping[str, Sequence[_Part]],
-    plain: Mapping[str, FloatArray],
-    takes_part: Sequence[BoolArray],
-) -> dict[int, IntArray]:
-    """List the effects by which maps enter that have no positions in common, and where."""
-    found: dict[int, list[IntArray]] = defaultdict(list)
-    for code, parts in of_maps.items():
-        low, high = common_ranges(
-            _found(model, code)[1], _with_readings(plain[code], parts, takes_part)
-        )
-        rows = parts[0].view.rows[(low >= high) & ~np.isnan(plain[code]).any(axis=1)]
-        for part in parts:
-            own = rows[takes_part[part.number][rows]]
-            if own.size:
-                found[part.number].append(own)
-    return {number: np.unique(np.concatenate(rows)) for number, rows in found.items()}
-
-
-def _said(
-    projection: Projection, effects: Sequence[Effect], takes_part: Sequence[BoolArray]
-) -> tuple[BoolArray, list[Remark]]:
-    """Say where effects are held, and which take part where they were not learnt."""
-    is_held = np.zeros(len(projection.rows), dtype=np.bool_)
-    held: list[Remark] = []
-    for number, effect in enumerate(effects):
-        shown = takes_part[number] & _shows(projection, effect)
-        if shown.any() and (said := unknown_range(effect)):
-            held.append(Remark(number, said))
-        for beyond, rows in _rows_beyond(projection, effect, takes_part[number]):
-            if beyond.is_held:
-                is_held[rows] = True
-            held.append(Remark(number, f"{held_sentence(effect, beyond)} ({rows.size} values)"))
-    return is_held, held
-
-
-def _statuses(
-    model: CompiledModel, parts: Iterable[_Part], takes_part: Sequence[BoolArray], n: int
-) -> tuple[StatusArray, list[ReadBeyondMaps]]:
-    """Say the gravest of the temperatures at which effects read the maps, and which are outside."""
-    status = np.full(n, Status.AT_MAP, dtype=object)
-    moved: list[ReadBeyondMaps] = []
-    for part in parts:
-        reading, rows = part.reading, part.view.rows
-        if reading is None:
-            continue
-        use = takes_part[part.number][rows] & reading.is_read
-        for said in GRAVITY[1:]:
-            own = rows[use & (reading.status == said)]
-            graver = [GRAVITY.index(s) < GRAVITY.index(said) for s in status[own]]
-            status[own[np.array(graver, dtype=np.bool_)]] = said
-            outside = said in (Status.CLAMPED, Status.EXTRAPOLATED)
-            if own.size and outside and not isinstance(part.term.shape, Exchange):
-                there = np.flatnonzero(use & (reading.status == said))
-                scale = _found(model, part.term.component)[0].scales[0]
-                ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
-                beyond_c = np.abs(reading.temperatures_c[there] - np.mean(ends_c))
-                farthest = there[int(np.argmax(beyond_c))]
-                moved.append(
-                    ReadBeyondMaps(
-                        part.number,
-                        part.term.component,
-                        reading.sensor,
-                        float(reading.temperatures_c[farthest]),
-                        ends_c,
-                        said,
-                        bool(reading.is_refused[there].any()),
-                        own.size,
-                    )
-                )
-    return status, moved
-
-
-def _shows(projection: Projection, effect: Effect) -> BoolArray:
-    """Say in which rows the components of an effect show."""
-    found = np.zeros(len(projection.rows), dtype=np.bool_)
-    for code in effect.components:
-        found[projection.view(code).rows] = True
-    return found
-
-
-def _rows_beyond(
-    projection: Projection, effect: Effect, takes_part: BoolArray
-) -> list[tuple[OutsideRange, IntArray]]:
-    """List what lies outside where an effect was learnt, with the rows in which it does."""
-    if effect.valid is None or effect.adds_nothing:
-        return []
-    found = []
-    for code in effect.components:
-        view = projection.view(code)
-        found += [
-            (beyond, view.rows[beyond.is_beyond & takes_part[view.rows]])
-            for beyond in positions_beyond(effect, code, view.places)
-        ]
-    shown = takes_part & _shows(projection, effect)
-    rows = np.flatnonzero(shown)
-    there = projection.conditions.take(rows)
-    for beyond in conditions_beyond(projection.model, effect, there):
-        own = [projection.view(code).rows for code in beyond.components or effect.components]
-        outside = rows[beyond.is_beyond]
-        found.append((beyond, outside[np.isin(outside, np.concatenate(own))]))
-    return [one for one in found if one[1].size]

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.adopted.contributions import contributions
 from app.effects.adopted.faulty_sensors import set_faulty_aside
-from app.effects.adopted.held import EFFECTS_ONLY, Remark, with_held
-from app.effects.adopted.live_effects import Missing, contributions
+from app.effects.adopted.held import EFFECTS_ONLY, Missing, Remark, with_held
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect, acting_on
 from app.effects.observations import POINT_CHANNELS, ObservationRows

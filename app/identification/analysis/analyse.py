@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, one_blas_thread
-from app.effects.adopted.live_effects import contributions
+from app.effects.adopted.contributions import contributions
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.kind import NotTested

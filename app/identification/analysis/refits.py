@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from app.arrays import FloatArray
-from app.effects.adopted.live_effects import contributions
+from app.effects.adopted.contributions import contributions
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, key_of
 from app.effects.kinds.response import Response

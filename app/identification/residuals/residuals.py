@@ -12,9 +12,9 @@ from pydantic import Field
 
 from app.answer import Answer
 from app.arrays import BoolArray, FloatArray, IntArray
+from app.effects.adopted.contributions import contributions
 from app.effects.adopted.faulty_sensors import set_faulty_aside
 from app.effects.adopted.held import EFFECTS_ONLY
-from app.effects.adopted.live_effects import contributions
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect, acting_on
 from app.effects.observations import POINT_CHANNELS, ObservationRows, repeated_rows
