@@ -54,7 +54,6 @@ on_sqlite = pytest.mark.parametrize("app", ["sqlite"], indirect=True)
 
 
 READING = {"time": iso(START), "temperatures_c": {"x-middle": 25.0, "z-column": 27.0}}
-EARLIER = READING | {"time": iso(START - timedelta(days=1))}
 NEW_MACHINE = MACHINE | {"id": "another"}
 BODIES = {
     "machine": ("POST", "/v1/machines", NEW_MACHINE),

@@ -22,8 +22,7 @@ from tests.service_examples import (
 
 pytestmark = pytest.mark.slow
 
-EXX_PER_K_UM = 5.0
-"""What EXX at X 500 grows by; EZZ at Z 500 by twice that, EBX at X 500 by 10 µrad."""
+# With each kelvin EXX at X 500 grows by 5 µm, EZZ at Z 500 by 10 µm, EBX at X 500 by 10 µrad.
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ from app.thermal.temperature_history import TemperatureHistory
 from tests.thermal.example_maps import machine
 
 MINUTE = 60.0
-HOUR = 3600.0
 
 # Defaults of a sensor: stale after 600 s, stuck after 3600 s, 0.1 °C.
 THREE = machine(*(Sensor(name, max_rate_c_per_min=10.0) for name in "abc"))
