@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from app.cli.application import COMMANDS, load
 from scripts.write_http_reference import PAGE, openapi_document, write_page
 
 ROOT = Path(__file__).parent.parent
@@ -20,6 +21,11 @@ PAGES = [
 
 RUN = re.compile(r"python -m ((?:benchmarks|examples|tests)(?:\.\w+)*)")
 NAMED = re.compile(r"`((?:app|thermap)(?:\.\w+)+)`")
+CODE = re.compile(r"```.*?```|`[^`\n]+`", re.DOTALL)
+COMMAND = re.compile(r"(?<![\w./-])thermap ([a-z][a-z-]*)\b([^`\n|#]*)")
+OPTION = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
+ROOMS = ("app", "thermap", "examples", "tests")
+VARIABLE = re.compile(r"\bTHERMAP_[A-Z_]*[A-Z]\b")
 COMMIT = re.compile(r"`([0-9a-f]{7,40})`")
 
 
@@ -75,6 +81,54 @@ def test_named_programs_exist():
         for page in PAGES
         for name in sorted(set(RUN.findall(page.read_text(encoding="utf-8"))))
         if not any((ROOT / name.replace(".", "/")).with_suffix(end).exists() for end in (".py", ""))
+    ]
+    assert missing == []
+
+
+def test_named_commands_and_options_exist():
+    named = [
+        (page, command, rest)
+        for page in PAGES
+        for code in CODE.findall(page.read_text(encoding="utf-8").replace("\\\n", " "))
+        for command, rest in COMMAND.findall(code)
+    ]
+    assert len(named) > 100
+    missing = [
+        f"{page.name}: thermap {command}{rest}: {option}"
+        for page, command, rest in named
+        for option in [command, *OPTION.findall(rest)]
+        if option not in known_of(command, rest.split())
+    ]
+    assert missing == []
+
+
+def known_of(command, words):
+    """Name a command, where there is one, and the options of what the words after it say."""
+    if command not in COMMANDS:
+        return set()
+    meant = load(command)
+    parts = getattr(meant, "commands", {})
+    if parts and words and words[0] not in parts and not words[0].startswith("-"):
+        return set()
+    for word in words:
+        meant = parts.get(word, meant)
+    options = {name for one in meant.params for name in (*one.opts, *one.secondary_opts)}
+    return options | {command, "--help", "-h"}
+
+
+def test_named_variables_exist():
+    sources = [*ROOT.glob("*.yml"), *(ROOT / "compose").rglob("*")]
+    sources += [p for room in ROOMS for p in (ROOT / room).rglob("*.py")]
+    known = {
+        name
+        for path in sources
+        if path.is_file()
+        for name in VARIABLE.findall(path.read_text(encoding="utf-8"))
+    }
+    missing = [
+        f"{page.name}: {name}"
+        for page in PAGES
+        for name in sorted(set(VARIABLE.findall(page.read_text(encoding="utf-8"))) - known)
     ]
     assert missing == []
 
