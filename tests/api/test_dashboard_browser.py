@@ -201,6 +201,15 @@ def test_every_column_of_the_machines_is_on_the_screen(chromium, shop, size):
         assert wrong == []
 
 
+def test_the_active_version_is_on_a_small_screen(chromium, shop):
+    """It is the last of three, and three have no room side by side."""
+    with shop.open(), opened(chromium, shop, "phone") as (page, wrong):
+        page.goto(f"{shop.url}/machines/mcfv5050/maps")
+        box = page.locator("#timeline .active").bounding_box()
+        assert box["x"] + box["width"] <= SIZES["phone"][0]
+        assert wrong == []
+
+
 def test_what_is_for_readers_alone_is_seen_on_no_screen(chromium, shop):
     """Also within a head that sticks, on a screen wider than it was once moved aside."""
     with shop.open(), opened(chromium, shop, "wide") as (page, wrong):

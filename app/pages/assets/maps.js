@@ -14,6 +14,13 @@ let chosen = null;
 let asked = 0;
 let opener = choose;
 
+// On a small screen, or among many versions, the active one would lie behind the edge.
+const active = document.querySelector("#timeline .active");
+if (active) {
+  const room = active.closest(".scroll");
+  room.scrollLeft += Math.max(active.getBoundingClientRect().right - room.getBoundingClientRect().right, 0);
+}
+
 function element(name, words, className = "") {
   const made = document.createElement(name);
   made.textContent = words;
