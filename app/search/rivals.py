@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,7 @@ from app.search.findings import Rival
 from app.search.joint_fit import fit_terms, inverse, share_of
 from app.search.names import offset_of
 from app.search.problem import Term
+from app.search.refinement import refine
 from app.search.selection import GRID_MARGIN, GRID_SHARE, Selector, best_entries
 
 TIED_BELOW: Final = 6.0
@@ -41,6 +43,7 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
     )
     base = selector.fit(others).log_likelihood
     own = selector.evidence(term, others, base)
+    level = selector.fit([*others, term]).log_likelihood
     found = []
     for candidate in _candidates(selector, term, score, own):
         rival = selector.library.term(candidate)
@@ -50,11 +53,63 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
             rival = selector.refined(rival, others)
         behind = own - selector.evidence(rival, others, base)
         share = alias_share(selector, term, rival, others)
-        found.append((_rival(rival, behind, share), rival))
+        told = _rival(rival, behind, share)
+        if not told.tied and share > SAME_SIGNAL and _may_both_be_zeros(term, rival):
+            unlike = 2.0 * (level - selector.fit([*others, rival]).log_likelihood)
+            told = replace(told, tied=unlike < TIED_BELOW)
+        found.append((told, rival))
     found = _with_offset(selector, term, others, own, found) + _forms(selector, term, others)
     same = term.candidate.family
     kept = [f for f in _best_of_families(found) if f[0].tied or f[0].family != same]
     return sorted(kept, key=lambda f: f[0].behind)
+
+
+def find_all_rivals(
+    selector: Selector, terms: Sequence[Term]
+) -> tuple[list[Term], list[list[tuple[Rival, Term]]]]:
+    """Compare all terms with their rivals, and state the plainer one of two that grow or begin.
+
+    Of what bends with temperature and what stays as it was seen, which fit alike, the latter claims
+    no more than was seen: the other is its rival.
+
+    Returns
+    -------
+    terms, rivals
+        The terms that are stated, and each one's rivals; of known terms none.
+    """
+    stated, rivals = list(terms), []
+    for i, term in enumerate(terms):
+        found = [] if term.origin is not None else find_rivals(selector, stated, i)
+        plainer = [
+            t
+            for rival, t in found
+            if rival.tied and rival.alias_share > SAME_SIGNAL and claims_less(t, term)
+        ]
+        if plainer:
+            others = stated[:i] + stated[i + 1 :]
+            problem, states = selector.library.problem, selector.states
+            stated[i] = refine(problem, states, plainer[0], others, errors=True)
+            found = find_rivals(selector, stated, i)
+        rivals.append(found)
+    return stated, rivals
+
+
+def claims_less(one: Term, other: Term) -> bool:
+    """Whether a term stays as it was seen, where another that begins alike bends with temperature.
+
+    Of two such in one channel.
+    """
+    bends = other.candidate.about is not None and one.candidate.about is None
+    return bends and _may_both_be_zeros(one, other)
+
+
+def _may_both_be_zeros(term: Term, rival: Term) -> bool:
+    """Whether both grow or begin with time in one channel, where taking fewer numbers says nothing.
+
+    A component that moved once, as its sensor's bias would move it, did so by chance or because
+    what moved it expands: that it takes one number less is no evidence of the sensor.
+    """
+    return all(one.candidate.trending and not one.candidate.keeps_zero for one in (term, rival))
 
 
 def better_forms(term: Term, rivals: Sequence[tuple[Rival, Term]]) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts
 from app.search.noise import at_least_rounding, repeatability
 from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
-from app.search.rivals import better_forms, find_rivals
+from app.search.rivals import better_forms, find_all_rivals
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.screening import screen
@@ -165,10 +165,7 @@ def search(
     library, allowed, problem = selector.library, selector.allowed, selector.library.problem
     report(0.55, "comparing rivals")
     main.terms = _in_order(selector, main.terms)
-    rivals = [
-        find_rivals(selector, main.terms, i) if term.origin is None else []
-        for i, term in enumerate(main.terms)
-    ]
+    main.terms, rivals = find_all_rivals(selector, main.terms)
     unlike = name_doubts(selector, main.terms, draws)
     doubts = [
         (*said, *better_forms(term, own))

@@ -20,6 +20,7 @@ from app.search.findings import Rival, Slope, Status
 from app.search.foresight import Learned, calibration_slope, learn, slope_from_same_zero
 from app.search.library import Library
 from app.search.problem import Problem, Term
+from app.search.rivals import claims_less
 from app.search.selection import Selection, Selector, given_states
 from app.search.splits import Splits
 
@@ -163,7 +164,7 @@ def validate(
         step(fold / (splits.folds + 1))
         held = splits.fold(fold)
         teaching = splits.teaching(fold)
-        learned = _learned(library, teaching, main, allowed)
+        learned = _learned(library, teaching, main, allowed, rivals)
         matches = _matches(learned.terms, main.terms, rivals)
         learned = _as_all_say(library.problem, learned, matches, main.terms, teaching)
         for number, match in enumerate(matches):
@@ -239,14 +240,35 @@ def _near(library: Library, main: Selection) -> Library:
     return library.take(largest >= LEAST_RATIO)
 
 
-def _learned(library: Library, train: BoolArray, main: Selection, allowed: BoolArray) -> Learned:
+def _learned(
+    library: Library, train: BoolArray, main: Selection, allowed: BoolArray, rivals: Rivals
+) -> Learned:
     if not main.terms:
         return learn(library.problem.states(train), [])
     known = [term for term in main.terms if term.origin is not None]
     count = len(main.terms) - len(known)
     selector = Selector(library, train, allowed, 0.0, count, known)
     terms = selector.select(None, main.stages).terms
-    return learn(selector.states, terms)
+    return learn(selector.states, _as_stated(library.problem, terms, main.terms, rivals))
+
+
+def _as_stated(
+    problem: Problem, terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals
+) -> list[Term]:
+    """State of two that begin alike the one that all visits together state, as it is adopted."""
+    stated = {
+        rival.key: term
+        for term, own in zip(wanted, rivals, strict=True)
+        for rival, other in own
+        if rival.tied and claims_less(term, other)
+    }
+    found = {term.candidate.key for term in terms}
+    return [
+        problem.term(stated[key].candidate, term.theta)
+        if (key := term.candidate.key) in stated and stated[key].candidate.key not in found
+        else term
+        for term in terms
+    ]
 
 
 def _as_all_say(
@@ -336,7 +358,7 @@ def _forward(
     if splits.folds < 2 or not any(t.candidate.trending for t in main.terms):
         return [None] * len(main.terms)
     late = splits.late()
-    learned = _learned(library, ~late, main, allowed)
+    learned = _learned(library, ~late, main, allowed, rivals)
     matches = _matches(learned.terms, main.terms, rivals)
     return [
         _slope(library.problem, learned, match, term, late)

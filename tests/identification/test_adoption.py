@@ -82,11 +82,13 @@ def stated_search(
     is_slowest=False,
     always=None,
     sensors=(),
+    variant="",
+    components=("EXX",),
 ):
     """Make a search that has found effects that claim what they say of rows."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
-    effects = [Effect(kind, ("EXX",), sensors=sensors) for kind in kinds]
+    effects = [Effect(kind, components, sensors=sensors, variant=variant) for kind in kinds]
 
     def explained(effect):
         own = [number for number, one in enumerate(effects) if one is effect]
@@ -306,6 +308,29 @@ def test_a_step_that_one_setup_alone_knows_may_be_the_instruments(last):
     assert judged(other, other, kinds=("step",))[0].helps == (last == 2)
     # A late sensor does not hang on when somebody looked.
     assert judged(step, step, kinds=("thermal-lag",))[0].helps
+
+
+@pytest.mark.parametrize(
+    ("variant", "components", "as_a_step"),
+    [("bias", ("EXX",), True), ("bias", ("EXX", "EYY"), False), ("stuck", ("EXX",), False)],
+)
+def test_a_bias_that_one_component_alone_shows_is_judged_as_a_step(variant, components, as_a_step):
+    rows = campaign()
+    told = {
+        "kinds": ("sensor-fault",),
+        "sensors": ("x-middle",),
+        "variant": variant,
+        "components": components,
+    }
+    once, often = (np.where(rows.visit >= VISITS - last, 5.0, 0.0) for last in (1, 2))
+    (one,) = judged(once, once, **told)
+    assert one == ((False, OF_EITHER) if as_a_step else (True, None))
+    assert judged(often, often, **told) == [(True, None)]
+    walking = term(status=Status.SUSPECTED, doubts=(WALKS,))
+    (one,) = judged(often, often, terms=(walking,), **told)
+    assert one == ((False, OF_A_WALK) if as_a_step else (True, None))
+    (one,) = judged(often, often, left=(0,), **told)
+    assert one.helps is not as_a_step
 
 
 @pytest.mark.parametrize("kind", ["drift", "step"])

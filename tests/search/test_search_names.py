@@ -110,3 +110,40 @@ def test_another_form_of_the_same_cause_is_a_tie_until_the_values_tell(bend, sha
     assert [rival.key for rival in term.rivals if rival.tied] == ["late in turn"] * tied
     assert term.doubts == ("it is late in turn",) * prefers
     assert term.status is (Status.SUSPECTED if prefers else Status.CONFIRMED)
+
+
+@pytest.mark.parametrize(
+    ("bend", "keeps_zero", "stated", "tied"),
+    [
+        (0.0, False, "step", ["bias"]),  # nothing but its fewer numbers spoke for the sensor
+        (0.0, True, "bias", ["step"]),  # it is the sensor's by other components
+        (0.8, False, "bias", []),  # its course over temperature tells
+    ],
+)
+def test_a_bias_that_one_component_shows_as_a_step_would_is_stated_as_the_step(
+    bend, keeps_zero, stated, tied
+):
+    campaign = make_campaign(5, visits=30, targets=20)
+    times = tuple(float(t) for t in np.unique(campaign.time)[2:-2] - 1e-9)
+    course = (0.8 + 0.6 * campaign.position) * (1.0 + bend * campaign.temperature)
+    both = np.column_stack([np.ones(len(course)), campaign.position])
+
+    def moved(begins):
+        return course * (campaign.time > begins)
+
+    def stepped(begins):
+        return both * (campaign.time > begins)[:, None]
+
+    begins = {"grid": times, "trending": True}
+    bias = single(campaign, "bias", "bias", 0, moved, **begins, keeps_zero=keeps_zero)
+    bias = replace(bias, about=lambda begins, _: bias.columns(begins))
+    step = single(campaign, "step", "step", 0, stepped, **begins)
+    changed = campaign.plus(5.0 * moved(times[14]) * campaign.on(0))
+    found = search(changed.rows, changed.nuisance, [bias, step], holdout_fraction=0.3)
+    (term,) = found.terms
+    assert term.key == stated
+    assert [rival.key for rival in term.rivals if rival.tied] == tied
+    assert term.inclusion == 1.0
+    # What is foretold of held-out visits is what is stated.
+    left = changed.rows.values - found.adopted
+    assert np.std(left[changed.on(0)]) < 1.2 * np.std(left[changed.on(1)])

@@ -16,6 +16,7 @@ from app.effects.kind import Shakes
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.kinds.outdated_map import OutdatedMap
+from app.effects.kinds.sensor_fault import BIAS, SensorFault
 from app.effects.kinds.step import Step
 from app.effects.registry import kind_of
 from app.errors import list_names
@@ -389,13 +390,18 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
     """Say why nobody knows of what grows or begins with time, or is very late, that it lasts."""
     # What only differs in shape from what was found, is of the same cause as it.
     is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
-    if effect.kind not in EITHER:
+    if effect.kind not in EITHER and not _is_bias_of_one(effect):
         return AS_SLOW_AS_CAN_BE if is_open and found.is_slowest(term) else None
     if is_of_one_setup(found, effect):
         return OF_EITHER
     if WALKS in term.doubts:
         return OF_A_WALK
     return BESIDE_WHAT_NOBODY_KNOWS if is_open else None
+
+
+def _is_bias_of_one(effect: Effect) -> bool:
+    """Whether it is a sensor's bias that one component alone shows, as a step of it would."""
+    return (effect.kind, effect.variant, len(effect.components)) == (SensorFault.kind, BIAS, 1)
 
 
 def _setups(found: FinishedSearch, term: FoundTerm) -> int:
