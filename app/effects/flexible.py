@@ -37,6 +37,8 @@ FEWEST_STRETCHES: Final = 4
 OTHER_TIMES: Final = (1.0 / 3.0, 3.0)
 """Time constants beside its own, as multiples of it."""
 
+OVER_TIME: Final = "its size changes over time"
+
 
 def flexible_versions(
     projection: Projection,
@@ -63,7 +65,7 @@ def flexible_versions(
         "it depends differently on its driver": _columns(
             projection, amplitudes, _of_driver(projection, every)
         ),
-        "its size changes over time": _columns(projection, amplitudes, _waves(projection)),
+        OVER_TIME: _columns(projection, amplitudes, _waves(projection)),
         "its size changes from visit to visit": _columns(projection, first, _stretches(projection)),
         "its components do not all show it alike": _columns(
             projection, amplitudes, _by_component(every)

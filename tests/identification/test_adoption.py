@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.effects.effect import Effect
+from app.effects.flexible import OVER_TIME
 from app.effects.observations import Observation, Verification, observation_rows
 from app.effects.registry import kind_of
 from app.identification.analysis.adoption import (
@@ -308,6 +309,26 @@ def test_a_step_that_one_setup_alone_knows_may_be_the_instruments(last):
     assert judged(other, other, kinds=("step",))[0].helps == (last == 2)
     # A late sensor does not hang on when somebody looked.
     assert judged(step, step, kinds=("thermal-lag",))[0].helps
+
+
+@pytest.mark.parametrize(
+    ("came_or_went", "doubts", "helps"),
+    [
+        ("went", (OVER_TIME,), False),
+        ("came", (OVER_TIME,), True),  # twice as large now: half of it is better than nothing
+        ("went", (), True),  # that it changed is what says that the last set-ups count
+    ],
+)
+def test_what_the_last_set_ups_do_not_show_any_more_is_not_adopted(came_or_went, doubts, helps):
+    rows = campaign()
+    swing = swinging(rows, 4.0)
+    early = rows.visit < VISITS // 2
+    true = swing * (early if came_or_went == "went" else ~early)
+    told = term(Slope(0.9, 0.1, 100.0), status=Status.SUSPECTED, doubts=doubts)
+    # What each visit by itself makes of it is another question.
+    (one,) = judged(true, 0.5 * swing, terms=(told,), predicted=np.zeros(len(rows)))
+    assert one.helps is helps
+    assert helps or "the last set-ups show " in one.why_not
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.effects.effect import Effect
+from app.effects.flexible import OVER_TIME
 from app.effects.kind import Shakes
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.other_sensor import OtherSensor
@@ -45,6 +46,9 @@ FEWEST_SEEN: Final = 2
 
 HALF: Final = 0.5
 """Share of what is predicted below which squares grow by it."""
+
+LAST: Final = 0.25
+"""Share of the set-ups that are the last ones."""
 
 EITHER: Final = frozenset({*GROWING, Step.kind})
 """What a machine and an instrument can do alike."""
@@ -250,28 +254,68 @@ def _why_not_itself(
     is looked at alone. Held-out visits say nothing of it where their fold has not found it.
     """
     names = found.residuals.rows.channels
-    size = product = variance = 0.0
-    for c in (c for c, name in enumerate(names) if name in effect.components):
-        noise, shift = found.scatter(c)
-        here = found.use & (found.rows.channel == c)
-        for visit in np.unique(found.rows.visit[here]):
-            rows = here & (found.rows.visit == visit)
-            claimed = found.from_zero(own, rows)
-            left = found.from_zero(found.rows.values - together + own, rows)
-            weight = 1.0 / (noise**2 + shift**2)
-            size += weight * float(claimed @ claimed)
-            product += weight * float(claimed @ left)
-            spread = noise**2 * float(claimed @ claimed) + shift**2 * float(claimed.sum()) ** 2
-            variance += weight**2 * spread
-    if size <= 0.0:
-        return None
-    share, error = product / size, float(np.sqrt(variance)) / size
+    direct = [c for c, name in enumerate(names) if name in effect.components]
+    setups = np.unique(found.rows.visit[found.use])
+    share, error = _share_shown(found, direct, setups, own, together - own)
     if share >= HALF or 1.0 - share <= ITSELF * error:
         return None
     shown = [name for name in names if name in effect.components]
     return (
         f"the residuals of {list_names(shown, MOST_CHANNELS)}, measured directly, would get "
         f"larger: {share:.2f} ± {error:.2f} of what it predicts is there"
+    )
+
+
+def _share_shown(
+    found: FinishedSearch,
+    channels: Collection[int],
+    setups: IntArray,
+    own: FloatArray,
+    others: FloatArray,
+) -> tuple[float, float]:
+    """Say how much of what an effect predicts some set-ups show, and how well they know it.
+
+    1 ± ∞ where it predicts nothing there.
+
+    Parameters
+    ----------
+    own, others : ndarray, shape (n,)
+        What it says of each row, and what stands beside it.
+    """
+    size = product = variance = 0.0
+    for c in channels:
+        noise, shift = found.scatter(c)
+        here = found.use & (found.rows.channel == c)
+        for visit in np.intersect1d(setups, found.rows.visit[here]):
+            rows = here & (found.rows.visit == visit)
+            claimed = found.from_zero(own, rows)
+            left = found.from_zero(found.rows.values - others, rows)
+            weight = 1.0 / (noise**2 + shift**2)
+            size += weight * float(claimed @ claimed)
+            product += weight * float(claimed @ left)
+            spread = noise**2 * float(claimed @ claimed) + shift**2 * float(claimed.sum()) ** 2
+            variance += weight**2 * spread
+    if size <= 0.0:
+        return 1.0, np.inf
+    return product / size, float(np.sqrt(variance)) / size
+
+
+def _why_not_any_more(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
+    """Say that of what changed with time the last set-ups show less than half.
+
+    What was there at first only makes the held-out set-ups of that time smaller, and is wrong from
+    now on.
+    """
+    setups = np.unique(found.rows.visit[found.use & np.isin(found.rows.channel, term.channels)])
+    last = setups[-max(round(LAST * len(setups)), 1) :]
+    own = found.explained(effect)
+    others = sum((found.explained(one) for one in found.effects()), -own)
+    share, error = _share_shown(found, term.channels, last, own, others)
+    if share >= HALF or 1.0 - share <= ITSELF * error:
+        return None
+    return (
+        f"its size changes over time, and the last set-ups show {share:.2f} ± {error:.2f} of what "
+        "it predicts"
     )
 
 
@@ -341,6 +385,8 @@ def _why_not(
         return OF_ALIKE_SET_UPS
     if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
+    if OVER_TIME in term.doubts and (not_now := _why_not_any_more(found, effect, term)):
+        return not_now
     tied = {rival.family for rival in term.rivals if rival.tied}
     either = (kind_of(family).never_sure for family in sorted(tied))
     if of_either := next(filter(None, either), None):
