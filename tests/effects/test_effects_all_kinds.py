@@ -288,3 +288,17 @@ def test_what_a_kind_says_in_reports_is_complete(kind):
 
 def test_a_kind_with_a_remedy_names_the_components():
     assert "EXX" in KINDS["outdated-map"].remedy.format(components="EXX")
+
+
+def test_what_tilts_all_set_ups_alike_is_known_to_stand_still():
+    """Set-ups that resemble each other tilt alike: so does a component that no map has."""
+    constant = [
+        h
+        for h in hypotheses().values()
+        if h.kind in ("outdated-map", "nonrigid-slope", "angular") and not h.sensors
+    ]
+    assert {h.kind for h in constant} == {"outdated-map", "nonrigid-slope", "angular"}
+    assert all(h.is_standing for h in constant)
+    warm = [h for h in hypotheses().values() if h.kind == "nonrigid-slope" and h.sensors]
+    assert warm
+    assert not any(h.is_standing for h in warm)

@@ -86,7 +86,7 @@ BESIDE_A_WALK: Final = (
 )
 OF_ALIKE_SET_UPS: Final = (
     "these set-ups resemble each other, so what they have in common may be the instrument's or its "
-    "mounting's and not the maps'"
+    "mounting's and not the machine's"
 )
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
