@@ -49,8 +49,9 @@ def test_without_noise_it_is_the_model(thermap, warmed, tmp_path):
 
 @pytest.mark.slow
 def test_noise_is_as_large_as_stated_and_the_same_with_the_same_seed(thermap, warmed, tmp_path):
-    files = [tmp_path / name for name in ("a.csv", "b.csv", "c.csv")]
+    files = [tmp_path / name / "night.csv" for name in "abc"]
     for file, seed in zip(files, (5, 5, 6), strict=True):
+        file.parent.mkdir()
         found = thermap(
             *("simulate", "verification", "mcfv5050", "--noise", 0.5, "--visits", 20),
             *("--component", "EXX", "--positions", 20, "--seed", seed, "-o", file),

@@ -198,10 +198,14 @@ def test_of_two_that_wait_for_each_other_one_begins_anew(postgresql_url, again):
     with database.reading() as session:
         names = [find_machine(session, one).name for one in "ab"]
     database.close()
-    assert sorted(len(tries) for tries in outcomes) == [1, 2]
+    counts = sorted(len(tries) for tries in outcomes)
     if again:
+        # Whoever begins anew may take its first machine before the other has woken for it: then
+        # they wait for each other once more.
+        assert max(counts) >= 2
         assert names == ["a, by b", "b, by a"]
     else:
+        assert counts == [1, 2]
         ((_, overtaken),) = [tries for tries in outcomes if len(tries) == 2]
         assert "deadlock" in overtaken.detail
 
