@@ -13,11 +13,9 @@ from app.arrays import FloatArray
 from app.effects.effect import Effect
 from app.effects.flexible import flexible_versions
 from app.effects.projection import Projection
+from app.effects.supposition import Supposed
 from app.effects.term import Term
 from app.search.candidate import Candidate, Expected, Flexible, Part
-
-Supposed: TypeAlias = Callable[[Projection, float | None], FloatArray]
-"""Gives for a value of the nonlinear parameter what measured minus predicted would be, (n,)."""
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""

@@ -6,7 +6,9 @@ maps at the temperatures, positions or tools that would have been noted without 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,6 +17,21 @@ from app.effects.map_tables import moved
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
 from app.thermal.map_weights import read_maps, weights_of
+
+Supposed: TypeAlias = Callable[[Projection, float | None], FloatArray]
+"""Gives for a value of the nonlinear parameter what measured minus predicted would be, (n,)."""
+
+
+def since(supposed: Supposed) -> Supposed:
+    """Let what a mistake leaves begin at a time: the nonlinear parameter [s]."""
+    # All times share the whole, which asks the maps of every row.
+    whole = lru_cache(maxsize=1)(lambda projection: supposed(projection, None))
+
+    def begun(projection: Projection, theta: float | None) -> FloatArray:
+        has_begun = projection.rows.times_s >= float(theta or 0.0)
+        return np.where(has_begun, whole(projection), 0.0)
+
+    return begun
 
 
 def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray]) -> FloatArray:

@@ -1,6 +1,8 @@
 """People's mistakes, planted by the simulator: each is found and named alone, with what to do."""
 
+import copy
 import json
+from datetime import datetime, timedelta
 
 import pytest
 
@@ -50,3 +52,45 @@ def test_a_mistake_is_named_alone_with_what_to_do(name):
     # Twenty visits do not always prove that one which may be adopted helps.
     assert adopted or not effect["helps"]
     assert bool(effect["effect"]["terms"]) is adopted
+
+
+def from_the_middle_on(made, mistake):
+    """Begin a mistake with the middle visit: in the readings, or in how observations are stamped.
+
+    Returns when the visits before and after it begin, and the campaign.
+    """
+    begins = [datetime.fromisoformat(v["observations"][0]["time"]) for v in made.verifications]
+    middle = len(begins) // 2
+    readings, verifications = copy.deepcopy((made.readings, made.verifications))
+    if mistake == "exchanged-sensors":
+        for one in readings:
+            if datetime.fromisoformat(one["time"]) >= begins[middle]:
+                t = one["temperatures_c"]
+                t["x-middle"], t["z-column"] = t["z-column"], t["x-middle"]
+    else:
+        for observation in (o for v in verifications[middle:] for o in v["observations"]):
+            stamped = datetime.fromisoformat(observation["time"]) + timedelta(hours=1)
+            observation["time"] = stamped.isoformat()
+    known = campaign_of_bodies(made.machine, made.error_maps, readings, verifications)
+    return begins[middle - 1 : middle + 2], known
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        ("exchanged-sensors", "x-middle and z-column are swapped since about "),
+        ("clock-offset", "differ by 60 min since about "),
+    ],
+)
+def test_a_mistake_of_the_second_half_is_named_with_its_beginning(mistake, words):
+    """Plugs after a service, a clock that does not follow summer time."""
+    made = make_campaign(4, [], 2.0, visits=24, days=6, observations_per_visit=20)
+    (before, _, after), campaign = from_the_middle_on(made, mistake)
+    (effect,) = analyse(campaign, kinds=(*AMONG, "step", "drift")).effects
+    assert effect.kind == mistake
+    assert effect.status == "confirmed"
+    assert words in effect.explanation
+    assert not effect.helps
+    changed_at = effect.effect.parameters["changed_at_unix_s"]
+    assert before.timestamp() < changed_at <= after.timestamp() + 3600.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Final
 
@@ -11,13 +13,22 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
+from app.effects.hypothesis import (
+    Amplitude,
+    Estimate,
+    Hypothesis,
+    Nonlinear,
+    Reported,
+    no_terms,
+    reported_theta,
+)
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
+from app.effects.kinds.step import change_times
 from app.effects.projection import Projection
-from app.effects.supposition import left_by_temperatures
+from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import TWO_ERRORS, components
 from app.search.candidate import Expected
-from app.units import SECONDS_PER_MIN, plus_minus
+from app.units import SECONDS_PER_MIN, date_text, plus_minus
 
 APART_MIN: Final = (5, 10, 20, 40, 60, 90, 120, 180, 240, 300, 360, 480, 600, 720)
 """How far apart they may be, either way: a slow clock, daylight saving time, another zone."""
@@ -42,11 +53,17 @@ HALVED: Final = 12
 
 APART: Final = "apart_min"
 HOUR_MIN: Final = 60.0
+AN_HOUR: Final = {
+    "an hour early since a visit": HOUR_MIN,
+    "an hour late since a visit": -HOUR_MIN,
+}
+"""How observations are stamped from some visit on, and by how much their readings are later."""
+
 NEARLY_MIN: Final = 5.0
 
 
 class ClockOffset(EffectKind):
-    """Observations were made at other times than noted, all by as much.
+    """Observations were made at other times than noted: all by as much, or some by an hour.
 
     Measured minus predicted is E(T(t + apart)) − E(T(t)), of all sensors that components follow.
     """
@@ -95,27 +112,24 @@ class ClockOffset(EffectKind):
         nonlinear = Nonlinear(
             APART, SECONDS_PER_MIN, tuple(grid), (grid[0], grid[-1]), log_scale=False
         )
-        return Proposals(
-            [
-                Hypothesis(
-                    kind=self.kind,
-                    components=codes,
-                    unit_terms=no_terms,
-                    adopted_terms=no_terms,
-                    amplitudes=(Amplitude("share"),),
-                    nonlinear=nonlinear,
-                    supposed=partial(later_readings, tuple(followed)),
-                    expected=WHOLE,
-                )
-            ]
+        always = Hypothesis(
+            kind=self.kind,
+            components=codes,
+            unit_terms=no_terms,
+            adopted_terms=no_terms,
+            amplitudes=(Amplitude("share"),),
+            nonlinear=nonlinear,
+            supposed=partial(later_readings, tuple(followed)),
+            expected=WHOLE,
         )
+        return Proposals([always, *_of_an_hour(view, always, tuple(followed))])
 
     def explain(self, effect: Effect) -> str:
         """Say how far apart, and which way."""
-        way = "early" if effect.parameters[APART] > 0.0 else "late"
+        way, then = "early" if effect.parameters[APART] > 0.0 else "late", _since(effect)
         return (
-            f"the clocks of the readings and of the observations differ by {_apart(effect)}: the "
-            f"observations are stamped too {way}{_zone(effect)} (seen in {components(effect)})"
+            f"the clocks of the readings and of the observations differ by {_apart(effect)}{then}: "
+            f"the observations are stamped too {way}{_zone(effect)} (seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
@@ -124,9 +138,44 @@ class ClockOffset(EffectKind):
         whole = " (by whole hours, if it is a time zone)" if _zone(effect) else ""
         return (
             "Compare the two clocks, including their time zones and daylight saving time; store "
-            f"the verifications again with times {_apart(effect)} {way}{whole}, then analyse "
-            "again."
+            f"the verifications{_since(effect)} again with times {_apart(effect)} {way}{whole}, "
+            "then analyse again."
         )
+
+
+def _of_an_hour(
+    view: CampaignView, always: Hypothesis, sensors: tuple[str, ...]
+) -> Iterator[Hypothesis]:
+    """Let an hour come in between: summer time begins or ends, and one clock does not follow."""
+    times = change_times(view)
+    for variant, apart_min in AN_HOUR.items():
+        by_s = apart_min * SECONDS_PER_MIN
+        if not all(is_known_apart(view, sensor, by_s) for sensor in sensors):
+            continue
+
+        def hour(projection: Projection, _: float | None, by_s: float = by_s) -> FloatArray:
+            return later_readings(sensors, projection, by_s)
+
+        yield replace(
+            always,
+            variant=variant,
+            nonlinear=times,
+            supposed=since(hour),
+            report=partial(_reported, times, apart_min),
+        )
+
+
+def _reported(times: Nonlinear, apart_min: float, estimate: Estimate) -> Reported:
+    found = reported_theta(times, estimate)
+    found.parameters.update({APART: apart_min, "share": float(estimate.coefficients[0])})
+    found.standard_errors["share"] = float(np.sqrt(estimate.covariance[0, 0]))
+    return found
+
+
+def _since(effect: Effect) -> str:
+    """Say since when, where it is not since ever."""
+    changed_at_s = effect.parameters.get("changed_at_unix_s")
+    return "" if changed_at_s is None else f" since about {date_text(changed_at_s)}"
 
 
 def later_readings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from typing import ClassVar, Final
@@ -12,17 +13,21 @@ from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes, constant_sensors
+from app.effects.kinds.step import change_times
 from app.effects.projection import Projection
-from app.effects.supposition import left_by_temperatures
+from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import components
 from app.search.candidate import Expected
+from app.units import date_text
+
+SINCE: Final = "since a visit"
 
 WHOLE: Final = Expected((1.0,), 0.05)
 """Plugs are exchanged or not: 0.05 is what the maps' own slopes may be wrong by."""
 
 
 class ExchangedSensors(EffectKind):
-    """Since the maps were measured, each of two sensors has been read in the other's place.
+    """Each of two sensors has been read in the other's place: since the maps, or since some visit.
 
     Measured minus predicted is E(T_b) − E(T_a) for all components of sensor a and E(T_a) − E(T_b)
     for all of sensor b, on the scales that the maps state: one hypothesis without an amplitude.
@@ -46,30 +51,45 @@ class ExchangedSensors(EffectKind):
     shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every pair of sensors of which components follow one at least."""
-        return Proposals(
-            [
-                Hypothesis(
-                    kind=self.kind,
-                    components=codes,
-                    sensors=pair,
-                    unit_terms=no_terms,
-                    adopted_terms=no_terms,
-                    amplitudes=(Amplitude("share"),),
-                    supposed=partial(_supposed, pair),
-                    expected=WHOLE,
+        """Every pair of sensors of which components follow one at least.
+
+        Since some visit, only pairs that both are followed: of others there are many, and what one
+        sensor alone shows from some time on is its own fault as well.
+        """
+        found = Proposals(not_testable=constant_sensors(self, view))
+        times = change_times(view)
+        for pair, codes in _pairs(view):
+            always = Hypothesis(
+                kind=self.kind,
+                components=codes,
+                sensors=pair,
+                unit_terms=no_terms,
+                adopted_terms=no_terms,
+                amplitudes=(Amplitude("share"),),
+                supposed=partial(_supposed, pair),
+                expected=WHOLE,
+            )
+            found.hypotheses.append(always)
+            if all(sensor in view.components_by_sensor for sensor in pair):
+                found.hypotheses.append(
+                    replace(
+                        always,
+                        variant=SINCE,
+                        nonlinear=times,
+                        supposed=since(partial(_supposed, pair)),
+                    )
                 )
-                for pair, codes in _pairs(view)
-            ],
-            constant_sensors(self, view),
-        )
+        return found
 
     def explain(self, effect: Effect) -> str:
         """Say which two are exchanged."""
         one, other = effect.sensors
+        then = ""
+        if effect.variant == SINCE:
+            then = f" since about {date_text(effect.parameters['changed_at_unix_s'])}"
         return (
-            f"{one} and {other} are swapped: each reads the temperature of the other's place "
-            f"(seen in {components(effect)})"
+            f"{one} and {other} are swapped{then}: each reads the temperature of the other's "
+            f"place (seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
