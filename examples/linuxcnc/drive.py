@@ -38,6 +38,8 @@ STILL = 100
 STEADY = 400
 """Cycles [ms] over which a speed is taken."""
 
+TRIES = 3
+
 stat, command, errors = linuxcnc.stat(), linuxcnc.command(), linuxcnc.error_channel()
 
 
@@ -119,8 +121,19 @@ def move(words, recorder):
 def run(text, recorder):
     """Run a program, with an operator who presses start at every stop.
 
-    A work offset is active, as on a machine that was used before.
+    A busy computer may hold the controller's thread for longer than a dwell lasts: no cycle then
+    tells of that rest, and the program is run again.
     """
+    rests = waits_after(text)
+    for _ in range(TRIES):
+        found = run_once(text, recorder)
+        if len(found["rests"]) >= len(rests):
+            break
+    return found
+
+
+def run_once(text, recorder):
+    """Run a program; a work offset is active, as on a machine that was used before."""
     Path("program.ngc").write_text(text)
     mode(linuxcnc.MODE_MDI)
     command.mdi("G10 L2 P1 X7 Y8 Z9")
