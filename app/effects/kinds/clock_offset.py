@@ -23,7 +23,7 @@ from app.effects.hypothesis import (
     reported_theta,
 )
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
-from app.effects.kinds.step import change_times
+from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import TWO_ERRORS, components
@@ -147,10 +147,10 @@ def _of_an_hour(
     view: CampaignView, always: Hypothesis, sensors: tuple[str, ...]
 ) -> Iterator[Hypothesis]:
     """Let an hour come in between: summer time begins or ends, and one clock does not follow."""
-    times = change_times(view)
+    times = times_within(view)
     for variant, apart_min in AN_HOUR.items():
         by_s = apart_min * SECONDS_PER_MIN
-        if not all(is_known_apart(view, sensor, by_s) for sensor in sensors):
+        if times is None or not all(is_known_apart(view, sensor, by_s) for sensor in sensors):
             continue
 
         def hour(projection: Projection, _: float | None, by_s: float = by_s) -> FloatArray:

@@ -13,7 +13,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes, constant_sensors
-from app.effects.kinds.step import change_times
+from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import components
@@ -57,7 +57,7 @@ class ExchangedSensors(EffectKind):
         sensor alone shows from some time on is its own fault as well.
         """
         found = Proposals(not_testable=constant_sensors(self, view))
-        times = change_times(view)
+        times = times_within(view)
         for pair, codes in _pairs(view):
             always = Hypothesis(
                 kind=self.kind,
@@ -70,7 +70,7 @@ class ExchangedSensors(EffectKind):
                 expected=WHOLE,
             )
             found.hypotheses.append(always)
-            if all(sensor in view.components_by_sensor for sensor in pair):
+            if times and all(sensor in view.components_by_sensor for sensor in pair):
                 found.hypotheses.append(
                     replace(
                         always,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Final
 
@@ -32,6 +33,9 @@ from app.units import date_text
 
 MOST_TIMES: Final = 40
 """Of more visits, only so many beginnings are scanned, and the best is refined."""
+
+FEWEST_BEFORE: Final = 3
+"""So many visits before it tell what begins from what has been there all the time."""
 
 
 class Step(EffectKind):
@@ -73,6 +77,18 @@ def change_times(view: CampaignView) -> Nonlinear:
     grid = tuple(np.unique(chosen).tolist())
     bounds = (grid[0], grid[-1]) if starts.size > MOST_TIMES else None
     return Nonlinear("changed_at_unix_s", 1.0, grid, bounds, log_scale=False)
+
+
+def times_within(view: CampaignView) -> Nonlinear | None:
+    """List those before which enough visits tell that it had not begun; None: there are none.
+
+    Of what may have been there all the time, a beginning at the second visit is no other answer.
+    """
+    times = change_times(view)
+    grid = times.grid[FEWEST_BEFORE - 1 :]
+    if not grid:
+        return None
+    return replace(times, grid=grid, bounds=times.bounds and (grid[0], grid[-1]))
 
 
 def _hypothesis(code: str, shapes: list[Shape], nonlinear: Nonlinear) -> Hypothesis:
