@@ -407,7 +407,7 @@ async def _left_where_learnt(
     if sent.perfect_left is None:
         return None
     asked = [{k: v for k, v in o.items() if k != "measured_um"} for o in sent.later["observations"]]
-    answer = await thermap.predict(sent.machine["id"], asked, version)
+    answer = await thermap.predict(sent.machine["id"], asked, version, "zero")
     true = [np.atleast_1d(one["measured_um"]) for one in sent.later["observations"]]
     is_learnt = np.repeat([said != "held" for said in answer.status], [one.size for one in true])
     said = [
