@@ -74,7 +74,7 @@ IN_RECORD: Final = (
 )
 MISTAKES: Final = (
     *("exchanged-sensors", "map-factor", "map-temperature", "clock-offset", "mirrored-axis"),
-    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
+    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length", "wrong-map"),
 )
 
 NOISE: Final[Mapping[str, Mapping[str, Any]]] = {

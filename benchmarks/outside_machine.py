@@ -61,6 +61,7 @@ CAUSES: Final[Mapping[str, frozenset[str]]] = {
     "laser warms up": frozenset({"instrument-warm-up"}),
     "laser walks from visit to visit": frozenset(),
     "zeroed, declared absolute": frozenset(),
+    "door open beside one map": frozenset({"wrong-map"}),
 }
 """What each campaign has in it, and what kinds name it rightly (none: it is in no library)."""
 
@@ -133,7 +134,7 @@ def make_outside(
         return np.asarray(found)
 
     sensors = _sensors(rng, cause, struck, truth)
-    maps, kept = _maps(rng, cause, struck, error, sensors, truth)
+    maps, kept = _maps(rng, cause, struck, error, sensors, truth, size_um)
     starts = _starts(rng, visits + later)
     walk, settles = np.cumsum(rng.normal(0.0, 0.7, (visits + later, len(FOLLOWS))), axis=0), 8.0
     bodies = []
@@ -330,6 +331,7 @@ def _maps(
     error: Callable[[str, FloatArray, int], FloatArray],
     sensors: Mapping[str, FloatArray],
     truth: Mapping[str, FloatArray],
+    size_um: float,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Three maps over the range; plugs were still right then."""
     u = np.linspace(-1.0, 1.0, POSITIONS)
@@ -339,6 +341,7 @@ def _maps(
         int(np.argmin(np.abs(own - np.median(own)))),
         int(np.argmax(own)),
     ]
+    wrong = int(rng.integers(len(moments))) if cause == "door open beside one map" else None
     found = []
     for number, minute in enumerate(moments):
         plugged = truth if cause == "plugs exchanged" else sensors
@@ -354,6 +357,8 @@ def _maps(
             errors = errors + rng.normal(0.0, MAP_NOISE_UM, errors.size)
             if cause == "one table with the wrong sign" and code == struck:
                 errors = -errors
+            if number == wrong and code == struck:
+                errors = errors - size_um * (0.8 + 0.6 * u + 0.5 * u**2)
             tables.append(_table(code, u, errors))
         if cause == "one map's temperature noted 4 K too high" and number == 1:
             temperatures[FOLLOWS[struck]] += 4.0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 MISTAKES: Final = (
     *("exchanged-sensors", "map-factor", "map-temperature", "clock-offset", "mirrored-axis"),
-    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
+    *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length", "wrong-map"),
 )
 """People's and instruments': made once, whatever they touch."""
 

@@ -306,6 +306,54 @@ class Curvature(Driver):
 
 
 @dataclass(frozen=True)
+class ShareOfMap(Driver):
+    """How much one map counts in a table: 1 at its temperature, 0 at its neighbours.
+
+    Beyond the outermost maps it goes on along the line of the last two, as extrapolated tables do;
+    where the machine's policy holds these, what was learnt holds it too.
+
+    Parameters
+    ----------
+    temperatures_c
+        Of the component's maps, increasing, of its own sensor [°C].
+    map_c
+        Which of them is meant.
+    """
+
+    name: ClassVar[str] = "share-of-map"
+    sensor: str
+    temperatures_c: tuple[float, ...]
+    map_c: float
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give the map's weight in the interpolation (eq. 8.105)."""
+        scale, row = np.array(self.temperatures_c), self.temperatures_c.index(self.map_c)
+        t = conditions.temperature(self.sensor)
+        lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
+        share = (t - scale[lower]) / (scale[lower + 1] - scale[lower])
+        of_upper = np.where(lower + 1 == row, share, 0.0)
+        found: FloatArray = np.where(lower == row, 1.0 - share, of_upper)
+        return np.where(np.isnan(t), np.nan, found)
+
+    def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
+        """Include 0, which it is at every other map."""
+        return _with_zero(learnt)
+
+    def until_maps(self, learnt_c: tuple[float, float]) -> tuple[float, float]:
+        """Reach to the last map on the sides where it falls to zero: the others are right."""
+        low, high = learnt_c
+        return (
+            min(low, self.temperatures_c[0]) if low <= self.map_c else low,
+            max(high, self.temperatures_c[-1]) if high >= self.map_c else high,
+        )
+
+    @property
+    def signals(self) -> tuple[tuple[Signal, float | None], ...]:
+        """The sensor."""
+        return ((Signal("temperature", self.sensor), None),)
+
+
+@dataclass(frozen=True)
 class State(Driver):
     """A power of a state of the machine, at once or through a low-pass."""
 
@@ -373,7 +421,7 @@ DRIVERS: Final[dict[str, type[Driver]]] = {
     kind.name: kind
     for kind in (
         *(Always, AboveReference, Behind, Difference, BeyondMaps, Curvature),
-        *(State, SinceReference, StepAfter),
+        *(ShareOfMap, State, SinceReference, StepAfter),
     )
 }
 """Every driver by the name under which it is stored."""

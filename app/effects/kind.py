@@ -45,6 +45,10 @@ class Named(Protocol):
         """The kind."""
 
     @property
+    def variant(self) -> str:
+        """Which form of the kind."""
+
+    @property
     def components(self) -> tuple[str, ...]:
         """What it acts on."""
 
@@ -55,19 +59,6 @@ class Named(Protocol):
     @property
     def states(self) -> tuple[str, ...]:
         """Which states drive it."""
-
-
-def do_the_same(one: Named, other: Named) -> bool:
-    """Whether two are the same kind with the same drivers: forms of one thing, such as late or not.
-
-    What they do here is then the same.
-    """
-    return (one.kind, one.components, one.sensors, one.states) == (
-        other.kind,
-        other.components,
-        other.sensors,
-        other.states,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +141,11 @@ class EffectKind(ABC):
             for h in found.hypotheses
         ]
         return Proposals(hypotheses, found.not_testable)
+
+    def which_map(self, variant: str) -> str:
+        """Give the label of the one map that a variant is about; empty where it is about none."""
+        del variant
+        return ""
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to do about what was found, in a sentence; empty where nothing need be done."""

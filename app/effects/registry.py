@@ -36,6 +36,7 @@ from app.effects.kinds.step import Step
 from app.effects.kinds.temperature_curvature import TemperatureCurvature
 from app.effects.kinds.thermal_lag import ThermalLag
 from app.effects.kinds.tool_length import ToolLength
+from app.effects.kinds.wrong_map import WrongMap
 from app.effects.projection import Projection
 from app.errors import InvalidContent, list_names
 from app.search.candidate import Candidate, Form
@@ -61,6 +62,7 @@ KINDS: Final[dict[str, EffectKind]] = {
         ExchangedSensors(),
         MapFactor(),
         MapTemperature(),
+        WrongMap(),
         InstrumentWarmUp(),
         InstrumentCompensation(),
         ClockOffset(),
@@ -128,6 +130,19 @@ def kind_of(name: str) -> EffectKind:
             "effects", f"expected kinds of effects ({list_names(KINDS)}), got {name!r}"
         )
     return KINDS[name]
+
+
+def do_the_same(one: Named, other: Named) -> bool:
+    """Whether two are the same kind with the same drivers: forms of one thing, such as late or not.
+
+    What they do here is then the same.
+    """
+
+    def what(named: Named) -> tuple[object, ...]:
+        of_map = kind_of(named.kind).which_map(named.variant)
+        return named.kind, of_map, named.components, named.sensors, named.states
+
+    return what(one) == what(other)
 
 
 def explain(effect: Effect) -> str:

@@ -147,6 +147,36 @@ def test_curvature_between_maps_is_zero_in_the_new_map_too():
     assert not correction.errors.any()
 
 
+WRONG = "wrong-map|Run #6: shift"
+
+
+def test_a_wrong_map_stays_wrong_beside_a_new_one_and_is_zero_there():
+    effect = fitted(WRONG)
+    (code,), (sensor,) = effect.components, effect.sensors
+    changed = change(new_map(code))
+    (kept,), notes = carry_over([effect], changed)
+    assert notes == []
+    there = changed.new_maps[0].temperatures_c[sensor]
+    moment = Conditions.of_moment(START_S, {sensor: there})
+    (correction,) = corrected_tables(changed.after, [kept], moment).tables
+    assert not correction.errors.any()
+
+
+def test_a_wrong_map_that_was_measured_again_is_no_longer_corrected():
+    effect = fitted(WRONG)
+    (code,), (sensor,) = effect.components, effect.sensors
+    was_c = effect.terms[0].driver.map_c
+    gone = carry_over([effect], change(without=("Run #6",)))
+    assert gone == (
+        [],
+        [f"wrong-map of {code} left out: its map is gone, or counts as one state with another map"],
+    )
+    again = new_map(code, **{sensor: was_c})
+    kept, notes = carry_over([effect], change(again, without=("Run #6",)))
+    assert kept == []
+    assert notes == [f"wrong-map of {code} left out: it was measured again in map 'Run #9'"]
+
+
 @pytest.mark.parametrize(
     "each",
     [

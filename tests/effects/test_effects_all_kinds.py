@@ -262,8 +262,8 @@ def test_all_kinds_are_listed():
         *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
         *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map"),
         "response",
-        *("exchanged-sensors", "map-factor", "map-temperature", "instrument-warm-up"),
-        "instrument-compensation",
+        *("exchanged-sensors", "map-factor", "map-temperature", "wrong-map"),
+        *("instrument-warm-up", "instrument-compensation"),
         *("clock-offset", "mirrored-axis"),
         *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
     ]

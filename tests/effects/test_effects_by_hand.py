@@ -14,6 +14,7 @@ from app.effects.driver import (
     BeyondMaps,
     Curvature,
     Difference,
+    ShareOfMap,
     SinceReference,
     State,
     StepAfter,
@@ -40,6 +41,7 @@ from tests.effects.example_campaign_view import START_S, example_view, machine, 
 HALF = Rising(250.0, 250.0)
 IN_MAPS = ((20.0, 30.0), (24.0, 38.0), (30.0, 50.0))
 APART = ((20.0, 10.0), (24.0, 14.0), (30.0, 20.0))
+SCALE = (20.0, 24.0, 30.0)
 MODEL = compile_model(machine(), maps(), dict.fromkeys(("EXX", "EYX", "EYY"), "x-middle"))
 
 
@@ -125,6 +127,12 @@ def test_another_sensor_reads_the_same_maps():
         # (22 − 20)(22 − 24) = −4 K² between neighbours, (22 − 20)(22 − 30) = −16 K² overall.
         (Term("EXX", Curvature("x-middle", (20.0, 24.0, 30.0)), Everywhere(), 0.1), {}, 0, -0.4),
         (Term("EXX", Curvature("x-middle", (20.0, 30.0)), Everywhere(), 0.1), {}, 0.0, -1.6),
+        # Half way from the map of 20 °C to that of 24 °C; a third beyond the last two.
+        (Term("EXX", ShareOfMap("x-middle", SCALE, 20.0), Everywhere(), 3.0), {}, 0.0, 1.5),
+        (Term("EXX", ShareOfMap("x-middle", SCALE, 24.0), Everywhere(), 3.0), {}, 0.0, 1.5),
+        (Term("EXX", ShareOfMap("x-middle", SCALE, 30.0), Everywhere(), 3.0), {}, 0.0, 0.0),
+        (Term("EXX", ShareOfMap("x-middle", (15.0, 20.0), 20.0), HALF, 3.0), {}, 375.0, 2.1),
+        (Term("EXX", ShareOfMap("x-middle", (15.0, 20.0), 15.0), HALF, 3.0), {}, 375.0, -0.6),
         (Term("EZZ", State("spindle_rpm"), Everywhere(), 0.001), {}, 0.0, 8.0),
         (Term("EZZ", State("spindle_rpm", 2), Everywhere(), 1e-7), {}, 0.0, 6.4),
         # A pitch of 10 mm: a quarter of it is the sine's crest, a half the cosine's trough.

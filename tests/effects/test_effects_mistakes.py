@@ -9,6 +9,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.hypothesis import Estimate, key_of
 from app.effects.kinds.map_factor import MapFactor
 from app.effects.kinds.map_temperature import MapTemperature
+from app.effects.kinds.wrong_map import WrongMap
 from app.effects.projection import Projection, sum_of_terms
 from app.effects.registry import KINDS, explain, kind_of, repertoire
 from app.identification.residuals.residuals import compute_residuals
@@ -201,6 +202,25 @@ def test_a_map_noted_at_another_temperature_leaves_what_the_right_scale_says(vie
     assert label in MapTemperature().what_to_do(effect)
     adopted = sum_of_terms(Projection(seen.model, seen.rows, seen.conditions), effect.terms)
     np.testing.assert_allclose(adopted, left, atol=1e-9)
+
+
+@pytest.mark.parametrize("label", ["Run #1", "Run #3", "Run #6"])
+@pytest.mark.parametrize(
+    ("form", "lacking"), [("shift", np.ones(5)), ("slope", np.linspace(-1.0, 1.0, 5))]
+)
+def test_a_wrong_map_leaves_what_tables_are_made_of_it(view, label, form, lacking):
+    """Three maps of EXX, one of which lacks something: exactly the column is left of 1 µm."""
+    wrong = with_tables(lambda m, code, e: e - lacking if (m, code) == (label, "EXX") else e)
+    left = predicted(view, maps()) - predicted(view, wrong)
+    seen = seen_with(view, wrong)
+    hypothesis = proposed(seen, "wrong-map", f"{label}: {form}", ("EXX",))
+    np.testing.assert_allclose(left, column(seen, hypothesis), atol=1e-9)
+    effect = hypothesis.fitted(Estimate(None, None, np.array([3.0]), np.array([[0.2**2]])))
+    assert f"map {label!r} of EXX is wrong, while its other maps hold: it is" in explain(effect)
+    assert "3.0 ± 0.2 µm" in explain(effect)
+    assert f"Measure EXX of map {label!r} again" in WrongMap().what_to_do(effect)
+    adopted = sum_of_terms(Projection(seen.model, seen.rows, seen.conditions), effect.terms)
+    np.testing.assert_allclose(adopted, 3.0 * left, atol=1e-9)
 
 
 @pytest.mark.parametrize("by_min", [60.0, -40.0])

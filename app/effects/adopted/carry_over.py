@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from app.effects.campaign_view import beyond_maps
-from app.effects.driver import BeyondMaps, Curvature, Driver
+from app.effects.driver import BeyondMaps, Curvature, Driver, ShareOfMap
 from app.effects.effect import Effect
 from app.effects.kinds.additional_sensor import AdditionalSensor
 from app.effects.kinds.ageing_sensor import AgeingSensor
@@ -28,6 +28,7 @@ from app.effects.kinds.sensor_fault import BIAS, SensorFault
 from app.effects.kinds.sensor_gradient import SensorGradient
 from app.effects.kinds.step import Step
 from app.effects.kinds.temperature_curvature import TemperatureCurvature
+from app.effects.kinds.wrong_map import WrongMap
 from app.effects.map_tables import maps_of_label, temperatures_of_maps
 from app.effects.shape import Exchange
 from app.effects.term import Term
@@ -75,11 +76,7 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
             still = [term for term in own if term is not None]
             why = _why_over(effect, code, change)
             if not why and len(still) < len(own):
-                why = (
-                    "its map is gone, or its temperature has been put right"
-                    if effect.kind == MapTemperature.kind
-                    else "a map does not state the temperatures that it needs"
-                )
+                why = _GONE.get(effect.kind, "a map does not state the temperatures that it needs")
             why = why or next(filter(None, (_why_unread(term, change) for term in still)), "")
             if why:
                 notes.append(f"{effect.kind} of {code} left out: {why}")
@@ -198,6 +195,11 @@ def _updated(term: Term, change: Change) -> Term | None:
     elif isinstance(driver, Curvature) and _knows_maps(driver, term.component, change.before):
         driver = replace(driver, temperatures_c=found[0].scales[0].temperatures_c)
         term = replace(term, learnt=None)  # the temperature's own range holds it
+    elif isinstance(driver, ShareOfMap) and driver.sensor == found[0].sensor:
+        now_c = found[0].scales[0].temperatures_c
+        if driver.map_c not in now_c:
+            return None
+        driver = replace(driver, temperatures_c=now_c)
     return replace(term, driver=driver, shape=shape)
 
 
@@ -259,8 +261,20 @@ def _from_both_sides(new_map: ErrorMap, effect: Effect) -> bool:
     return any(table is not None and table.backward_errors is not None for table in tables)
 
 
+def _in_its_place(new_map: ErrorMap, effect: Effect) -> bool:
+    (of_map,) = {term.driver for term in effect.terms if isinstance(term.driver, ShareOfMap)}
+    return new_map.temperatures_c.get(of_map.sensor) == of_map.map_c
+
+
+_GONE: Final = {
+    MapTemperature.kind: "its map is gone, or its temperature has been put right",
+    WrongMap.kind: "its map is gone, or counts as one state with another map",
+}
+"""Why no term of a kind is left, where that is not for want of a temperature."""
+
 _CONTAINS: Final[dict[str, Callable[[ErrorMap, Effect], bool]]] = {
     OutdatedMap.kind: _always,
+    WrongMap.kind: _in_its_place,
     Drift.kind: _always,
     Step.kind: _after_the_step,
     Backlash.kind: _from_both_sides,

@@ -88,6 +88,10 @@ class MapFactor(EffectKind):
             return f"{what}{where} {have} the wrong sign"
         return f"{what}{where} {are} {' or '.join(said)}"
 
+    def which_map(self, variant: str) -> str:
+        """Give the map's label: the variant."""
+        return variant
+
     def what_to_do(self, effect: Effect) -> str:
         """Say what to multiply by."""
         factors = " or ".join(_number(factor) for factor in _possible(effect))

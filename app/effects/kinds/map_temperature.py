@@ -59,6 +59,10 @@ class MapTemperature(EffectKind):
             f"{components(effect)})"
         )
 
+    def which_map(self, variant: str) -> str:
+        """Give the map's label: the variant."""
+        return variant
+
     def what_to_do(self, effect: Effect) -> str:
         """Say what to look up."""
         return (

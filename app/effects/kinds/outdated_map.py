@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import ClassVar, Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
 from app.effects.kind import DrawnOver, EffectKind, Proposals
-from app.effects.shape import Everywhere, Profile, Shape
+from app.effects.shape import Everywhere, Profile, Rising, Shape
 from app.effects.term import Term
 from app.effects.words import parameter, size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -33,64 +32,90 @@ class OutdatedMap(EffectKind):
     )
     shown_by: ClassVar[str] = "measure a new map of {component}"
     against: ClassVar[Mapping[str, str]] = {
+        "wrong-map": "measure {component} at the temperature of another map: one that is wrong "
+        "alone does not show there",
         "temperature-curvature": "measure {component} at the temperature of one of the maps: an "
         "outdated map is wrong there too",
         "step": "find out whether {component} was still right early in the campaign",
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component in four forms; a single value can only shift.
-
-        What drives a component along a straight line, and hardly changes in the campaign, is this
-        as well: without a form for both, it would be called after what drives it.
-        """
-        found = Proposals()
-        for code in view.components:
-            found.hypotheses.append(_hypothesis(code, SHIFT, [Everywhere()], ["shift"]))
-            rising = view.shapes(code)[1:]
-            if rising:
-                found.hypotheses.append(_hypothesis(code, SLOPE, rising, ["slope_at_end"]))
-            if rising and not view.rows.has_own_zero[view.projection.view(code).rows].all():
-                line = _hypothesis(code, LINE, [Everywhere(), *rising], ["shift", "shift_rise"])
-                found.hypotheses.append(replace(line, is_within_visit=False))
-            corners = _corners(view, code)
-            if rising and len(corners) > 2:
-                names = [f"profile_at_{x:g}_mm" for x in corners]
-                found.hypotheses.append(_hypothesis(code, PROFILE, _hats(corners), names))
-        return found
+        """Every component in all forms."""
+        return Proposals(
+            [
+                _hypothesis(code, form)
+                for code in view.components
+                for form in forms_of(view, code, view.shapes(code))
+            ]
+        )
 
     def explain(self, effect: Effect) -> str:
         """Say how far the tables are off."""
-        code = effect.components[0]
-        if effect.variant == PROFILE:
-            off = max(effect.parameters.values(), key=abs)
-            return f"the maps of {code} no longer hold: they are off by up to {off:.2g} " + (
-                symbol_of(code)
-            )
-        if effect.variant == LINE:
-            how = size_along(effect, "shift", symbol_of(code))
-            return f"the maps of {code} no longer hold: they are shifted by {how}"
-        (name,) = effect.parameters
-        how = parameter(effect, name, symbol_of(code))
-        by = (
-            f"shifted by {how}"
-            if effect.variant == SHIFT
-            else f"off by {how} at the upper end of travel, and by the opposite at the lower end"
-        )
-        return f"the maps of {code} no longer hold: they are {by}"
+        (code,) = effect.components
+        return f"the maps of {code} no longer hold: they are {how_far_off(effect, effect.variant)}"
 
 
-def _hypothesis(
-    code: str, variant: str, shapes: Sequence[Shape], names: Sequence[str]
-) -> Hypothesis:
+class Form(NamedTuple):
+    """How a table may be off: along which shapes, and what their amplitudes are called."""
+
+    name: str
+    shapes: Sequence[Shape]
+    amplitudes: tuple[Amplitude, ...]
+
+
+def forms_of(view: CampaignView, code: str, shapes: Sequence[Shape]) -> Iterator[Form]:
+    """List the forms in which a component's table may be off; a single value can only shift.
+
+    What drives a component along a straight line, and hardly changes in the campaign, is this
+    as well: without a form for both, it would be called after what drives it.
+
+    Parameters
+    ----------
+    shapes
+        The smooth ones that can be seen, of `CampaignView.shapes`.
+    """
+    rising = [shape for shape in shapes if isinstance(shape, Rising)]
+    if len(shapes) > len(rising):
+        yield _form(code, SHIFT, [Everywhere()], ["shift"])
+    if rising:
+        yield _form(code, SLOPE, rising, ["slope_at_end"])
+    if rising and not view.rows.has_own_zero[view.projection.view(code).rows].all():
+        yield _form(code, LINE, [Everywhere(), *rising], ["shift", "shift_rise"])
+    corners = _corners(view, code)
+    if rising and len(corners) > 2:
+        names = [f"profile_at_{x:g}_mm" for x in corners]
+        yield _form(code, PROFILE, _hats(corners), names)
+
+
+def how_far_off(effect: Effect, form: str) -> str:
+    """Say how far a table is off in a form."""
+    unit = symbol_of(effect.components[0])
+    if form == PROFILE:
+        off = max(effect.parameters.values(), key=abs)
+        return f"off by up to {off:.2g} {unit}"
+    if form == LINE:
+        return f"shifted by {size_along(effect, 'shift', unit)}"
+    (name,) = effect.parameters
+    how = parameter(effect, name, unit)
+    if form == SHIFT:
+        return f"shifted by {how}"
+    return f"off by {how} at the upper end of travel, and by the opposite at the lower end"
+
+
+def _form(code: str, name: str, shapes: Sequence[Shape], stems: Sequence[str]) -> Form:
+    unit = COMPONENTS[code].unit
+    return Form(name, shapes, tuple(Amplitude(f"{stem}_{unit}") for stem in stems))
+
+
+def _hypothesis(code: str, form: Form) -> Hypothesis:
     return Hypothesis(
         kind=OutdatedMap.kind,
-        variant=variant,
+        variant=form.name,
         components=(code,),
-        unit_terms=lambda _: [[Term(code, Always(), shape)] for shape in shapes],
-        amplitudes=tuple(Amplitude(f"{name}_{COMPONENTS[code].unit}") for name in names),
+        unit_terms=lambda _: [[Term(code, Always(), shape)] for shape in form.shapes],
+        amplitudes=form.amplitudes,
         is_standing=True,
-        is_within_visit=variant != SHIFT,
+        is_within_visit=form.name not in (SHIFT, LINE),
     )
 
 

@@ -31,6 +31,8 @@ class TemperatureCurvature(EffectKind):
     against: ClassVar[Mapping[str, str]] = {
         "outdated-map": "measure {component} at the temperature of one of the maps: a curved "
         "component is right there",
+        "wrong-map": "measure {component} at the temperature of the map: a curved component is "
+        "right there",
     }
 
     def propose(self, view: CampaignView) -> Proposals:

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Final
 
-from app.effects.kind import NotTested, do_the_same
-from app.effects.registry import kind_of
+from app.effects.kind import Named, NotTested
+from app.effects.registry import do_the_same, kind_of
 from app.errors import capitalised, list_names
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.figures import Figures
-from app.identification.analysis.found_effect import Alternative, FoundEffect, RefittedEffect
+from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.search.findings import Status
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import MOST_TERMS
@@ -209,31 +209,38 @@ def what_to_do(effect: FoundEffect) -> str:
     return f"If it is confirmed, {words[:1].lower()}{words[1:]}"
 
 
-def _from_rival(effect: FoundEffect, rival: Alternative) -> str:
+def _from_rival(effect: Named, rival: Named) -> str:
     """Name the two that are to be separated; of one kind by what they act on and what drives them.
 
-    >>> from types import SimpleNamespace as Named
-    >>> lag = Named(kind="thermal-lag", components=("EXX",), sensors=("bed",), states=())
-    >>> _from_rival(lag, Named(kind="drift"))
+    >>> from functools import partial
+    >>> from types import SimpleNamespace
+    >>> made = partial(SimpleNamespace, variant="", components=("EXX",), states=())
+    >>> lag = made(kind="thermal-lag", sensors=("bed",))
+    >>> _from_rival(lag, made(kind="drift", sensors=()))
     'thermal-lag from drift'
-    >>> other = Named(kind="thermal-lag", components=("EXX",), sensors=(), states=("rpm",))
-    >>> _from_rival(lag, other)
+    >>> _from_rival(lag, made(kind="thermal-lag", sensors=(), states=("rpm",)))
     'thermal-lag of EXX with bed from that of EXX with rpm'
+    >>> wrong = partial(made, kind="wrong-map", sensors=("bed",))
+    >>> _from_rival(wrong(variant="1: shift"), wrong(variant="2: slope"))
+    "wrong-map of EXX with bed in map '1' from that of EXX with bed in map '2'"
     """
     if effect.kind != rival.kind:
         return f"{effect.kind} from {rival.kind}"
-    own, other = (
-        " with ".join(
-            list_names(names, 3) for names in (one.components, (*one.sensors, *one.states)) if names
-        )
-        for one in (effect, rival)
-    )
-    return f"{effect.kind} of {own} from that of {other}"
+    return f"{effect.kind} of {_what(effect)} from that of {_what(rival)}"
+
+
+def _what(named: Named) -> str:
+    """Say what an effect acts on, in which map, and what drives it."""
+    label = kind_of(named.kind).which_map(named.variant)
+    where = f" in map {label!r}" if label else ""
+    drivers = (*named.sensors, *named.states)
+    parts = (list_names(names, 3) for names in (named.components, drivers) if names)
+    return " with ".join(parts) + where
 
 
 def _of_effect(effect: FoundEffect) -> list[str]:
     found = [
-        f"{capitalised(a.separating_measurement)} (this separates {_from_rival(effect, a)})."
+        f"{capitalised(a.separating_measurement)} (this separates {_from_rival(effect.effect, a)})."
         for a in effect.ties[:2]
         if a.separating_measurement and not do_the_same(a, effect.effect)
     ]

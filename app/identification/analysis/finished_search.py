@@ -13,12 +13,11 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis, key_of
-from app.effects.kind import do_the_same
 from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.step import Step
 from app.effects.projection import sum_of_terms
-from app.effects.registry import kind_of
+from app.effects.registry import do_the_same, kind_of
 from app.identification.analysis.before_after import UnknownZero, unknown_zeros
 from app.identification.residuals.residuals import Residuals
 from app.search.findings import Findings, FoundTerm, Status

@@ -30,7 +30,7 @@ CHANGES_THE_MACHINE = {
 OF_ITS_OWN_SIZE = {"map-factor", "mirrored-axis", "tool-length"}
 """As large as what it spoils."""
 
-IN_WHAT_IS_KNOWN = {"map-factor", "mirrored-axis", "tool-length"}
+IN_WHAT_IS_KNOWN = {"map-factor", "mirrored-axis", "tool-length", "wrong-map"}
 """People's mistakes in what is stored beside the measured values."""
 
 
@@ -55,7 +55,7 @@ def test_the_families_mistakes_included_and_at_least_eight_unknown_effects():
         *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
         *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map"),
         *("exchanged-sensors", "map-factor", "map-temperature", "clock-offset", "mirrored-axis"),
-        *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length"),
+        *("late-sensor", "ageing-sensor", "detached-sensor", "tool-length", "wrong-map"),
     ]
     assert len(UNKNOWN) >= 8
     assert not set(UNKNOWN) & set(FAMILIES)
@@ -121,7 +121,9 @@ def _check_reach(truth, effect):
         lines = {code for code in effect["components"] if truth.observations.of(code).any()}
         assert points <= reached <= points | lines
         # Few visits: not every component has its line after a step, or between two maps.
-        if effect["kind"] not in {"step", "sensor-fault", "map-factor", "map-temperature"}:
+        if effect["kind"] not in {
+            *("step", "sensor-fault", "map-factor", "map-temperature", "wrong-map"),
+        }:
             assert reached == points | lines
 
 

@@ -34,6 +34,7 @@ from app.simulation.undeclared.planted import (
     temperature_curvature,
     thermal_lag,
     tool_length,
+    wrong_map,
 )
 from app.simulation.undeclared.setting import Setting
 
@@ -74,5 +75,6 @@ FAMILIES: Final = {
     "ageing-sensor": Family(ageing_sensor.VARIANTS, ageing_sensor.plant),
     "detached-sensor": Family(detached_sensor.VARIANTS, detached_sensor.plant),
     "tool-length": Family(tool_length.VARIANTS, tool_length.plant),
+    "wrong-map": Family(wrong_map.VARIANTS, wrong_map.plant),
 }
 """What the service searches, by its own names: what the machine does, then people's mistakes."""

@@ -22,7 +22,7 @@ def plant(setting: Setting, variant: str) -> Effect:
     """
     code = setting.choose_component(None if variant == "shift" else TRANSLATIONS + ROTATIONS[:6])
     axis = COMPONENTS[code].axis or 0
-    legendre = _coefficients(setting.rng, variant)
+    legendre = coefficients(setting.rng, variant)
 
     def error(circumstances: Circumstances) -> FloatArray:
         u = normalised(code, circumstances.point_mm[:, axis])
@@ -40,7 +40,7 @@ def plant(setting: Setting, variant: str) -> Effect:
     )
 
 
-def _coefficients(rng: np.random.Generator, variant: str) -> list[float]:
+def coefficients(rng: np.random.Generator, variant: str) -> list[float]:
     """Coefficients of the Legendre polynomials over the travel, from the constant one on."""
     sign = float(rng.choice([-1.0, 1.0]))
     if variant == "shift":
