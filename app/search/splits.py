@@ -26,19 +26,36 @@ LATE: Final = 0.3
 
 
 class Splits(NamedTuple):
-    """Cells of blocks: cell = 2 (PARTS · fold + part of a stretch) + (0 early, 1 late).
+    """Cells of blocks that are held out, and teach, together.
 
     A fold is visits, or a stretch of a long one. What a stretch's neighbours hold near to it
     resembles it: they teach without their edges.
+
+    Parameters
+    ----------
+    cell_of
+        Block to cell.
+    places : ndarray of int, shape (cells,)
+        Where each cell lies, increasing: 2 (PARTS · fold + part of a stretch) + (0 early, 1 late).
+        Places without blocks have no cell.
+    folds
+        How many; 0: nothing is held out.
     """
 
     cell_of: dict[int, int]
+    places: IntArray
     folds: int
+
+    @classmethod
+    def of_places(cls, blocks: IntArray, places: IntArray, folds: int) -> Splits:
+        """Gather blocks that lie in one place in a cell."""
+        taken, cells = np.unique(places, return_inverse=True)
+        return cls(dict(zip(blocks.tolist(), cells.tolist(), strict=True)), taken, folds)
 
     @property
     def cells(self) -> int:
         """How many cells there are."""
-        return 2 * PARTS * max(self.folds, 1)
+        return len(self.places)
 
     def fold(self, number: int) -> BoolArray:
         """Say which cells one fold holds out."""
@@ -46,17 +63,17 @@ class Splits(NamedTuple):
 
     def teaching(self, number: int) -> BoolArray:
         """Say which cells teach what is then asked of one fold."""
-        part = np.arange(self.cells) // 2 % PARTS
+        part = self.places // 2 % PARTS
         before = (self._folds() == number - 1) & (part == LAST)
         after = (self._folds() == number + 1) & (part == FIRST)
         return np.asarray(~(self.fold(number) | before | after))
 
     def late(self) -> BoolArray:
         """Say which cells lie in the last part of the campaign."""
-        return np.asarray(np.arange(self.cells) % 2 == 1)
+        return np.asarray(self.places % 2 == 1)
 
     def _folds(self) -> IntArray:
-        return np.arange(self.cells) // (2 * PARTS)
+        return self.places // (2 * PARTS)
 
 
 def split(rows: Rows, use: BoolArray, share: float) -> Splits:
@@ -80,13 +97,13 @@ def split(rows: Rows, use: BoolArray, share: float) -> Splits:
     >>> of = lambda *v: Rows(np.zeros(len(v)), np.array(v), *np.zeros((1, len(v)), int),
     ...                      np.zeros((len(v), 0)), np.zeros(len(v), int))
     >>> split(of(1, 1, 2, 5, 7, 8), np.ones(6, bool), 0.5).cell_of
-    {0: 2, 1: 8, 2: 2, 3: 9, 4: 3}
+    {0: 0, 1: 2, 2: 0, 3: 3, 4: 1}
     """
     blocks, first = np.unique(rows.block[use], return_index=True)
     visits = rows.visit[use][first]
     folds = min(max(round(1.0 / share), 2), len(blocks))
     if len(blocks) < 2:
-        return Splits({int(b): 0 for b in blocks}, 0)
+        return Splits.of_places(blocks, np.zeros(len(blocks), np.intp), 0)
     # Early and late ones are dealt together: one set of cells serves folds and forward test.
     first_late = len(blocks) - max(1, round(LATE * len(blocks)))
     is_late = np.arange(len(blocks)) >= first_late
@@ -101,9 +118,8 @@ def split(rows: Rows, use: BoolArray, share: float) -> Splits:
         # A visit of few moments cannot be cut: without a second fold nothing is held out.
         folds = len(np.unique(place // PARTS))
         if folds < 2:
-            return Splits({int(b): 0 for b in blocks}, 0)
-    cells = 2 * place + is_late
-    return Splits(dict(zip(blocks.tolist(), cells.tolist(), strict=True)), folds)
+            return Splits.of_places(blocks, np.zeros(len(blocks), np.intp), 0)
+    return Splits.of_places(blocks, 2 * place + is_late, folds)
 
 
 def _stretches(rows: Rows, blocks: IntArray, visits: IntArray, folds: int) -> IntArray:

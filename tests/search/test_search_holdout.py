@@ -12,7 +12,7 @@ from app.search.foresight import Learned, learn
 from app.search.problem import Term, make_problem
 from app.search.rows import DeclaredNoise, Rows
 from app.search.search import search
-from app.search.splits import PARTS, split
+from app.search.splits import split
 from app.search.validation import Validation, _as_all_say, _open
 from tests.search.search_campaigns import make_campaign, make_library, single, smooth
 
@@ -42,9 +42,10 @@ def test_channels_that_are_measured_in_turn_are_in_every_fold(folds):
         splits = split(rows, np.ones(30, dtype=bool), 1.0 / folds)
         for channel in range(together):
             own = visit[visit % together == channel]
-            dealt = [splits.cell_of[v] // (2 * PARTS) for v in own.tolist()]
-            counts = np.bincount(dealt, minlength=folds)
+            cells = [splits.cell_of[v] for v in own.tolist()]
+            counts = [splits.fold(fold)[cells].sum() for fold in range(folds)]
             assert np.ptp(counts) <= 1
+        assert splits.cells == len(set(splits.cell_of.values())), "no cell is empty"
 
 
 def test_an_effect_is_confirmed_where_components_are_measured_in_turn():
