@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -30,6 +30,9 @@ KNOWN_SHARE: Final = 0.95
 
 TIME_CONSTANTS_MIN: Final = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
 """Twice as long each time: half way between two of them 98 % of a lag are still seen."""
+
+LATE_BYTES: Final = 200_000_000
+"""Low-passes of all rows are kept up to this size; beyond it each component makes its own."""
 
 SHORTEST_LAG_S: Final = 60.0
 """What the shortest is refined to. Sensors are read about each minute: what is faster than that is
@@ -60,6 +63,10 @@ class CampaignView:
     maps: Sequence[ErrorMap]
     rows: ObservationRows
     conditions: Conditions
+    _late: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
+    _late_in_maps: dict[tuple[Signal, float, float], float] = field(
+        default_factory=dict, init=False
+    )
 
     @property
     def machine(self) -> Machine:
@@ -68,8 +75,8 @@ class CampaignView:
 
     @cached_property
     def projection(self) -> Projection:
-        """How components show in the rows."""
-        return Projection(self.model, self.rows, self.conditions)
+        """How components show in the rows; what is late for all rows is picked out for some."""
+        return Projection(self.model, self.rows, replace(self.conditions, late=self._late))
 
     @cached_property
     def in_model(self) -> tuple[str, ...]:
@@ -186,17 +193,34 @@ class CampaignView:
         found, lags = [], self.conditions.lags
         for name in filter(None, (driver.sensor, driver.minus)):
             signal = Signal("temperature", name)
-            at_s = [m.measured_at.timestamp() for m in own]
-            at_s = [t for t in at_s if lags.record_before_s(signal, t) >= SETTLED * tau_s]
-            late = lags.lagged(signal, tau_s, np.array(at_s[:1]))
-            found.append(float(late[0]) if late.size else np.nan)
+            at_s = (m.measured_at.timestamp() for m in own)
+            settled_s = (t for t in at_s if lags.record_before_s(signal, t) >= SETTLED * tau_s)
+            found.append(self._late_at(signal, tau_s, next(settled_s, None)))
         return found[0] - sum(found[1:])
+
+    def _late_at(self, signal: Signal, tau_s: float, time_s: float | None) -> float:
+        """Give a signal's low-pass at a time, once for all components; NaN at none."""
+        if time_s is None:
+            return np.nan
+        key = (signal, tau_s, time_s)
+        if key not in self._late_in_maps:
+            late = self.conditions.lags.lagged(signal, tau_s, np.array([time_s]))
+            self._late_in_maps[key] = float(late[0])
+        return self._late_in_maps[key]
 
     def time_constants_s(self, signal: Signal) -> tuple[float, ...]:
         """List the time constants for which a signal's past is known in the campaign [s]."""
-        lagged = self.conditions.lagged
         tried = (minutes * SECONDS_PER_MIN for minutes in TIME_CONSTANTS_MIN)
-        return tuple(tau_s for tau_s in tried if _known(lagged(signal, tau_s)))
+        return tuple(tau_s for tau_s in tried if _known(self._lagged(signal, tau_s)))
+
+    def _lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
+        """Give a signal's low-pass, kept for all components that will ask for it, shape (n,)."""
+        found = self._late.get((signal, time_constant_s))
+        if found is None:
+            found = self.conditions.lagged(signal, time_constant_s)
+            if found.nbytes * (len(self._late) + 1) <= LATE_BYTES:
+                self._late[signal, time_constant_s] = found
+        return found
 
     def why_no_lag(self, signal: Signal) -> str:
         """Say why not even the shortest time constant can be tested."""

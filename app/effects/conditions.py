@@ -6,13 +6,13 @@ moment of a live table: what drives an effect is asked of it and of nothing else
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple, Protocol, overload
+from typing import Final, Literal, NamedTuple, Protocol, TypeVar, overload
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.effects.low_pass import (
     SETTLED,
     Filtered,
@@ -67,6 +67,9 @@ def _parabolas() -> FloatArray:
 
 PARABOLA: Final = _parabolas()
 """Weights of what is read at `ABOUT_S`, by how far it is known to both sides."""
+
+Key = TypeVar("Key", bound=Hashable)
+"""What names a signal."""
 
 MOST_FILTERS: Final = 256
 """Filtered records that are kept ready."""
@@ -241,20 +244,20 @@ class RecordedLags:
 
 
 @dataclass(frozen=True, eq=False)
-class SomeRows(Mapping[str, FloatArray]):
+class SomeRows(Mapping[Key, FloatArray]):
     """Some rows of every signal, picked out when they are asked for.
 
     Each of some eighty components looks at other rows: copies of all signals for each of them
     would be most of what a large campaign takes.
     """
 
-    signals: Mapping[str, FloatArray]
+    signals: Mapping[Key, FloatArray]
     rows: IntArray
 
-    def __getitem__(self, name: str) -> FloatArray:
+    def __getitem__(self, name: Key) -> FloatArray:
         return self.signals[name][self.rows]
 
-    def __iter__(self) -> Iterator[str]:
+    def __iter__(self) -> Iterator[Key]:
         return iter(self.signals)
 
     def __len__(self) -> int:
@@ -275,6 +278,8 @@ class Conditions:
         The machine's state, NaN where it is not known.
     rates_c_per_h : mapping of sensor to ndarray, shape (n,) [°C/h]
         How fast temperatures change, where that was asked.
+    late : mapping of signal and time constant [s] to ndarray, shape (n,)
+        Low-passes that are known already; others are made where they are asked for.
     """
 
     times_s: FloatArray
@@ -282,6 +287,7 @@ class Conditions:
     states: Mapping[str, FloatArray] = field(default_factory=dict)
     lags: Lags = field(default_factory=NoHistory)
     rates_c_per_h: Mapping[str, FloatArray] = field(default_factory=dict)
+    late: Mapping[tuple[Signal, float], FloatArray] = field(default_factory=dict)
     _lagged: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
 
     def __len__(self) -> int:
@@ -327,7 +333,9 @@ class Conditions:
         """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
         found = self._lagged.get((signal, time_constant_s))
         if found is None:
-            found = self.lags.lagged(signal, time_constant_s, self.times_s)
+            found = self.late.get((signal, time_constant_s))
+            if found is None:
+                found = self.lags.lagged(signal, time_constant_s, self.times_s)
             if len(self._lagged) >= MOST_LAGGED:
                 self._lagged.clear()
             self._lagged[signal, time_constant_s] = found
@@ -341,14 +349,21 @@ class Conditions:
         It is what a parabola through the readings within some minutes about then has in the middle,
         of as many before as after.
         """
-        about_s = (self.times_s + by_s)[:, None] + ABOUT_S
+        # Rows at one time share what is read, and times in order are found faster.
+        wanted_s, place = np.unique(self.times_s + by_s, return_inverse=True)
+        about_s = wanted_s[:, None] + ABOUT_S
         read = self.lags.at(Signal("temperature", sensor), about_s.ravel()).reshape(about_s.shape)
         is_known = np.isfinite(read)
         middle = len(ABOUT_S) // 2
         both = is_known[:, middle + 1 :] & is_known[:, :middle][:, ::-1]
         reach = np.cumprod(both, axis=1).sum(axis=1)
         found: FloatArray = np.sum(PARABOLA[reach] * np.where(is_known, read, 0.0), axis=1)
-        return np.where(is_known[:, middle], found, np.nan)
+        return np.where(is_known[:, middle], found, np.nan)[place]
+
+    def is_known_later(self, sensor: str, by_s: float | FloatArray) -> BoolArray:
+        """Say where it is known what a sensor read some time later, or earlier, shape (n,)."""
+        read = self.lags.at(Signal("temperature", sensor), self.times_s + by_s)
+        return np.isfinite(read)
 
     def from_start(self, signal: Signal, time_constant_s: float) -> FromStart:
         """Give a signal's low-pass from the beginning of its unbroken record, shape (n,) each."""
@@ -358,7 +373,7 @@ class Conditions:
         """Keep some rows; the past is shared, and so are all values until they are asked for."""
         places: dict[int, IntArray] = {}
 
-        def some(signals: Mapping[str, FloatArray]) -> SomeRows:
+        def some(signals: Mapping[Key, FloatArray]) -> SomeRows[Key]:
             """Of rows that were picked out already, pick out of the same whole."""
             if not isinstance(signals, SomeRows):
                 return SomeRows(signals, rows)
@@ -373,6 +388,7 @@ class Conditions:
             some(self.states),
             self.lags,
             some(self.rates_c_per_h),
+            some(self.late),
         )
 
     def why_missing(self, signal: Signal, time_constant_s: float | None = None) -> str:

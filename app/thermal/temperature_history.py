@@ -72,10 +72,11 @@ class TemperatureHistory:
         times, values = self.known(sensor)
         if times.size == 0:
             return np.full(wanted.shape, np.nan)
-        after = np.clip(np.searchsorted(times, wanted, side="left"), 0, times.size - 1)
-        before = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, times.size - 1)
-        too_wide = times[after] - times[before] > max_gap_s
-        found = np.interp(wanted, times, values)
-        too_late = wanted - times[before] > max_gap_s
-        too_early = wanted < times[0]
+        # One search serves for all that is asked of the two neighbours.
+        before = np.maximum(np.searchsorted(times, wanted, side="right") - 1, 0)
+        elapsed = wanted - times[before]
+        after = np.where(elapsed > 0.0, np.minimum(before + 1, times.size - 1), before)
+        span, rise = times[after] - times[before], values[after] - values[before]
+        found = values[before] + rise / np.where(span > 0.0, span, 1.0) * elapsed
+        too_wide, too_late, too_early = span > max_gap_s, elapsed > max_gap_s, elapsed < 0.0
         return np.where(too_wide | too_late | too_early, np.nan, found)

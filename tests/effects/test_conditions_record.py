@@ -109,6 +109,7 @@ def test_what_a_sensor_read_near_the_beginning_of_its_record_is_what_is_known_to
     # Savitzky, Golay 1964, five readings.
     assert found[1] == pytest.approx(np.dot([-3, 12, 17, 12, -3], read_c[:5]) / 35)
     assert np.isnan(found[2])
+    assert early.is_known_later("a", -600.0).tolist() == [True, True, False]
 
 
 def test_a_live_filter_goes_stale():

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from app.effects.conditions import Conditions
+from app.effects.conditions import Conditions, Signal
+from tests.effects.example_campaign_view import example_view
 
 
 def test_some_rows_of_conditions_are_picked_out_when_they_are_asked_for():
@@ -21,3 +22,16 @@ def test_some_rows_of_conditions_are_picked_out_when_they_are_asked_for():
             assert kept["a"].tolist() == given["a"][rows].tolist()
             assert kept.signals is given, "nothing is copied"
         assert np.isnan(taken.temperature("b")).all()
+
+
+def test_what_is_late_for_the_whole_campaign_is_picked_out_for_its_components():
+    view = example_view()
+    signal = Signal("temperature", view.varying_sensors[0])
+    tau_s = view.time_constants_s(signal)[0]
+    own = view.projection.view("EXX").conditions
+    assert (signal, tau_s) in own.late
+    made = own.lags.lagged(signal, tau_s, own.times_s)
+    np.testing.assert_array_equal(own.lagged(signal, tau_s), made)
+    np.testing.assert_array_equal(
+        own.lagged(signal, 1.1 * tau_s), own.lags.lagged(signal, 1.1 * tau_s, own.times_s)
+    )

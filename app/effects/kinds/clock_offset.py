@@ -205,7 +205,7 @@ def _as_far_as_known(conditions: Conditions, sensor: str, by_s: float) -> FloatA
         known, unknown = np.zeros(rows.size), np.full(rows.size, by_s)
         for _ in range(HALVED):
             between = 0.5 * (known + unknown)
-            is_known = np.isfinite(some.temperature_later(sensor, between))
+            is_known = some.is_known_later(sensor, between)
             known = np.where(is_known, between, known)
             unknown = np.where(is_known, unknown, between)
         found[rows] = some.temperature_later(sensor, known)
@@ -214,8 +214,7 @@ def _as_far_as_known(conditions: Conditions, sensor: str, by_s: float) -> FloatA
 
 def is_known_apart(view: CampaignView, sensor: str, by_s: float) -> bool:
     """Whether enough is known of what a sensor read some time later, or earlier [s]."""
-    apart = view.conditions.temperature_later(sensor, by_s)
-    return bool(np.mean(np.isfinite(apart)) >= KNOWN_APART)
+    return bool(np.mean(view.conditions.is_known_later(sensor, by_s)) >= KNOWN_APART)
 
 
 def _apart(effect: Effect) -> str:
