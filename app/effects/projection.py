@@ -7,7 +7,7 @@ gain is what the rule makes of one unit of it there.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -52,6 +52,37 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
+class Shown:
+    """The rows in which any of some components shows, channel by channel.
+
+    Parameters
+    ----------
+    channels
+        Number of each channel, its rows, and which of all these they are.
+    places
+        Component to where the rows of its view are among these.
+    """
+
+    channels: Sequence[tuple[int, IntArray, slice]]
+    places: Mapping[str, IntArray]
+    count: int
+
+    @classmethod
+    def of_views(cls, views: Mapping[str, View], channel: IntArray) -> Shown:
+        """Gather the rows of views; `channel` is that of each of all rows."""
+        rows = np.unique(np.concatenate([np.empty(0, np.intp), *(v.rows for v in views.values())]))
+        order = np.argsort(channel[rows], kind="stable")
+        rank = np.empty(len(rows), dtype=np.intp)
+        rank[order] = np.arange(len(rows))
+        places = {code: rank[np.searchsorted(rows, view.rows)] for code, view in views.items()}
+        rows = rows[order]
+        numbers, starts = np.unique(channel[rows], return_index=True)
+        parts = map(slice, starts.tolist(), [*starts[1:].tolist(), len(rows)])
+        channels = [(n, rows[own], own) for n, own in zip(numbers.tolist(), parts, strict=True)]
+        return cls(channels, places, len(rows))
+
+
+@dataclass(frozen=True, eq=False)
 class Projection:
     """The rows of a campaign, ready to be asked how a component shows in them.
 
@@ -65,6 +96,7 @@ class Projection:
     rows: ObservationRows
     conditions: Conditions
     _views: dict[str, View] = field(default_factory=dict)
+    _shown: dict[frozenset[str], Shown] = field(default_factory=dict)
 
     @cached_property
     def _rows_of_channels(self) -> list[IntArray]:
@@ -126,27 +158,35 @@ class Projection:
             Channels in which nothing shows are left out; rows in which a condition is
             missing count as not moved.
         """
-        codes = {term.component for terms in amplitudes for term in terms}
-        touched = {number for code in codes for number in self.view(code).channels}
-        return self.parts_of(self.columns(amplitudes), touched)
+        shown = self._where(frozenset(term.component for terms in amplitudes for term in terms))
+        found = np.zeros((shown.count, len(amplitudes)))
+        for j, terms in enumerate(amplitudes):
+            for term in terms:
+                found[shown.places[term.component], j] += self.errors(term)[1]
+        found[np.isnan(found)] = 0.0
+        parts = (Part(number, rows, found[own]) for number, rows, own in shown.channels)
+        return [part for part in parts if part.columns.any()]
 
-    def parts_of(self, columns: FloatArray, channels: Collection[int] | None = None) -> list[Part]:
+    def parts_of(self, columns: FloatArray) -> list[Part]:
         """Take columns over all rows apart by channel; NaN counts as not moved.
 
         Parameters
         ----------
         columns : ndarray, shape (n, k)
             Of k amplitudes.
-        channels
-            The only ones in which something may show; None: all.
         """
-        columns = np.nan_to_num(columns, nan=0.0)
+        columns = np.where(np.isnan(columns), 0.0, columns)
         parts = (
-            Part(number, rows, columns[rows])
-            for number, rows in enumerate(self._rows_of_channels)
-            if channels is None or number in channels
+            Part(number, rows, columns[rows]) for number, rows in enumerate(self._rows_of_channels)
         )
         return [part for part in parts if part.columns.any()]
+
+    def _where(self, codes: frozenset[str]) -> Shown:
+        """Find the rows in which any of some components shows; computed once for each set."""
+        if codes not in self._shown:
+            views = {code: self.view(code) for code in codes}
+            self._shown[codes] = Shown.of_views(views, self.rows.channel)
+        return self._shown[codes]
 
     def _make_view(self, code: str) -> View:
         gains = np.zeros(len(self.rows))

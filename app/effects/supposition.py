@@ -51,11 +51,12 @@ def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray])
     for group in model.groups:
         if group.sensor not in by_k:
             continue
+        now_c = projection.conditions.temperature(group.sensor)
+        weights = moved(model, group, now_c, by_k[group.sensor]).weights
         for member in group.members:
             view = projection.view(member.component.code)
-            now_c = view.conditions.temperature(group.sensor)
-            reading = moved(model, group, now_c, by_k[group.sensor][view.rows])
-            found[view.rows] += view.gains * read_maps(group, member, reading.weights, *view.places)
+            said = read_maps(group, member, weights[view.rows], *view.places)
+            found[view.rows] += view.gains * said
     return found
 
 
@@ -114,14 +115,13 @@ def _said(
     for group in model.groups:
         scale = group.scales[0]
         counts = np.array([label in (None, own) for own in group.labels])
-        for member in group.members:
-            code = member.component.code
-            if (codes is not None and code not in codes) or not counts.any():
-                continue
-            view = projection.view(code)
-            if not view.rows.size:
-                continue
-            brackets = model.brackets(group, scale, view.conditions.temperature(group.sensor))
-            weights = weights_of(scale, brackets) * counts
-            found[view.rows] += view.gains * read_maps(group, member, weights, *view.places)
+        members = [m for m in group.members if codes is None or m.component.code in codes]
+        if not members or not counts.any():
+            continue
+        now_c = projection.conditions.temperature(group.sensor)
+        weights = weights_of(scale, model.brackets(group, scale, now_c)) * counts
+        for member in members:
+            view = projection.view(member.component.code)
+            said = read_maps(group, member, weights[view.rows], *view.places)
+            found[view.rows] += view.gains * said
     return found

@@ -3,6 +3,9 @@
 import numpy as np
 
 from app.effects.conditions import Conditions, Signal
+from app.effects.driver import AboveReference, Always, Behind
+from app.effects.shape import Everywhere
+from app.effects.term import Term
 from tests.effects.example_campaign_view import example_view
 
 
@@ -35,3 +38,23 @@ def test_what_is_late_for_the_whole_campaign_is_picked_out_for_its_components():
     np.testing.assert_array_equal(
         own.lagged(signal, 1.1 * tau_s), own.lags.lagged(signal, 1.1 * tau_s, own.times_s)
     )
+
+
+def test_what_some_components_do_is_taken_apart_by_channel_from_their_rows_alone():
+    projection = example_view().projection
+    sensor = "x-middle"
+    late = Behind(sensor, 3600.0 * 24.0)
+    amplitudes = [
+        [Term("EXX", Always()), Term("EYX", AboveReference(sensor, 20.0), Everywhere())],
+        [Term("EXX", late)],
+    ]
+    columns = projection.columns(amplitudes)
+    assert np.isnan(columns).any(), "the past of the first rows is not known"
+    found = projection.parts(amplitudes)
+    expected = projection.parts_of(columns)
+    assert [part.channel for part in found] == [part.channel for part in expected]
+    for part, whole in zip(found, expected, strict=True):
+        assert np.isin(part.rows, whole.rows).all()
+        spread = np.zeros(columns.shape)
+        spread[part.rows] = part.columns
+        np.testing.assert_array_equal(spread[whole.rows], whole.columns)
