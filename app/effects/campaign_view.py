@@ -64,7 +64,10 @@ class CampaignView:
     rows: ObservationRows
     conditions: Conditions
     _late: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
-    _late_in_maps: dict[tuple[Signal, float, float], float] = field(
+    _times_of_maps: dict[tuple[str, str], tuple[float, ...]] = field(
+        default_factory=dict, init=False
+    )
+    _late_in_maps: dict[tuple[Signal, float, tuple[float, ...]], float] = field(
         default_factory=dict, init=False
     )
 
@@ -189,23 +192,26 @@ class CampaignView:
 
     def _late_in_map(self, code: str, label: str, driver: BeyondMaps, tau_s: float) -> float:
         """Say what was followed late when a component's map was measured; NaN: not known."""
-        own = [m for m in maps_of_label(self.maps, label) if code in m.tables]
-        found, lags = [], self.conditions.lags
-        for name in filter(None, (driver.sensor, driver.minus)):
-            signal = Signal("temperature", name)
-            at_s = (m.measured_at.timestamp() for m in own)
-            settled_s = (t for t in at_s if lags.record_before_s(signal, t) >= SETTLED * tau_s)
-            found.append(self._late_at(signal, tau_s, next(settled_s, None)))
+        measured_s = self._measured_s(code, label)
+        signals = (Signal("temperature", name) for name in (driver.sensor, driver.minus) if name)
+        found = [self._late_at(signal, tau_s, measured_s) for signal in signals]
         return found[0] - sum(found[1:])
 
-    def _late_at(self, signal: Signal, tau_s: float, time_s: float | None) -> float:
-        """Give a signal's low-pass at a time, once for all components; NaN at none."""
-        if time_s is None:
-            return np.nan
-        key = (signal, tau_s, time_s)
+    def _measured_s(self, code: str, label: str) -> tuple[float, ...]:
+        """Say when a component's maps of a thermal state were measured [s]."""
+        if (code, label) not in self._times_of_maps:
+            own = (m for m in maps_of_label(self.maps, label) if code in m.tables)
+            self._times_of_maps[code, label] = tuple(m.measured_at.timestamp() for m in own)
+        return self._times_of_maps[code, label]
+
+    def _late_at(self, signal: Signal, tau_s: float, times_s: tuple[float, ...]) -> float:
+        """Give a signal's low-pass at the first of some times that it had settled at, else NaN."""
+        key = (signal, tau_s, times_s)
         if key not in self._late_in_maps:
-            late = self.conditions.lags.lagged(signal, tau_s, np.array([time_s]))
-            self._late_in_maps[key] = float(late[0])
+            lags = self.conditions.lags
+            at_s = [t for t in times_s if lags.record_before_s(signal, t) >= SETTLED * tau_s]
+            late = lags.lagged(signal, tau_s, np.array(at_s[:1]))
+            self._late_in_maps[key] = float(late[0]) if late.size else np.nan
         return self._late_in_maps[key]
 
     def time_constants_s(self, signal: Signal) -> tuple[float, ...]:

@@ -19,7 +19,7 @@ from enum import StrEnum
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.blas import dtbsv
 
 from app.arrays import FloatArray, IntArray
 
@@ -335,10 +335,10 @@ def _between(
 
 def _recursion(first: float, kept: FloatArray, added: FloatArray) -> FloatArray:
     """Solve y_{i+1} = kept_i y_i + added_i as a system of two diagonals."""
-    diagonals = np.ones((2, kept.size + 1))
+    diagonals = np.ones((2, kept.size + 1), order="F")
     diagonals[1, :-1] = -kept
     right = np.concatenate([[first], added])
-    found: FloatArray = solve_banded((1, 0), diagonals, right, overwrite_b=True)
+    found: FloatArray = dtbsv(1, diagonals, right, lower=1, diag=1, overwrite_x=1)
     return found
 
 
