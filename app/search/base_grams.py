@@ -10,6 +10,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.search.library import Batch, Library
+from app.search.moments import blocks
 from app.search.state import State
 
 NOTHING_LEFT: Final = 1e-5
@@ -68,30 +69,6 @@ class BaseGrams:
         if key not in self._known:
             self._known[key] = _base_gram(self._library.batches[number], self._states[channel])
         return self._known[key]
-
-
-def blocks(columns: FloatArray, k: int) -> FloatArray:
-    """Multiply each entry's k columns with each other.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (..., n, g k)
-
-    Returns
-    -------
-    ndarray, shape (..., g, k, k)
-
-    Examples
-    --------
-    >>> blocks(np.array([[1.0, 2.0], [0.0, 3.0]]), 2).tolist()
-    [[[1.0, 2.0], [2.0, 13.0]]]
-    """
-    found = np.empty((*columns.shape[:-2], columns.shape[-1] // k, k, k))
-    for i in range(k):
-        for j in range(i, k):
-            product = np.einsum("...ng,...ng->...g", columns[..., i::k], columns[..., j::k])
-            found[..., i, j] = found[..., j, i] = product
-    return found
 
 
 def _base_gram(batch: Batch, state: State) -> BaseGram:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -102,6 +103,11 @@ class Channel:
         counts = np.diff(np.append(self.starts, len(self.rows)))
         return np.repeat(np.arange(len(self.starts)), counts)
 
+    @cached_property
+    def given(self) -> FloatArray:
+        """The tables' columns and the values, side by side, shape (n, p + 1)."""
+        return np.column_stack([self.nuisance, self.values])
+
     def reduce(self, columns: FloatArray) -> FloatArray:
         """Sum columns within each block, weighted with each of its shapes.
 
@@ -113,11 +119,17 @@ class Channel:
         -------
         ndarray, shape (b, 1 + q, m)
         """
-        sums = [
-            np.add.reduceat(shape[:, None] * columns, self.starts, axis=0)
-            for shape in self.shapes.T
-        ]
-        return np.stack(sums, axis=1)
+        found: FloatArray = self._of_blocks @ columns
+        return found.reshape(len(self.starts), self.shapes.shape[1], columns.shape[1])
+
+    @cached_property
+    def _of_blocks(self) -> SparseArray:
+        """Each block's shapes as rows, shape (b (1 + q), n)."""
+        (n, shapes), blocks = self.shapes.shape, len(self.starts)
+        place = shapes * self.block[:, None] + np.arange(shapes)
+        rows = np.repeat(np.arange(n), shapes)
+        size = (blocks * shapes, n)
+        return sparse.csr_array((self.shapes.ravel(), (place.ravel(), rows)), shape=size)
 
     def by_cell(self, left: FloatArray, right: FloatArray, cells: int) -> FloatArray:
         """Multiply two sets of columns within each cell of blocks.
@@ -131,16 +143,17 @@ class Channel:
         -------
         ndarray, shape (cells, m, k)
         """
-        bounds = self.starts[
-            np.searchsorted(self.cells, np.arange(cells)).clip(max=len(self.cells) - 1)
-        ]
-        ends = np.searchsorted(self.cells, np.arange(cells), side="right")
-        stops = np.append(self.starts, len(self.rows))[ends]
         found = np.zeros((cells, left.shape[1], right.shape[1]))
-        for cell in np.unique(self.cells):
-            part = slice(bounds[cell], stops[cell])
+        for cell, part in self.parts:
             found[cell] = left[part].T @ right[part]
         return found
+
+    @cached_property
+    def parts(self) -> list[tuple[int, slice]]:
+        """The cells that have rows, and which these are."""
+        begins = np.flatnonzero(np.append(True, np.diff(self.cells) != 0))
+        bounds = [*self.starts[begins].tolist(), len(self.rows)]
+        return list(zip(self.cells[begins].tolist(), map(slice, bounds, bounds[1:]), strict=False))
 
 
 def prepare(

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from app.arrays import FloatArray
-from app.search.base_grams import NOTHING_SEEN, blocks
+from app.search.base_grams import NOTHING_SEEN
 from app.search.findings import Detectable
 from app.search.joint_fit import inverse
 from app.search.library import Batch, Library
-from app.search.moments import moments_of
+from app.search.moments import blocks, moments_of
 from app.search.rivals import TIED_BELOW
 from app.search.selection import penalties
 from app.search.small_inverse import inverse_roots

@@ -13,7 +13,7 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.search.candidate import Candidate
 from app.search.draws import Draws
-from app.search.moments import Fixed, Moments, moments_of
+from app.search.moments import Fixed, Moments, blocks, moments_of
 from app.search.problem import Problem, Term
 
 WIDTH: Final = 256
@@ -276,12 +276,7 @@ def _sheet(fixed: Fixed, columns: FloatArray, size: int, draws: Draws | None, ke
 
 def _own_products(fixed: Fixed, columns: FloatArray, size: int) -> FloatArray:
     """Multiply each entry's columns with each other, cell by cell."""
-    channel, g = fixed.channel, columns.shape[1] // size
-    stops = np.flatnonzero(np.append(True, np.diff(channel.cells) != 0))
-    found = np.zeros((fixed.cells, g, size, size))
-    for i in range(size):
-        for j in range(i, size):
-            product = columns[:, i::size] * columns[:, j::size]
-            sums = np.add.reduceat(product, channel.starts[stops], axis=0)
-            found[channel.cells[stops], :, i, j] = found[channel.cells[stops], :, j, i] = sums
+    found = np.zeros((fixed.cells, columns.shape[1] // size, size, size))
+    for cell, part in fixed.channel.parts:
+        found[cell] = blocks(columns[part], size)
     return found

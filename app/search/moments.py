@@ -58,8 +58,7 @@ def moments_of(channel: Channel, columns: FloatArray, cells: int) -> Moments:
     columns : ndarray, shape (n, m)
         In its order of rows, in repeatabilities.
     """
-    right = np.column_stack([channel.nuisance, channel.values])
-    products = channel.by_cell(columns, right, cells)
+    products = channel.by_cell(columns, channel.given, cells)
     return Moments(products[..., :-1], products[..., -1], channel.reduce(columns))
 
 
@@ -73,3 +72,30 @@ def fixed_of(channel: Channel, cells: int) -> Fixed:
         moments_of(channel, y, cells),
         channel.by_cell(y, y, cells)[:, 0, 0],
     )
+
+
+def blocks(columns: FloatArray, k: int) -> FloatArray:
+    """Multiply each entry's k columns with each other.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (..., n, g k)
+
+    Returns
+    -------
+    ndarray, shape (..., g, k, k)
+
+    Examples
+    --------
+    >>> blocks(np.array([[1.0, 2.0], [0.0, 3.0]]), 2).tolist()
+    [[[1.0, 2.0], [2.0, 13.0]]]
+    """
+    width = columns.shape[-1]
+    found = np.empty((*columns.shape[:-2], width // k, k, k))
+    for apart in range(k):
+        # All columns that are so far apart, also of two entries: memory is read as it lies.
+        left, right = columns[..., : width - apart], columns[..., apart:]
+        products = np.einsum("...ng,...ng->...g", left, right)
+        for i in range(k - apart):
+            found[..., i, i + apart] = found[..., i + apart, i] = products[..., i::k]
+    return found

@@ -123,10 +123,13 @@ class Problem:
         for part in parts:
             if part.channel not in self.fixed:
                 continue
-            own = self._laid_out(candidate, part) / self.fixed[part.channel].channel.scale
-            known = columns.get(part.channel)
+            own, known = self._laid_out(candidate, part), columns.get(part.channel)
             columns[part.channel] = own if known is None else known + own
-        return replace(_unit_length(candidate, theta, columns), about=about)
+        scales = {c: self.fixed[c].channel.scale for c in sorted(columns)}
+        norms = _norms(candidate, columns, scales)
+        safe = np.where(norms > 0, norms, 1.0)
+        unit = {c: columns[c] / (scale * safe) for c, scale in scales.items()}
+        return Term(candidate, theta, unit, norms, about=about)
 
     def _laid_out(self, candidate: Candidate, part: Part) -> FloatArray:
         """Put a part's rows where they stand in its channel; most parts have the same rows."""
@@ -218,16 +221,16 @@ def _prepared(
     return prepare(rows, nuisance, number, least.value, least.weight, use, cell_of)
 
 
-def _unit_length(candidate: Candidate, theta: float | None, columns: dict[int, FloatArray]) -> Term:
-    if not columns:
-        return Term(candidate, theta, {}, np.zeros(1))
+def _norms(
+    candidate: Candidate, columns: Mapping[int, FloatArray], scales: Mapping[int, float]
+) -> FloatArray:
+    """Give the lengths of columns over all channels, each in its repeatabilities, shape (k,)."""
     sizes = {c.shape[1] for c in columns.values()}
     if len(sizes) > 1:
         raise InvalidContent.of_field(
             candidate.key, f"expected equally many columns in all channels, got {sorted(sizes)}"
         )
-    norms = np.sqrt(sum(np.sum(c**2, axis=0) for c in columns.values()))
-    safe = np.where(norms > 0, norms, 1.0)
-    return Term(
-        candidate, theta, {n: c / safe for n, c in sorted(columns.items())}, np.asarray(norms)
-    )
+    squares = np.zeros(min(sizes, default=1))
+    for number, own in columns.items():
+        squares += (own.T @ own).diagonal() / scales[number] ** 2
+    return np.sqrt(squares)

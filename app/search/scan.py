@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
-from app.search.base_grams import BaseGrams, blocks
+from app.search.base_grams import BaseGrams
 from app.search.draws import Draws, Response
 from app.search.library import Batch, Library
+from app.search.moments import blocks
 from app.search.small_inverse import inverse_roots
 from app.search.state import Levels, State
 
