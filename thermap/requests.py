@@ -33,8 +33,8 @@ class AdoptionRequest(Shape):
 class AnalysisRequest(Shape):
     """What the active model is compared with, and which effects are looked for."""
 
-    verifications: list[int]
-    """Numbers of the verifications"""
+    verifications: list[int] | None = None
+    """Numbers of the verifications; all that are stored where it is left out"""
 
     holdout_fraction: float = 0.3
     """Share of the visits that take no part in the search, below 0.9"""
@@ -72,8 +72,8 @@ class BandsRequest(Shape):
 class ComparisonRequest(Shape):
     """Versions to be compared with the same verifications."""
 
-    verifications: list[int]
-    """Numbers of the verifications"""
+    verifications: list[int] | None = None
+    """Numbers of the verifications; all that are stored where it is left out"""
 
     versions: list[int]
     """Numbers of the versions"""
@@ -476,8 +476,8 @@ class PredictionRequest(Shape):
 class ResidualsRequest(Shape):
     """Which verifications are compared with which version."""
 
-    verifications: list[int]
-    """Numbers of the verifications"""
+    verifications: list[int] | None = None
+    """Numbers of the verifications; all that are stored where it is left out"""
 
     model_version: int | None = None
     """Version; the active one if not stated"""

@@ -30,7 +30,13 @@ from app.services.context import Context, QueueLimits, repeated
 from app.services.events import note_analysis
 from app.services.load_machine import adopted_effects
 from app.services.report_head import ReportHead
-from app.services.residuals import SEARCHED_BACK, first_and_last, load_campaign, read_verifications
+from app.services.residuals import (
+    SEARCHED_BACK,
+    chosen_verifications,
+    first_and_last,
+    load_campaign,
+    read_verifications,
+)
 from app.services.verifications import check_places
 from app.storage.analyses import cancel_analysis as cancel_stored
 from app.storage.analyses import (
@@ -117,7 +123,7 @@ def _recorded_days(
 def request_analysis(
     context: Context,
     machine_id: str,
-    verification_ids: Sequence[int],
+    verification_ids: Sequence[int] | None,
     *,
     holdout_fraction: float,
     kinds: Sequence[str] | None,
@@ -128,7 +134,7 @@ def request_analysis(
     Parameters
     ----------
     verification_ids
-        What the model is held against.
+        What the model is held against; None: all verifications that are stored now.
     holdout_fraction
         Share of the visits that take no part in the search, between 0 and 1.
     kinds
@@ -141,7 +147,8 @@ def request_analysis(
     UnknownThing
         If there is no such machine or verification.
     InvalidContent
-        If there is no such kind of effect, or a kind or a verification is named twice.
+        If there is no such kind of effect, a kind or a verification is named twice, or all
+        verifications are meant and there is none.
     Conflict
         If the machine has no model yet.
     MachineQueueFull, QueueFull
@@ -150,13 +157,13 @@ def request_analysis(
     for kind in kinds or ():
         kind_of(kind)
     expect_each_once("effects", kinds or ())
-    expect_each_once("verifications", verification_ids)
     with context.database.writing() as session:
         find_machine(session, machine_id, RowLock.CHANGED)
         _, version = choose_version(session, machine_id)
-        for verification_id in verification_ids:
+        chosen = chosen_verifications(session, machine_id, verification_ids)
+        for verification_id in chosen:
             find_verification(session, machine_id, verification_id)
-        task = AnalysisTask(version.version, verification_ids, holdout_fraction, kinds, seed)
+        task = AnalysisTask(version.version, chosen, holdout_fraction, kinds, seed)
         return queue_analysis(context, session, machine_id, task)
 
 

@@ -98,7 +98,7 @@ def show_compared_checks(context: Context, machine_id: str, a: int, b: int) -> C
     if not checks:
         return ComparedChecks(a, b, why_not="no check is stored")
     try:
-        first, second = compare_models(context, machine_id, [one.id for one in checks], [a, b])
+        _, (first, second) = compare_models(context, machine_id, [one.id for one in checks], [a, b])
     except ThermapError as error:
         return ComparedChecks(a, b, left_out=left_out, why_not=error.detail)
     learned = {number for numbers in adopted for number in numbers}

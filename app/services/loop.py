@@ -144,7 +144,8 @@ def _later_visits(
         return LaterVisits(later)
     versions = [analysis.task.model_version, adopted_version]
     try:
-        before, after = (v.report for v in compare_models(context, machine_id, later, versions))
+        _, compared = compare_models(context, machine_id, later, versions)
+        before, after = (v.report for v in compared)
     except ThermapError as error:
         return LaterVisits(later, why_not=error.detail)
     visits = int(np.unique(before.residuals.rows.visit).size)

@@ -23,7 +23,7 @@ from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
 from app.storage.readings import list_readings, newest_time
 from app.storage.records import ModelVersion
-from app.storage.verifications import find_verification, read_verification
+from app.storage.verifications import find_verification, list_verifications, read_verification
 from app.thermal.machine import Machine
 from app.thermal.sensor_health import record_needed_s
 from app.thermal.temperature_history import TemperatureHistory
@@ -31,6 +31,29 @@ from app.thermal.temperature_history import TemperatureHistory
 SEARCHED_BACK: Final = timedelta(days=3)
 """Readings before the first observation that a search takes in: an effect with a time constant
 needs five of them."""
+
+
+def chosen_verifications(
+    session: Session, machine_id: str, verification_ids: Sequence[int] | None
+) -> Sequence[int]:
+    """Give the numbers of the verifications that are meant; None: of all that are stored.
+
+    Raises
+    ------
+    InvalidContent
+        If one is named twice, or all are meant and there is none.
+    """
+    if verification_ids is not None:
+        expect_each_once("verifications", verification_ids)
+        return verification_ids
+    stored = [one.id for one in list_verifications(session, machine_id)]
+    if not stored:
+        raise InvalidContent.of_field(
+            "verifications",
+            f"expected numbers of verifications, or that machine {machine_id!r} has some: "
+            "left out, they are all that are stored, and there is none yet",
+        )
+    return stored
 
 
 def read_verifications(
@@ -112,10 +135,12 @@ class ShownResiduals:
 def show_residuals(
     context: Context,
     machine_id: str,
-    verification_ids: Sequence[int],
+    verification_ids: Sequence[int] | None,
     version_number: int | None = None,
 ) -> ShownResiduals:
     """Subtract what a version says, the active one if none is stated, from what was measured.
+
+    With None in place of numbers it is subtracted from all verifications that are stored.
 
     Raises
     ------
@@ -126,9 +151,14 @@ def show_residuals(
     Conflict
         If the machine has no model yet.
     """
-    version, campaign = _read_campaign(context, machine_id, verification_ids, version_number)
-    report = residual_report(residuals_of_version(version, campaign))
-    return ShownResiduals(version, verification_ids, campaign.verifications, report)
+    with context.database.reading() as session:
+        machine, stored = choose_version(session, machine_id, version_number)
+        chosen = chosen_verifications(session, machine_id, verification_ids)
+        verifications = read_verifications(session, machine_id, chosen)
+        until = context.usable_until()
+        campaign = load_campaign(session, machine, stored, verifications, until)
+    report = residual_report(residuals_of_version(stored.version, campaign))
+    return ShownResiduals(stored.version, chosen, verifications, report)
 
 
 def residuals_of_version(version: int, campaign: Campaign) -> Residuals:
@@ -137,17 +167,6 @@ def residuals_of_version(version: int, campaign: Campaign) -> Residuals:
         return residuals_of(campaign)
     except InvalidContent as error:
         raise type(error)(f"model version {version}: {error.detail}", error.errors) from None
-
-
-def _read_campaign(
-    context: Context, machine_id: str, verification_ids: Sequence[int], version_number: int | None
-) -> tuple[int, Campaign]:
-    expect_each_once("verifications", verification_ids)
-    with context.database.reading() as session:
-        machine, version = choose_version(session, machine_id, version_number)
-        verifications = read_verifications(session, machine_id, verification_ids)
-        until = context.usable_until()
-        return version.version, load_campaign(session, machine, version, verifications, until)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,9 +183,18 @@ class ComparedVersion:
 
 
 def compare_models(
-    context: Context, machine_id: str, verification_ids: Sequence[int], versions: Sequence[int]
-) -> list[ComparedVersion]:
+    context: Context,
+    machine_id: str,
+    verification_ids: Sequence[int] | None,
+    versions: Sequence[int],
+) -> tuple[Sequence[int], list[ComparedVersion]]:
     """Compare versions on the observations that every one of them can be held against.
+
+    Returns
+    -------
+    sequence of int, list of ComparedVersion
+        The numbers of the verifications, which are all that are stored if None is stated; and
+        the versions as they were named.
 
     Raises
     ------
@@ -175,11 +203,11 @@ def compare_models(
     InvalidContent
         If a version or a verification is named twice, or nothing is common to all versions.
     """
-    for field, numbers in (("verifications", verification_ids), ("versions", versions)):
-        expect_each_once(field, numbers)
+    expect_each_once("versions", versions)
     with context.database.reading() as session:
         machine, active = choose_version(session, machine_id)
-        verifications = read_verifications(session, machine_id, verification_ids)
+        chosen = chosen_verifications(session, machine_id, verification_ids)
+        verifications = read_verifications(session, machine_id, chosen)
         stored = [choose_version(session, machine_id, number)[1] for number in versions]
         until = context.usable_until()
         campaigns = [load_campaign(session, machine, v, verifications, until) for v in stored]
@@ -189,7 +217,7 @@ def compare_models(
         raise InvalidContent.of_field(
             "versions", "expected observations that all versions can be held against, got none"
         )
-    return [
+    return chosen, [
         ComparedVersion(
             version.version,
             version.reason,

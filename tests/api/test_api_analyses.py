@@ -204,7 +204,6 @@ async def test_a_failed_analysis_says_why_and_has_nothing_to_adopt(campaign):
         ({"verifications": [1], "effects": ["backlash"] * 2}, 422, "effects: expected each once"),
         ({"verifications": [1], "seed": -1}, 422, "seed"),
         ({"verifications": [1], "seed": 2**31}, 422, "seed"),
-        ({}, 422, "verifications"),
     ],
 )
 async def test_what_cannot_be_asked_is_refused(campaign, campaign_app, stated, status, words):
@@ -212,6 +211,24 @@ async def test_what_cannot_be_asked_is_refused(campaign, campaign_app, stated, s
     found = problem(await campaign.post(PATH, json=stated), status)
     assert words in found["detail"]
     assert contents(campaign_app) == before
+
+
+async def test_an_analysis_that_names_no_verification_is_of_all_that_are_stored(campaign):
+    answer = await campaign.post(PATH, json={"effects": ["backlash"]})
+    assert answer.status_code == 202, answer.text
+    assert answer.json()["verifications"] == ALL
+    assert (await campaign.post(f"{PATH}/{answer.json()['id']}/cancel")).status_code == 200
+
+
+async def test_all_verifications_of_a_machine_without_any_are_refused(client):
+    for path, asked in (
+        ("analyses", {}),
+        ("residuals", {}),
+        ("models/compare", {"versions": [2, 3]}),
+    ):
+        found = problem(await client.post(f"{OTHER_ROOM}/{path}", json=asked), 422)
+        assert [error["field"] for error in found["errors"]] == ["verifications"]
+        assert "all that are stored, and there is none yet" in found["detail"]
 
 
 async def test_unknown_analyses_and_machines_without_a_model(client):

@@ -185,6 +185,15 @@ async def test_versions_side_by_side_on_what_both_can_judge(room):
     assert "Figures count from the model" in page
 
 
+async def test_without_numbers_all_stored_verifications_are_meant(room):
+    numbers = [await stored(room, [exx(i, 100.0, r)], f"v{i}") for i, r in enumerate(RESIDUALS)]
+    for path, stated in (("residuals", {}), ("models/compare", {"versions": [2, 3]})):
+        named = await room.post(f"{ROOM}/{path}", json=stated | {"verifications": numbers})
+        assert named.json()["verifications"] == numbers
+        for asked in (stated, stated | {"verifications": None}):
+            assert (await room.post(f"{ROOM}/{path}", json=asked)).json() == named.json()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "body", "status", "words"),

@@ -84,8 +84,8 @@ def post_residuals(
 )
 def post_comparison(context: ContextDep, machine: MachinePath, body: ComparisonRequest) -> Response:
     """Show versions side by side, on the observations that can be compared with all of them."""
-    compared = compare_models(context, machine, body.verifications, body.versions)
-    answer = ModelComparisonAnswer.of(body.verifications, compared).model_dump(mode="json")
+    chosen, compared = compare_models(context, machine, body.verifications, body.versions)
+    answer = ModelComparisonAnswer.of(chosen, compared).model_dump(mode="json")
     return Response(orjson.dumps(to_digits_in(answer)), media_type=JSON)
 
 

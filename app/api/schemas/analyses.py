@@ -18,6 +18,11 @@ from app.storage.records import LARGEST_INTEGER, AnalysisStatus, StoredAnalysis
 VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]
 """Numbers of verifications."""
 
+ChosenVerifications = Annotated[
+    VerificationIds | None,
+    Field(description="Numbers of the verifications; all that are stored where it is left out"),
+]
+
 
 class AnalysisRequest(Schema):
     """What the active model is compared with, and which effects are looked for."""
@@ -26,7 +31,7 @@ class AnalysisRequest(Schema):
         json_schema_extra={"example": {"verifications": [1, 2, 3], "holdout_fraction": 0.3}}
     )
 
-    verifications: VerificationIds = Field(description="Numbers of the verifications")
+    verifications: ChosenVerifications = None
     holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(
         0.3, description="Share of the visits that take no part in the search, below 0.9"
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import ConfigDict, Field
 
 from app.answer import IN_ITS_UNIT
 from app.api.rounding import Micro
-from app.api.schemas.analyses import VerificationIds
+from app.api.schemas.analyses import ChosenVerifications
 from app.api.schemas.base import Integer, Number, Schema, UtcTime
 from app.identification.analysis.residual_report import Size
 from app.identification.residuals.residuals import LeftOut
@@ -26,7 +27,7 @@ class ResidualsRequest(Schema):
 
     model_config = ConfigDict(json_schema_extra={"example": {"verifications": [1, 2], "rows": 100}})
 
-    verifications: VerificationIds = Field(description="Numbers of the verifications")
+    verifications: ChosenVerifications = None
     model_version: Integer | None = Field(None, description="Version; the active one if not stated")
     rows: Annotated[Integer, Field(ge=0, le=MOST_ROWS)] = Field(
         0, description="How many single residuals are shown too; `Accept: text/csv` gives all"
@@ -96,7 +97,7 @@ class ComparisonRequest(Schema):
         json_schema_extra={"example": {"verifications": [1, 2], "versions": [3, 4]}}
     )
 
-    verifications: VerificationIds = Field(description="Numbers of the verifications")
+    verifications: ChosenVerifications = None
     versions: Annotated[list[Integer], Field(min_length=1, max_length=20)] = Field(
         description="Numbers of the versions"
     )
@@ -120,10 +121,10 @@ class ModelComparisonAnswer(Schema):
     versions: list[ComparedVersionAnswer] = Field(description="The versions")
 
     @classmethod
-    def of(cls, verifications: list[int], compared: list[ComparedVersion]) -> Self:
+    def of(cls, verifications: Sequence[int], compared: list[ComparedVersion]) -> Self:
         """Show a comparison."""
         return cls(
-            verifications=verifications,
+            verifications=list(verifications),
             values=compared[0].report.count,
             versions=[
                 ComparedVersionAnswer(
