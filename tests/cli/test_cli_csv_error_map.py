@@ -122,6 +122,42 @@ def test_the_only_column_of_values_holds_every_unit_and_says_so(read):
     ]
 
 
+def test_a_column_without_a_unit_says_in_which_one_it_was_read(read):
+    found = read(HEAD + "component,position_mm,error\nEXX,0,1.5\nEBX,0,3\n")
+    assert values(found, "EXX")["errors_um"] == [1.5]
+    assert found.remarks == [
+        "values of EXX in error are read in µm",
+        "values of EBX in error are read in µrad",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rows", "complaint"),
+    [
+        (
+            "EXX;0;0,5\nEXX;1.250;2\n",
+            "run.csv, line 6, column 2 (position_mm): expected numbers without marks between "
+            "thousands, got '1.250' in a file that has a decimal comma in line 5: is it 1250 or "
+            "1,250?",
+        ),
+        (
+            "EXX;0;1,250\nEXX;1;2.5\nEXX;2;3,125\n",
+            "run.csv, line 5, column 3 (error_um): expected numbers without marks between "
+            "thousands, got '1,250' in a file that has a decimal point in line 6: is it 1250 or "
+            "1.250?",
+        ),
+    ],
+)
+def test_what_may_be_thousands_beside_another_decimal_mark_is_refused(complaints, rows, complaint):
+    assert complaints(HEAD + "component;position_mm;error_um\n" + rows) == [complaint]
+
+
+@pytest.mark.parametrize("rows", ["EXX;0;1.250\nEXX;1;2.5\n", "EXX;0;0,5\nEXX;1.5;1,25\n"])
+def test_three_decimals_are_decimals_where_nothing_contradicts(read, rows):
+    found = read(HEAD + "component;position_mm;error_um\n" + rows)
+    assert 1.25 in values(found, "EXX")["errors_um"]
+
+
 def test_iso_squareness_keeps_its_name_and_so_its_sign(read):
     found = read(HEAD + "component,error\nC0Y,12.1\n")
     assert found.error_map.to_error_map().tables["SXY"].errors.tolist() == [-12.1]

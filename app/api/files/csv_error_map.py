@@ -333,14 +333,14 @@ def _read_value(table: _Table, row: Row, kind: str, component: Component) -> flo
 
 
 def _other_units(table: _Table, names: Mapping[str, str]) -> Iterator[str]:
-    """Say which components were read in another unit than the only column's name says."""
+    """Say which components were read in a unit that the only column's name does not state."""
     forward = table.values[_ERROR]
     if len(forward) > 1:
         return
     only = forward[0]
     for unit in Unit:
         codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
-        if codes and only.unit != _OWN and unit not in _COMPONENT_UNITS[only.unit]:
+        if codes and unit not in _COMPONENT_UNITS[only.unit]:
             heading = table.text.headings[only.index]
             yield f"values of {list_names(codes)} in {heading} are read in {unit.symbol}"
 

@@ -31,6 +31,9 @@ _STATED_DELIMITER: Final = re.compile(r'"?sep=(.)"?[\s;,]*', re.I)
 _STATEMENT: Final = re.compile(r"(label|measured[_ ]at|machine|temperature .+)", re.I)
 """What stands above the columns, in a comment line."""
 
+_THOUSANDS: Final = re.compile(r"[+\N{MINUS SIGN}-]?[1-9]\d{0,2}([.,])\d{3}")
+"""A number of which nobody knows whether its mark parts decimals or thousands."""
+
 _BYTE_ORDER_MARK: Final = "\N{ZERO WIDTH NO-BREAK SPACE}"
 
 WORKBOOK: Final = b"PK\x03\x04"
@@ -118,6 +121,41 @@ class Row:
     cells: Sequence[str]
 
 
+@dataclass(slots=True)
+class _Marks:
+    """The marks in a file's numbers: a comma or point is that of decimals, or parts thousands.
+
+    `first_line` is where each mark comes first, and `doubtful` the first number of each that may
+    be in thousands: row, column and text.
+    """
+
+    first_line: dict[str, int] = field(default_factory=dict)
+    doubtful: dict[str, tuple[Row, int, str]] = field(default_factory=dict)
+    is_said: bool = False
+
+    def mistaken(self, row: Row, column: int, text: str) -> tuple[Row, int, str] | None:
+        """Note a number; give, once, row, column and what is wrong where marks contradict."""
+        mark = "," if "," in text else "." if "." in text else ""
+        if not mark or self.is_said:
+            return None
+        self.first_line.setdefault(mark, row.line)
+        if _THOUSANDS.fullmatch(text):
+            self.doubtful.setdefault(mark, (row, column, text))
+        for doubtful, other in ((",", "."), (".", ",")):
+            if doubtful in self.doubtful and other in self.first_line:
+                self.is_said = True
+                at, where, got = self.doubtful[doubtful]
+                name = "point" if other == "." else "comma"
+                return (
+                    at,
+                    where,
+                    f"expected numbers without marks between thousands, got {got!r} in a file "
+                    f"that has a decimal {name} in line {self.first_line[other]}: is it "
+                    f"{got.replace(doubtful, '')} or {got.replace(doubtful, other)}?",
+                )
+        return None
+
+
 @dataclass(frozen=True, slots=True)
 class DelimitedText:
     """A file's comment lines, column names, and rows of the same length."""
@@ -128,6 +166,7 @@ class DelimitedText:
     heading_line: int
     rows: Sequence[Row]
     decimal_comma: bool
+    _marks: _Marks = field(default_factory=_Marks)
 
     def place(self, column: int) -> str:
         """Name a column for a message."""
@@ -146,6 +185,8 @@ class DelimitedText:
         if found is None:
             of_unit = f" in {unit}" if unit else ""
             self.complain(row, column, f"expected a number{of_unit}, got {text!r}")
+        elif self.decimal_comma and (mistaken := self._marks.mistaken(row, column, text)):
+            self.complain(*mistaken)
         return found
 
 
