@@ -219,6 +219,17 @@ def ahead_warnings(ahead: Sequence[Reading], *, more_ahead: bool = False) -> lis
     ]
 
 
+def old_warnings(old: Sequence[Reading]) -> list[str]:
+    """Name readings of so long ago that a clock may be wrong, in order of time."""
+    if not old:
+        return []
+    return [
+        f"{counted(len(old), 'reading')} from more than ten years ago: {_between(old)}; if they "
+        "were not recorded then, a clock is wrong: set it right and withdraw what is stamped "
+        "wrongly"
+    ]
+
+
 def early_warnings(early: Sequence[Reading]) -> list[str]:
     """Name readings in use that arrived before their time, and say what to do about them."""
     return [
@@ -229,8 +240,8 @@ def early_warnings(early: Sequence[Reading]) -> list[str]:
     ]
 
 
-def _between(ahead: Sequence[Reading]) -> str:
-    first, last = exact_time(ahead[0].time), exact_time(ahead[-1].time)
+def _between(readings: Sequence[Reading]) -> str:
+    first, last = exact_time(readings[0].time), exact_time(readings[-1].time)
     return first if first == last else f"{first} to {last}"
 
 

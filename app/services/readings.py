@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -27,7 +27,7 @@ from app.errors import (
 from app.events.event import EventKind
 from app.live.registry import Arrived, LiveModel
 from app.services.context import CLOCKS_DIFFER, Context, repeated
-from app.services.live_table import ahead_warnings
+from app.services.live_table import ahead_warnings, old_warnings
 from app.services.load_machine import load_machine, restore_past
 from app.services.together import Wanted
 from app.storage.events import write_event
@@ -47,6 +47,10 @@ from app.units import exact_time
 
 MOST_AHEAD_OF_CLOCK: Final = timedelta(days=1)
 """Wrong clocks and zones put a reading less far ahead; what lies further is refused."""
+
+LONG_AGO: Final = timedelta(days=3652)
+"""Ten years: a reading that is older was rather stamped by a clock that had lost the time than
+recorded so long ago. It is stored, because it may have been, and named."""
 
 _time: Final = attrgetter("time")
 
@@ -77,7 +81,7 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     """Store readings whole or not at all.
 
     Those that lie in the future are stored, said to be so, and used when their time comes;
-    tables go on saying that they came early.
+    tables go on saying that they came early. Those of more than ten years ago are said to be so.
 
     Readings that several want to have stored at the same time, of whatever machines, are stored
     in one transaction: a commit costs more than a hundred readings. What is wrong, or not plainly
@@ -270,9 +274,10 @@ def _follow(
 
 
 def _outcome(stored: int, stated: int, once: Sequence[Reading], until: datetime) -> StoreOutcome:
-    first = bisect_right(once, until, key=_time)
-    ahead = once[first:]
-    return StoreOutcome(stored, stated - stored, len(ahead), ahead_warnings(ahead))
+    old = once[: bisect_left(once, until - LONG_AGO, key=_time)]
+    ahead = once[bisect_right(once, until, key=_time) :]
+    warnings = [*old_warnings(old), *ahead_warnings(ahead)]
+    return StoreOutcome(stored, stated - stored, len(ahead), warnings)
 
 
 def _as_they_arrived(once: Sequence[Reading], now: datetime) -> Sequence[Reading]:

@@ -57,7 +57,7 @@ async def test_times_are_utc(client, stated, shown):
     assert (await client.post(PATH, json=body)).status_code == 201
     assert await times(client) == [shown]
     again = await client.post(PATH, json=body | {"time": shown})
-    assert again.json() == {"stored": 0, "duplicates": 1}
+    assert (again.json()["stored"], again.json()["duplicates"]) == (0, 1)
 
 
 async def test_a_reading_need_not_have_all_sensors(client):
@@ -203,6 +203,28 @@ async def test_what_lies_in_the_future_is_stored_and_named(client, ahead_s):
     again = (await client.post(PATH, json=reading(time, 20.0))).json()
     assert (again["stored"], again["duplicates"], again["ahead"]) == (0, 1, 1)
     assert len((await client.get(PATH)).json()) == 2
+
+
+@pytest.mark.parametrize("past_days", [1, 3651])
+async def test_what_may_have_been_recorded_is_stored_without_a_word(client, past_days):
+    answer = await client.post(PATH, json=reading(START - timedelta(days=past_days), 20.0))
+    assert (answer.status_code, answer.json()) == (201, {"stored": 1, "duplicates": 0})
+
+
+async def test_what_a_clock_without_the_time_may_have_stamped_is_stored_and_named(client):
+    """As those do that begin at 1970 or 2000 after a loss of power."""
+    old = [START - timedelta(days=days) for days in (30 * 365, 3653)]
+    answer = await client.post(PATH, json=[reading(time, 20.0) for time in (START, *old)])
+    assert answer.status_code == 201
+    assert answer.json() == {
+        "stored": 3,
+        "duplicates": 0,
+        "warnings": [
+            f"2 readings from more than ten years ago: {iso(old[0])} to {iso(old[1])}; if they "
+            "were not recorded then, a clock is wrong: set it right and withdraw what is stamped "
+            "wrongly"
+        ],
+    }
 
 
 @pytest.mark.slow

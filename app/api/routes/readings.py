@@ -48,7 +48,8 @@ def post_readings(
     conflict. A value out of its sensor's range is stored and marks the sensor. A time that
     is more than 2 s ahead of the service's clock is stored, named here and in the table at the
     latest reading, and not used before it has come; once it is used the table goes on naming it
-    and is not `complete`, until there are newer values. More than a day ahead it is refused.
+    and is not `complete`, until there are newer values. More than a day ahead it is refused. A
+    time of more than ten years ago is stored and named here.
     """
     if isinstance(body, list):
         done = store_readings(context, machine, [r.to_reading() for r in body])

@@ -18,8 +18,8 @@ class ReadingSchema(Schema):
     """Live temperatures and the machine's state at one time."""
 
     time: UtcTime = Field(
-        description="When, with a zone; what lies in the future is not used before its time, and "
-        "refused if it is more than a day ahead",
+        description="When, with a zone, from the year 1900 on; what lies in the future is not used "
+        "before its time, and refused if it is more than a day ahead",
         examples=["2026-03-01T06:00:00Z"],
     )
     temperatures_c: Temperatures = Field(
