@@ -1384,8 +1384,8 @@ class ReadingSchema(Shape):
     """Live temperatures and the machine's state at one time."""
 
     time: AwareDatetime
-    """When, with a zone; what lies in the future is not used before its time, and refused if it is
-    more than a day ahead
+    """When, with a zone, from the year 1900 on; what lies in the future is not used before its
+    time, and refused if it is more than a day ahead
     """
 
     temperatures_c: dict[str, float]
@@ -1409,6 +1409,11 @@ class ReadyAnswer(Shape):
 
     machines_in_memory: int
     """Machines whose model is in memory"""
+
+    disk_free_bytes: int | None = None
+    """Free on the disk of the database's file [bytes]; null where that is not known, as on
+    PostgreSQL
+    """
 
 
 class RefittedEffectAnswer(Shape):

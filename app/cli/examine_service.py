@@ -14,7 +14,15 @@ import httpx
 import app as package
 from app.cli.options import connect
 from app.errors import list_names
-from app.services.doctor import Finding, examine_clock, examine_machines, ok, trouble, warning
+from app.services.doctor import (
+    Finding,
+    examine_clock,
+    examine_disk,
+    examine_machines,
+    ok,
+    trouble,
+    warning,
+)
 from app.settings import is_this_computer
 from thermap.connection import service_url
 from thermap.errors import (
@@ -50,7 +58,7 @@ def examine_service(url: str, *, must_run: bool) -> Iterator[Finding]:
         yield _clock(thermap.base_url)
         yield from _keys(thermap.base_url)
         try:
-            yield _readiness(thermap)
+            yield from _readiness(thermap)
             yield from examine_machines(thermap.statuses())
             yield from _connections(thermap)
         except NotAllowedError as error:
@@ -120,14 +128,17 @@ def _from_elsewhere(url: str) -> str | None:
     return None
 
 
-def _readiness(thermap: ThermapClient) -> Finding:
+def _readiness(thermap: ThermapClient) -> Iterator[Finding]:
     ready = thermap.ready()
-    if ready.database != "ok":
-        return trouble("readiness", f"The service's database is not: {ready.database}.")
     words = f"{ready.machines_in_memory} of {ready.machines} machines are in memory"
-    if ready.status != "ready":
-        return warning("readiness", f"The service is not ready yet: {words}.")
-    return ok("readiness", f"The service is ready: {words}, its database answers.")
+    if ready.database != "ok":
+        yield trouble("readiness", f"The service's database is not: {ready.database}.")
+    elif ready.status != "ready":
+        yield warning("readiness", f"The service is not ready yet: {words}.")
+    else:
+        yield ok("readiness", f"The service is ready: {words}, its database answers.")
+    if ready.disk_free_bytes is not None:
+        yield examine_disk("disk of the service", "Of its database", ready.disk_free_bytes)
 
 
 def _connections(thermap: ThermapClient) -> Iterator[Finding]:

@@ -149,7 +149,7 @@ def _examine(database: Database) -> Iterator[Finding]:
     else:
         whole = ", and all of it was read without an error" if database.is_sqlite else ""
         yield ok("database", f"{name} is reachable{whole}.")
-    yield from _space(database)
+    yield _space(database)
     yield from _clock(database)
     if revision != newest_revision():
         yield warning(
@@ -219,19 +219,22 @@ def examine_backups(folder: Path) -> Finding:
     return ok("backups", f"{words}.")
 
 
-def _space(database: Database) -> Iterator[Finding]:
+def examine_disk(about: str, words: str, free_bytes: int, taken_bytes: int = 0) -> Finding:
+    """Judge what is free on the disk of a database, which takes so much, if that is known."""
+    words = f"{words} {free_bytes / 1e6:,.0f} MB are free on its disk"
+    if free_bytes < FEW_BYTES:
+        return trouble(about, f"{words}: soon nothing can be stored.")
+    if free_bytes < max(SOON_BYTES, taken_bytes):
+        return warning(about, f"{words}: too little for an upgrade or a backup beside it.")
+    return ok(about, f"{words}.")
+
+
+def _space(database: Database) -> Finding:
     found = space(database)
     taken = f"The database takes {found.taken_bytes / 1e6:,.0f} MB"
     if found.free_bytes is None:
-        yield ok("disk", f"{taken}; how much its server's disk has left is not known here.")
-        return
-    words = f"{taken}, and {found.free_bytes / 1e6:,.0f} MB are free on its disk"
-    if found.free_bytes < FEW_BYTES:
-        yield trouble("disk", f"{words}: soon nothing can be stored.")
-    elif found.free_bytes < max(SOON_BYTES, found.taken_bytes):
-        yield warning("disk", f"{words}: too little for an upgrade or a backup beside it.")
-    else:
-        yield ok("disk", f"{words}.")
+        return ok("disk", f"{taken}; how much its server's disk has left is not known here.")
+    return examine_disk("disk", f"{taken}, and", found.free_bytes, found.taken_bytes)
 
 
 def _clock(database: Database) -> Iterator[Finding]:

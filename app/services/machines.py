@@ -20,6 +20,7 @@ from app.services.access_keys import unbind_keys
 from app.services.change_model import MachineChange, changing_machine
 from app.services.context import Context, repeated
 from app.services.load_machine import adopted_effects, as_live, compile_version
+from app.storage.condition import free_bytes
 from app.storage.error_maps import find_error_map, list_error_maps, stored_map
 from app.storage.events import end_all_passing, write_event
 from app.storage.limits import LONG, QUESTION
@@ -254,11 +255,12 @@ def delete_machine(context: Context, machine_id: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """The database's state, and how many machines' models are in memory."""
+    """The database's state, how many machines' models are in memory, and room [bytes]."""
 
     database: str
     machines: int
     machines_in_memory: int
+    disk_free_bytes: int | None = None
 
     @property
     def is_ready(self) -> bool:
@@ -269,15 +271,17 @@ class Readiness:
 def check_readiness(context: Context) -> Readiness:
     """Ask the database; a failure is part of the answer."""
     in_memory = len(context.live)
+    free = free_bytes(context.database)
     try:
         with context.database.reading(QUESTION) as session:
             machines = count_machines(session)
     except StorageUnavailable as error:
-        return Readiness(error.detail, in_memory, in_memory)
+        return Readiness(error.detail, in_memory, in_memory, free)
     trouble = context.live.database.trouble
     if trouble is not None and trouble.matter is TroubleKind.LOCKED:
-        return Readiness("the database is locked: nothing can be stored", machines, in_memory)
-    return Readiness("ok", machines, in_memory)
+        locked = "the database is locked: nothing can be stored"
+        return Readiness(locked, machines, in_memory, free)
+    return Readiness("ok", machines, in_memory, free)
 
 
 def without_answer(context: Context) -> Readiness:

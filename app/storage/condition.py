@@ -74,10 +74,24 @@ def space(database: Database) -> Space:
         with database.reading() as session:
             taken = session.scalar(text("SELECT pg_database_size(current_database())"))
         return Space(int(taken or 0), None)
-    file = Path(str(database.engine.url.database))
+    file = _file_of(database)
     parts = [file, *(Path(f"{file}{end}") for end in ("-wal", "-shm"))]
     taken_bytes = sum(part.stat().st_size for part in parts if part.exists())
-    return Space(taken_bytes, shutil.disk_usage(file.absolute().parent).free)
+    return Space(taken_bytes, free_bytes(database))
+
+
+def free_bytes(database: Database) -> int | None:
+    """Say how much is free on the disk of a file [bytes]; None where that is not known."""
+    if not database.is_sqlite:
+        return None
+    try:
+        return shutil.disk_usage(_file_of(database).absolute().parent).free
+    except OSError:  # its folder is gone
+        return None
+
+
+def _file_of(database: Database) -> Path:
+    return Path(str(database.engine.url.database))
 
 
 def clock_ahead(database: Database, now: Callable[[], datetime]) -> timedelta | None:

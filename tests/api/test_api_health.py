@@ -21,11 +21,14 @@ async def test_ready_when_every_machine_is_in_memory(app, client):
     answer = await client.get("/readyz")
     assert answer.status_code == 503
     expected = {"status": "not-ready", "database": "ok", "machines": 1, "machines_in_memory": 0}
-    assert answer.json() == expected
+    found = answer.json()
+    free = found.pop("disk_free_bytes")
+    assert (free is None) == (not app.state.context.database.is_sqlite)
+    assert found == expected
     DatabaseFollower(app.state.context, every_s=1.0).look()
     answer = await client.get("/readyz")
     assert answer.status_code == 200
-    assert answer.json() == expected | {"status": "ready", "machines_in_memory": 1}
+    assert answer.json().items() >= {"status": "ready", "machines_in_memory": 1}.items()
 
 
 async def test_an_empty_service_is_ready(empty):

@@ -112,6 +112,15 @@ def test_a_disk_that_is_nearly_full(run, sqlite_url, monkeypatch):
         assert examined(run, "--database-url", sqlite_url)[1]["disk"][0] == grade
 
 
+def test_a_service_whose_disk_is_nearly_full(run, service_url, monkeypatch):
+    for free, grade in ((0.0, "trouble"), (500e6, "warning"), (50e9, "ok")):
+        usage = type("Usage", (), {"free": int(free)})
+        monkeypatch.setattr("app.storage.condition.shutil.disk_usage", lambda _, u=usage: u)
+        about = examined(run, "--url", service_url)[1]
+        assert about["disk of the service"][0] == grade
+        assert f"{free / 1e6:,.0f} MB are free" in about["disk of the service"][1]
+
+
 @pytest.mark.slow
 def test_an_analysis_that_nobody_works_on_and_one_that_waits_too_long(
     run, furnished_url, monkeypatch

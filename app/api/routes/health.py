@@ -32,6 +32,7 @@ async def get_readyz(request: Request, context: ContextDep, response: Response) 
         database=readiness.database,
         machines=readiness.machines,
         machines_in_memory=readiness.machines_in_memory,
+        disk_free_bytes=readiness.disk_free_bytes,
     )
 
 

@@ -21,3 +21,8 @@ class ReadyAnswer(Schema):
     database: str = Field(description="`ok`, or what is the matter")
     machines: int = Field(description="Machines in the database")
     machines_in_memory: int = Field(description="Machines whose model is in memory")
+    disk_free_bytes: int | None = Field(
+        None,
+        description="Free on the disk of the database's file [bytes]; null where that is not "
+        "known, as on PostgreSQL",
+    )
