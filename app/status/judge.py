@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.compensation.table import (
     CompensationTable,
     ComponentCompensation,
@@ -322,6 +322,8 @@ def _outside(
         times, values = situation.history.known(scale.sensor)
         excess = _excess(values, scale.temperatures_c)
         recent = np.flatnonzero((excess != 0.0) & (times >= since_s))
+        if recent.size:  # no table rested on what was not believed
+            recent = recent[_are_believed(situation, scale.sensor)[recent]]
         if recent.size:
             until = _time(times[recent[-1]])
             is_clamped = situation.model.machine.out_of_range == "clamp"
@@ -553,15 +555,21 @@ def _outside_since(
     return min(_time(times[0]), situation.logged.states.get(state, situation.judged_at))
 
 
+def _are_believed(situation: Situation, sensor: str) -> BoolArray:
+    """Say which of a sensor's known temperatures were believed when they came."""
+    machine = situation.model.machine
+    verdicts = judge_record(machine, machine.sensors[sensor], situation.history)
+    return np.array([health is Health.OK for health in verdicts], dtype=bool)
+
+
 def _failed_since(situation: Situation, sensor: str) -> datetime | None:
     """Since when a sensor has not been believed, as far back as readings or log reach."""
-    machine = situation.model.machine
     times, _ = situation.history.known(sensor)
-    verdicts = judge_record(machine, machine.sensors[sensor], situation.history)
-    if not verdicts or verdicts[-1] is Health.OK:
+    are_believed = _are_believed(situation, sensor)
+    if not times.size or are_believed[-1]:
         return None
-    believed = [i for i, health in enumerate(verdicts) if health is Health.OK]
-    if believed:
+    believed = np.flatnonzero(are_believed)
+    if believed.size:
         return _time(times[believed[-1] + 1])
     return min(_time(times[0]), situation.logged.sensors.get(sensor, situation.judged_at))
 

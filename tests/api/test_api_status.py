@@ -165,6 +165,15 @@ async def test_a_state_goes_half_a_minute_after_its_cause(client, clock):
     assert verdict(await status(client)) == ("trusted", "fresh")
 
 
+async def test_what_was_never_believed_was_not_outside_the_maps(client, clock):
+    """A value that jumps, as in °F, is no temperature of the machine: no table rested on it."""
+    for value in (24.0, 75.2, 24.0):
+        await feed(client, reading(clock.time, value))
+        clock.advance(5)
+    found = await status(client)
+    assert verdict(found) == ("trusted", "fresh")
+
+
 async def test_extrapolated_and_refused_tables(client):
     await feed(client, reading(START, 31.4))
     change = {"out_of_range": "extrapolate", "extrapolation_margin_c": 5}
