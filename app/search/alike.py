@@ -1,4 +1,4 @@
-"""Whether what is the same in all set-ups is more than set-ups that resemble each other.
+"""How much set-ups resemble each other, and whether what all have the same is more than that.
 
 Set-ups that are made anew each time scatter about nothing, and many of them average out. The same
 person with the same warm laser makes each much like the one before: eight of them may then be
@@ -9,6 +9,7 @@ they remember is one number for all that an instrument measures, so that all cha
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -55,6 +56,58 @@ AS_LIKELY_NONE: Final = np.concatenate(
     ]
 )
 """Where nothing is known it is as likely that set-ups remember nothing (log probability)."""
+
+
+_MEMORY, _SCATTER, _LASTING = np.array([(m, *sizes) for m in MEMORIES for sizes in _sizes(m)]).T
+
+
+@dataclass(frozen=True, eq=False)
+class Alike:
+    """How much set-ups resemble each other, by what all channels show together.
+
+    Parameters
+    ----------
+    probability : ndarray, shape (g,)
+        Of each memory and size, in the order of `set_ups_seen`.
+    """
+
+    probability: FloatArray
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether they more probably remember than not."""
+        return bool(self.probability[_MEMORY > 0.0].sum() > HALF)
+
+    def drawn(self, unit: FloatArray, setups: IntArray, uniform: FloatArray) -> FloatArray:
+        """Let unit draws of independent set-ups resemble each other.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (b, s, m)
+            Of b set-ups, m draws of each of their s shapes.
+        setups : ndarray, shape (b,)
+            Numbers of the set-ups, all different.
+        uniform : ndarray, shape (m,)
+            Which memory a draw has, from 0 to 1: one instrument measures all channels.
+        """
+        ends = np.cumsum(self.probability)
+        which = np.searchsorted(ends, uniform * ends[-1]).clip(max=len(ends) - 1)
+        apart = np.abs(np.subtract.outer(setups, setups))
+        found = unit.copy()
+        for one in np.unique(which[_MEMORY[which] > 0.0]):
+            own = which == one
+            squares = _SCATTER[one] ** 2, _LASTING[one] ** 2
+            share = squares[1] / (squares[0] + squares[1])
+            covariance = share * np.exp(-apart / _MEMORY[one]) + (1.0 - share) * np.eye(len(setups))
+            root = np.linalg.cholesky(covariance)
+            found[..., own] = np.tensordot(root, unit[..., own], axes=1)
+        return found
+
+
+def how_alike(seen: Sequence[FloatArray]) -> Alike:
+    """Put together what channels show (`set_ups_seen`)."""
+    told = _together(seen)
+    return Alike(np.exp(told - logsumexp(told)))
 
 
 def set_ups_seen(left: FloatArray, visit: IntArray) -> FloatArray:
@@ -173,17 +226,30 @@ def _expected(others: Sequence[FloatArray]) -> FloatArray:
     """
     if not others:
         return AS_LIKELY_NONE
-    log = np.array(others)
-    of_any = logsumexp(log + AS_LIKELY_NONE, axis=1, keepdims=True)
-    told = np.logaddexp(np.log1p(-ODD) + log, np.log(ODD) + of_any).sum(axis=0) + AS_LIKELY_NONE
+    told = _together(others)
     found: FloatArray = np.logaddexp(
         np.log1p(-ODD) + told - logsumexp(told), np.log(ODD) + AS_LIKELY_NONE
     )
     return found
 
 
+def _together(seen: Sequence[FloatArray]) -> FloatArray:
+    """Give the log posterior of each memory and size, but for a constant."""
+    if not seen:
+        return AS_LIKELY_NONE
+    log = np.array(seen)
+    of_any = logsumexp(log + AS_LIKELY_NONE, axis=1, keepdims=True)
+    of_each: FloatArray = np.logaddexp(np.log1p(-ODD) + log, np.log(ODD) + of_any)
+    found: FloatArray = of_each.sum(axis=0) + AS_LIKELY_NONE
+    return found
+
+
 def _levels(values: FloatArray, course: FloatArray, visit: IntArray) -> FloatArray:
-    """Give each set-up's size along a course, in its largest sizes, and its variance; (m, 2)."""
+    """Give each set-up's size along a course, in its largest sizes, and its variance; (m, 3).
+
+    The third is the set-up's number: a channel that shows in every seventh alone tells of set-ups
+    that are seven apart.
+    """
     groups = np.array_split(np.unique(visit), min(len(np.unique(visit)), MOST_LEVELS))
     largest = float(np.abs(course).max())
     found = []
@@ -191,8 +257,9 @@ def _levels(values: FloatArray, course: FloatArray, visit: IntArray) -> FloatArr
         here = np.isin(visit, group)
         square = float(course[here] @ course[here]) / largest
         if square > 0.0:
-            found.append((float(values[here] @ course[here]) / square, largest / square))
-    return np.array(found).reshape(-1, 2)
+            level = float(values[here] @ course[here]) / square
+            found.append((level, largest / square, float(np.mean(group))))
+    return np.array(found).reshape(-1, 3)
 
 
 def _within(course: FloatArray, visit: IntArray) -> FloatArray:
@@ -205,8 +272,8 @@ def _within(course: FloatArray, visit: IntArray) -> FloatArray:
 
 def _fits(levels: FloatArray, memory: float) -> _Fits:
     """Fit what levels have in common, at each size of their scatter and of what lasts."""
-    level, variance = levels.T
-    apart = np.abs(np.subtract.outer(*[np.arange(len(level))] * 2))
+    level, variance, number = levels.T
+    apart = np.abs(np.subtract.outer(number, number))
     lasting = np.exp(-apart / memory) if memory else np.zeros_like(apart, dtype=float)
     scatter, lasts = np.array(_sizes(memory)).T
     covariance = (scatter**2)[:, None, None] * np.eye(len(level)) + np.diag(variance)

@@ -119,7 +119,7 @@ class Channel:
         -------
         ndarray, shape (b, 1 + q, m)
         """
-        found: FloatArray = self._of_blocks @ columns
+        found = np.asarray(self._of_blocks @ columns)
         return found.reshape(len(self.starts), self.shapes.shape[1], columns.shape[1])
 
     @cached_property

@@ -5,13 +5,14 @@ B. Efron, R. Tibshirani, An Introduction to the Bootstrap (1993): draws from a f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import FloatArray
+from app.search.alike import Alike
 from app.search.channel import Channel
 from app.search.moments import Fixed, Moments, moments_of
 from app.search.state import State
@@ -54,8 +55,14 @@ class Draws:
 
     seed: int
     count: int
+    alike: Alike | None = None
+    """How set-ups resemble each other; None: each is made anew."""
     _moments: dict[int, tuple[Moments, FloatArray]] = field(default_factory=dict)
     _noise: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+
+    def with_alike(self, alike: Alike) -> Draws:
+        """Draw the same with set-ups that resemble each other."""
+        return replace(self, alike=alike)
 
     def noise(self, fixed: Fixed) -> NDArray[np.float32]:
         """Draw the repeatability of each row of a channel, once; in short numbers.
@@ -101,6 +108,9 @@ class Draws:
             second = slice(self.count // 2, None)
             level[second] = _drawn_levels(channel.expected, random.random(self.count)[second])
         shift = random.standard_normal(shape)
+        if self.alike is not None and not channel.blocks.are_records:
+            uniform = np.random.default_rng([self.seed, 3]).random(self.count)
+            shift = self.alike.drawn(shift, channel.blocks.setups, uniform)
         for i in np.unique(level):
             own = level == i
             shift[..., own] = channel.blocks.draw(channel.tried[i], shift[..., own])

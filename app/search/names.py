@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
-from app.search.alike import evidence_beside_alike, set_ups_seen
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.search.alike import Alike, evidence_beside_alike, how_alike, set_ups_seen
 from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
-from app.search.foresight import learn
+from app.search.foresight import Learned, learn
 from app.search.library import read_library
 from app.search.problem import Problem, Term
 from app.search.rows import Datum
@@ -139,36 +139,65 @@ def _walking(selector: Selector, terms: Sequence[Term]) -> list[int]:
     return found
 
 
+def set_ups_alike(selector: Selector, terms: Sequence[Term]) -> Alike:
+    """Say how much set-ups resemble each other beside terms."""
+    return how_alike(list(_Beside.of(selector, terms).seen.values()))
+
+
+class _Beside(NamedTuple):
+    """What is left beside terms: by channel, residuals, their set-ups, and what these show.
+
+    `is_free` says for each row whether the zero of its set-up is not known; of a channel that has
+    such rows nothing is `seen`.
+    """
+
+    learned: Learned
+    left: dict[int, FloatArray]
+    visit: dict[int, IntArray]
+    is_free: dict[int, BoolArray]
+    seen: dict[int, FloatArray]
+
+    @classmethod
+    def of(cls, selector: Selector, terms: Sequence[Term]) -> _Beside:
+        rows = selector.library.problem.rows
+        learned = learn(selector.states, terms)
+        channels = {c: state.fixed.channel for c, state in selector.states.items()}
+        visit = {c: rows.visit[one.rows] for c, one in channels.items()}
+        free = {
+            c: np.array(
+                [rows.datum.get((v, c), Datum.ABSOLUTE) != Datum.ABSOLUTE for v in own.tolist()]
+            )
+            for c, own in visit.items()
+        }
+        left = {c: one.values - learned.effect(c) for c, one in channels.items()}
+        seen = {c: set_ups_seen(left[c], visit[c]) for c in channels if not free[c].any()}
+        return cls(learned, left, visit, free, seen)
+
+
 def _alike(selector: Selector, terms: Sequence[Term]) -> list[int]:
     """Name the terms that stand still but may be mostly what set-ups have in common."""
     standing = [n for n, t in enumerate(terms) if t.origin is None and t.candidate.standing]
     if not standing:
         return []
-    rows = selector.library.problem.rows
-    learned = learn(selector.states, terms)
-    channels = {c: state.fixed.channel for c, state in selector.states.items()}
-    visit = {c: rows.visit[one.rows] for c, one in channels.items()}
-    free = {
-        c: np.array(
-            [rows.datum.get((v, c), Datum.ABSOLUTE) != Datum.ABSOLUTE for v in own.tolist()]
-        )
-        for c, own in visit.items()
-    }
-    left = {c: one.values - learned.effect(c) for c, one in channels.items()}
-    seen = {c: set_ups_seen(left[c], visit[c]) for c in channels if not free[c].any()}
+    beside = _Beside.of(selector, terms)
+    tilt = selector.library.problem.rows.tilt
     starts = np.cumsum([0, *(term.size for term in terms)])
     found = []
     for number in standing:
-        amplitudes = learned.fit.amplitudes[starts[number] : starts[number + 1]]
+        amplitudes = beside.learned.fit.amplitudes[starts[number] : starts[number + 1]]
         evidence = [
             evidence_beside_alike(
-                *(left[c], columns @ amplitudes, rows.tilt[channels[c].rows], visit[c], free[c]),
-                [told for other, told in seen.items() if other != c],
+                beside.left[c],
+                columns @ amplitudes,
+                tilt[selector.states[c].fixed.channel.rows],
+                beside.visit[c],
+                beside.is_free[c],
+                [told for other, told in beside.seen.items() if other != c],
             )
             for c, columns in terms[number].columns.items()
         ]
         known = [one for one in evidence if one is not None]
-        setups = max(np.unique(visit[c]).size for c in terms[number].columns)
+        setups = max(np.unique(beside.visit[c]).size for c in terms[number].columns)
         # What all set-ups have in common is one number, known by as many values as there are
         # set-ups.
         cost = selector.odds_of_family(terms[number]) + np.log(setups)

@@ -34,7 +34,7 @@ from app.search.held_out import held_out_figures, typical_level
 from app.search.joint_fit import Fit, left_out
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
-from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts
+from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts, set_ups_alike
 from app.search.noise import at_least_rounding, repeatability
 from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
@@ -147,6 +147,10 @@ def search(
         if refuted := not_shared(selector, main.terms):
             own = [library.candidates[e.candidate].family in refuted for e in library.entries]
             selector.allowed = selector.allowed & ~np.array(own)
+            main = selector.select(draws)
+        alike = set_ups_alike(selector, main.terms)
+        if alike.is_likely:
+            draws = draws.with_alike(alike)
             main = selector.select(draws)
         return splits, draws, selector, main
 

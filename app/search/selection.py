@@ -100,7 +100,7 @@ class Selector:
     step: Callable[[], None] = _continue
 
     def __post_init__(self) -> None:
-        self._last: tuple[tuple[tuple[int, ...], bool, bool], list[Term], Scan] | None = None
+        self._last: tuple[tuple[object, ...], list[Term], Scan] | None = None
         self._bare: tuple[dict[int, State], Scan] | None = None
         self.states = self.library.problem.states(self.cells)
         self.base = BaseGrams(self.library, self.states)
@@ -147,7 +147,7 @@ class Selector:
         """Scan entries beside given terms."""
         if self._bare is not None and not terms and not generic and draws is None:
             return self._bare[1]
-        key = (tuple(id(t) for t in terms), draws is not None, generic)
+        key = (tuple(id(t) for t in terms), draws, generic)
         if self._last is None or self._last[0] != key:
             before = None if generic or draws else self._bare
             found = scan(self.library, self.given(terms), draws, generic, self.base, before)

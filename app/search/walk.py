@@ -122,9 +122,9 @@ def _probable(log: FloatArray) -> FloatArray:
 
 
 def _fits(levels: FloatArray, design: FloatArray) -> _Fits:
-    """Fit levels, shape (m, 3), by generalised least squares at each size of scatter and walk."""
-    level, count = levels[:, 0], levels[:, 2]
-    steps = np.arange(1.0, len(level) + 1.0)
+    """Fit levels, shape (m, 4), by generalised least squares at each size of scatter and walk."""
+    level, _, count, number = levels.T
+    steps = 1.0 + number - number[0]
     walk = np.minimum(steps[:, None], steps[None, :])
     found = []
     for scatter, step in SIZES_TRIED:
@@ -144,9 +144,10 @@ def _fits(levels: FloatArray, design: FloatArray) -> _Fits:
 
 
 def _levels(left: FloatArray, own: FloatArray, visit: IntArray) -> FloatArray:
-    """Give each set-up's level, the term's share of it, and its observations, shape (m, 3).
+    """Give each set-up's level, the term's share of it, its observations, and its number, (m, 4).
 
-    Along the term's own course over the places; where it is nothing, the plain mean.
+    Along the term's own course over the places; where it is nothing, the plain mean. The zero
+    walks in set-ups too in which the channel does not show.
     """
     sign = 1.0 if own.sum() >= 0.0 else -1.0
     nothing = NEXT_TO_NOTHING * float(np.abs(own).max(initial=0.0))
@@ -155,11 +156,11 @@ def _levels(left: FloatArray, own: FloatArray, visit: IntArray) -> FloatArray:
     found = []
     for group in groups:
         here = np.isin(visit, group)
-        count = float(here.sum())
+        count, number = float(here.sum()), float(np.mean(group))
         size = float(np.linalg.norm(own[here]))
         if size <= nothing * np.sqrt(count):
-            found.append((sign * float(left[here].mean()), 0.0, count))
+            found.append((sign * float(left[here].mean()), 0.0, count, number))
         else:
             along = float(left[here] @ own[here]) / size
-            found.append((along / np.sqrt(count), size / np.sqrt(count), count))
+            found.append((along / np.sqrt(count), size / np.sqrt(count), count, number))
     return np.array(found)

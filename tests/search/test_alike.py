@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from app.search.alike import evidence_beside_alike, set_ups_seen
+from app.search.alike import (
+    MEMORIES,
+    SIZES,
+    evidence_beside_alike,
+    how_alike,
+    set_ups_seen,
+)
 
 SURE = 10.0
 """About what one of 80 candidates of a family costs in eight set-ups."""
@@ -73,6 +79,54 @@ def test_a_sure_slope_carries_a_smaller_shift_and_no_larger_one():
 def test_of_unknown_zeros_no_shift_is_seen_and_a_slope_is():
     assert judged(1, shift=3.0, is_free=True) is None
     assert judged(1, slope=3.0, is_free=True) > SURE
+
+
+def test_a_channel_that_shows_seldom_tells_of_set_ups_that_are_far_apart():
+    """Every third set-up forgets in two of its own what all forget in six."""
+    visit = np.repeat(np.arange(9), len(U))
+    left = np.random.default_rng(3).normal(size=len(visit)) + 0.3 * visit
+    of_memory = [len(SIZES), *(len(SIZES) * (len(SIZES) - 1) for _ in MEMORIES[1:])]
+    ends = np.cumsum(of_memory)
+    each, third = (np.split(set_ups_seen(left, n * visit), ends[:-1]) for n in (1, 3))
+    for shorter in (2.0, 6.0, 18.0):
+        longer = MEMORIES.index(3.0 * shorter)
+        np.testing.assert_allclose(third[longer], each[MEMORIES.index(shorter)])
+
+
+def seen_by(channels, **stated):
+    """What channels show of ten set-ups, and how much these are taken to resemble each other."""
+    rng = np.random.default_rng(7)
+    visit = np.repeat(np.arange(10), len(U))
+    return how_alike(
+        [
+            set_ups_seen(setups(rng, 10, **stated)[visit] + rng.normal(size=len(visit)), visit)
+            for _ in range(channels)
+        ]
+    )
+
+
+def test_channels_together_tell_whether_set_ups_resemble_each_other():
+    assert seen_by(8, size=1.0, memory=0.85).is_likely
+    assert not seen_by(8, size=1.0, memory=0.0).is_likely
+
+
+def test_draws_resemble_each_other_as_set_ups_do():
+    """Neighbours more than those far apart, each with the variance that it had."""
+    alike, numbers = seen_by(8, size=1.0, memory=0.85), np.array([0, 1, 9, 3])
+    rng = np.random.default_rng(1)
+    drawn = alike.drawn(rng.normal(size=(4, 2, 4000)), numbers, rng.random(4000))
+    for shape in drawn.transpose(1, 0, 2):
+        covariance = np.cov(shape)
+        np.testing.assert_allclose(np.diag(covariance), 1.0, atol=0.1)
+        assert covariance[0, 1] > covariance[0, 3] > covariance[0, 2] - 0.05
+        assert covariance[0, 1] > 0.6
+    np.testing.assert_allclose(np.cov(drawn[:, 0], drawn[:, 1])[:4, 4:], 0.0, atol=0.1)
+
+
+def test_set_ups_that_are_made_anew_are_drawn_as_they_are():
+    unit = np.random.default_rng(1).normal(size=(5, 2, 30))
+    drawn = seen_by(30, size=1.0, memory=0.0).drawn(unit, np.arange(5), np.full(30, 0.1))
+    np.testing.assert_array_equal(drawn, unit)
 
 
 def test_too_few_set_ups_say_nothing():
