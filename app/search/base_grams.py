@@ -74,8 +74,8 @@ class BaseGrams:
 def _base_gram(batch: Batch, state: State) -> BaseGram:
     sheet, k = batch.sheets[state.fixed.channel.number], batch.size
     moments = sheet.moments
-    with_nuisance = moments.nuisance[state.cells].sum(axis=0)
-    own = sheet.own[state.cells].sum(axis=0)
+    with_nuisance = sheet.within(moments.nuisance, state.cells)
+    own = sheet.within(sheet.own, state.cells)
     reduced = moments.reduced if state.blocks.all() else moments.reduced[state.blocks]
     gram = np.empty((len(state.rss), *own.shape))
     floor = np.empty(gram.shape[:2])

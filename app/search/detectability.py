@@ -163,7 +163,8 @@ def informations(
         g, k = len(batch.entries), batch.size
         own, metric = np.zeros((g, k, k)), np.zeros((g, k, k))
         for c in batch.channels:
-            products = batch.sheets[c].own[states[c].cells].sum(axis=0)
+            sheet = batch.sheets[c]
+            products = sheet.within(sheet.own, states[c].cells)
             own += (products - blocks(_shadow(states[c], level[c], batch), k)) / scatter[c]
             metric += products
         rows = sum(states[c].count for c in batch.channels)
@@ -173,9 +174,9 @@ def informations(
 
 
 def _shadow(state: State, level: int, batch: Batch) -> FloatArray:
-    moments = batch.sheets[state.fixed.channel.number].moments
+    sheet = batch.sheets[state.fixed.channel.number]
     found: FloatArray = state.level(level).shadow(
-        moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
+        sheet.within(sheet.moments.nuisance, state.cells).T, sheet.moments.reduced[state.blocks]
     )[0]
     return found
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray
 from app.errors import InvalidContent
 from app.search.candidate import Candidate
 from app.search.draws import Draws
@@ -64,7 +64,8 @@ class Sheet:
     Parameters
     ----------
     own : ndarray, shape (cells, g, k, k)
-        Products of each entry's own columns.
+        Products of each entry's own columns within each cell. These and the moments' products
+        have a single cell, that of all rows, where no cells are asked for apart.
     noise : ndarray, shape (g k, B)
         Products with the draws of noise.
     columns : ndarray, shape (n, g k) or None
@@ -75,6 +76,20 @@ class Sheet:
     moments: Moments
     noise: FloatArray
     columns: FloatArray | None
+
+    def within(self, products: FloatArray, cells: BoolArray) -> FloatArray:
+        """Add products up over some cells: over all of them, where they are not kept apart.
+
+        Parameters
+        ----------
+        products : ndarray, shape (cells, ...) or (1, ...)
+        """
+        if len(products) == len(cells):
+            found: FloatArray = products[cells].sum(axis=0)
+            return found
+        if not cells.all():
+            raise ValueError("expected all cells: these products are not kept apart by cell")
+        return np.asarray(products[0])
 
     @property
     def bytes_of_products(self) -> int:
@@ -104,8 +119,15 @@ class Library:
     entries: list[Entry] = field(default_factory=list)
     batches: list[Batch] = field(default_factory=list)
 
-    def columns(self, batch: Batch, channel: int) -> FloatArray:
+    def columns(
+        self, batch: Batch, channel: int, chosen: Sequence[int] | None = None
+    ) -> FloatArray:
         """Give a batch's columns in one channel, kept or evaluated again.
+
+        Parameters
+        ----------
+        chosen
+            Places in the batch of the only entries that are wanted; all without it.
 
         Returns
         -------
@@ -113,13 +135,15 @@ class Library:
         """
         kept = batch.sheets[channel].columns
         if kept is not None:
-            return kept
-        entries = (self.entries[i] for i in batch.entries)
-        terms = (self.problem.term(self.candidates[e.candidate], e.theta) for e in entries)
-        return np.hstack([t.columns[channel] for t in terms])
+            if chosen is None:
+                return kept
+            by_entry = kept.reshape(len(kept), len(batch.entries), batch.size)
+            return by_entry[:, chosen].reshape(len(kept), -1)
+        wanted = batch.entries if chosen is None else [batch.entries[i] for i in chosen]
+        return np.hstack([self.term(entry).columns[channel] for entry in wanted])
 
     def take(self, wanted: BoolArray) -> Library:
-        """Keep the products of some entries; entries keep their numbers.
+        """Read some entries again, with their products apart by cell; they keep their numbers.
 
         Parameters
         ----------
@@ -131,16 +155,14 @@ class Library:
         Library
             Without draws of noise.
         """
-        kept = []
+        taken = Library(self.problem, self.candidates, self.entries)
+        builder = _BatchBuilder(taken, None, by_cell=True)
         for batch in self.batches:
             at = [i for i, entry in enumerate(batch.entries) if wanted[entry]]
             if at:
-                columns = np.repeat(np.array(at) * batch.size, batch.size)
-                columns += np.tile(np.arange(batch.size), len(at))
-                sheets = {c: _part_of(sheet, at, columns) for c, sheet in batch.sheets.items()}
-                entries = [batch.entries[i] for i in at]
-                kept.append(Batch(batch.channels, batch.size, batch.generic, entries, sheets))
-        return Library(self.problem, self.candidates, self.entries, kept)
+                own = replace(batch, entries=[batch.entries[i] for i in at], sheets={})
+                builder.add_batch(own, {c: self.columns(batch, c, at) for c in batch.channels})
+        return taken
 
     def term(self, entry: int) -> Term:
         """Evaluate one entry."""
@@ -148,23 +170,13 @@ class Library:
         return self.problem.term(self.candidates[one.candidate], one.theta)
 
 
-def _part_of(sheet: Sheet, entries: Sequence[int], columns: IntArray) -> Sheet:
-    moments = sheet.moments
-    return Sheet(
-        sheet.own[:, entries],
-        Moments(
-            moments.nuisance[:, columns], moments.values[:, columns], moments.reduced[:, :, columns]
-        ),
-        np.zeros((len(columns), 0)),
-        None if sheet.columns is None else sheet.columns[:, columns],
-    )
-
-
 def read_library(
     problem: Problem,
     candidates: Sequence[Candidate],
     draws: Draws | None,
     step: Callable[[float], None] = lambda share: None,
+    *,
+    by_cell: bool = True,
 ) -> Library:
     """Evaluate every entry once and gather its products.
 
@@ -174,6 +186,8 @@ def read_library(
         Draws of noise; None: none are needed.
     step
         Told how far it is, 0 to 1; may raise to stop.
+    by_cell
+        Whether products are kept apart by cell: they are then many times as large.
 
     Raises
     ------
@@ -181,7 +195,7 @@ def read_library(
         If the products would take more memory than is stated.
     """
     library = Library(problem, candidates)
-    builder = _BatchBuilder(library, draws)
+    builder = _BatchBuilder(library, draws, by_cell)
     for share, entry, term in _terms(problem, library, candidates):
         step(share)
         if library.entries[entry].excited:
@@ -210,6 +224,7 @@ class _BatchBuilder:
 
     library: Library
     draws: Draws | None
+    by_cell: bool
     waiting: dict[Key, list[tuple[int, Term]]] = field(default_factory=lambda: defaultdict(list))
     waiting_bytes: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
     kept_bytes: int = 0
@@ -232,18 +247,22 @@ class _BatchBuilder:
             self._add_batch(key)
 
     def _add_batch(self, key: Key) -> None:
-        """Gather a batch's products."""
+        """Set what waits side by side."""
         channels, size, generic = key
         terms = self.waiting.pop(key)
         del self.waiting_bytes[key]
         batch = Batch(channels, size, generic, [entry for entry, _ in terms])
-        for number in channels:
-            columns = np.hstack([term.columns[number] for _, term in terms])
-            keep = self.kept_bytes + columns.nbytes <= KEPT_BYTES
+        columns = {c: np.hstack([term.columns[c] for _, term in terms]) for c in channels}
+        self.add_batch(batch, columns)
+
+    def add_batch(self, batch: Batch, columns: Mapping[int, FloatArray]) -> None:
+        """Gather a batch's products, of its columns in each channel, shape (n, g k)."""
+        for number, own in columns.items():
+            keep = self.kept_bytes + own.nbytes <= KEPT_BYTES
             fixed = self.library.problem.fixed[number]
-            sheet = _sheet(fixed, columns, size, self.draws, keep)
+            sheet = _sheet(fixed, own, batch.size, self.draws, keep, self.by_cell)
             batch.sheets[number] = sheet
-            self.kept_bytes += columns.nbytes if keep else 0
+            self.kept_bytes += own.nbytes if keep else 0
             self.product_bytes += sheet.bytes_of_products
         self.library.batches.append(batch)
         self._expect_to_fit()
@@ -263,20 +282,15 @@ class _BatchBuilder:
         )
 
 
-def _sheet(fixed: Fixed, columns: FloatArray, size: int, draws: Draws | None, keep: bool) -> Sheet:
+def _sheet(
+    fixed: Fixed, columns: FloatArray, size: int, draws: Draws | None, keep: bool, by_cell: bool
+) -> Sheet:
     channel = fixed.channel
     noise = draws.products(fixed, columns) if draws else np.zeros((columns.shape[1], 0))
-    return Sheet(
-        _own_products(fixed, columns, size),
-        moments_of(channel, columns, fixed.cells),
-        noise,
-        columns if keep else None,
-    )
-
-
-def _own_products(fixed: Fixed, columns: FloatArray, size: int) -> FloatArray:
-    """Multiply each entry's columns with each other, cell by cell."""
-    found = np.zeros((fixed.cells, columns.shape[1] // size, size, size))
-    for cell, part in fixed.channel.parts:
-        found[cell] = blocks(columns[part], size)
-    return found
+    own: FloatArray = blocks(columns, size)[None]
+    if by_cell:
+        own = np.zeros((fixed.cells, *own.shape[1:]))
+        for cell, part in channel.parts:
+            own[cell] = blocks(columns[part], size)
+    moments = moments_of(channel, columns, fixed.cells if by_cell else None)
+    return Sheet(own, moments, noise, columns if keep else None)

@@ -50,15 +50,21 @@ class Fixed:
     square: FloatArray
 
 
-def moments_of(channel: Channel, columns: FloatArray, cells: int) -> Moments:
+def moments_of(channel: Channel, columns: FloatArray, cells: int | None) -> Moments:
     """Multiply columns with everything that is fixed in a channel.
 
     Parameters
     ----------
     columns : ndarray, shape (n, m)
         In its order of rows, in repeatabilities.
+    cells
+        How many cells are kept apart; None: all rows are one.
     """
-    products = channel.by_cell(columns, channel.given, cells)
+    products = (
+        (columns.T @ channel.given)[None]
+        if cells is None
+        else channel.by_cell(columns, channel.given, cells)
+    )
     return Moments(products[..., :-1], products[..., -1], channel.reduce(columns))
 
 

@@ -232,7 +232,7 @@ def _given_products(
     """Give products with given terms (g k, given), None without, and with the values (g k, m)."""
     state, use = target.state, target.state.cells
     sheet = batch.sheets[state.fixed.channel.number]
-    values = sheet.moments.values[use].sum(axis=0)[:, None]
+    values = sheet.within(sheet.moments.values, use)[:, None]
     with_given = None
     if state.given is not None:
         channel = state.fixed.channel

@@ -132,7 +132,9 @@ def search(
         made = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
         problem = with_expected_wander(made)
         library = read_library(
-            problem, candidates, draws, lambda s: report(0.02 + 0.33 * s, "reading candidates")
+            *(problem, candidates, draws),
+            lambda s: report(0.02 + 0.33 * s, "reading candidates"),
+            by_cell=False,  # parts of the visits see few of them (`Library.take`)
         )
         everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
         selector = Selector(

@@ -14,7 +14,7 @@ from tests.search.search_campaigns import make_campaign, make_library
 SMALL = 20_000
 
 
-def read(draws=None):
+def read(draws=None, by_cell=True):
     campaign = make_campaign(3, visits=12)
     visits = np.unique(campaign.rows.visit).tolist()
     problem = make_problem(
@@ -24,7 +24,7 @@ def read(draws=None):
         {visit: i % 2 for i, visit in enumerate(visits)},
         2,
     )
-    return read_library(problem, make_library(campaign), draws)
+    return read_library(problem, make_library(campaign), draws, by_cell=by_cell)
 
 
 def ratios(library):
@@ -62,3 +62,21 @@ def test_what_would_take_too_much_is_refused_with_what_to_do(monkeypatch):
     monkeypatch.setattr(libraries, "MOST_BYTES", size - 1)
     with pytest.raises(InvalidContent, match=r"12 visits and .* analyse fewer verifications"):
         read(Draws(1, 10))
+
+
+@pytest.mark.parametrize("kept_bytes", [libraries.KEPT_BYTES, 0])
+def test_products_of_a_part_of_the_visits_are_made_of_the_entries_that_are_asked_for(
+    monkeypatch, kept_bytes
+):
+    whole = read()
+    monkeypatch.setattr(libraries, "KEPT_BYTES", kept_bytes)
+    together = read(by_cell=False)
+    np.testing.assert_allclose(ratios(together), ratios(whole), rtol=1e-9, atol=1e-9)
+    part = np.array([True, False])
+    states = whole.problem.states(part)
+    with pytest.raises(ValueError, match="not kept apart"):
+        scan(together, states)
+    wanted = np.arange(len(whole.entries)) % 3 == 0
+    expected = np.where(wanted, scan(whole, states).ratio, 0.0)
+    found = scan(together.take(wanted), states).ratio
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
