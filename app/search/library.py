@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.search.candidate import Candidate
 from app.search.draws import Draws
@@ -118,6 +119,17 @@ class Library:
     candidates: Sequence[Candidate]
     entries: list[Entry] = field(default_factory=list)
     batches: list[Batch] = field(default_factory=list)
+
+    @cached_property
+    def groups(self) -> IntArray:
+        """Each entry's candidate, shape (entries,)."""
+        return np.array([entry.candidate for entry in self.entries], dtype=np.intp)
+
+    @cached_property
+    def families(self) -> IntArray:
+        """Number of each entry's family, shape (entries,)."""
+        names = [candidate.family for candidate in self.candidates]
+        return np.unique(names, return_inverse=True)[1].astype(np.intp)[self.groups]
 
     def columns(
         self, batch: Batch, channel: int, chosen: Sequence[int] | None = None

@@ -278,7 +278,7 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
     # levels, so amplitudes and variances alternate. The ratio can only be too small by that.
     nulls = [p.target.null for p in products]
     g = products[0].gram.shape[1]
-    level = [np.broadcast_to(at, (g, len(at))) for _, at in nulls]
+    level = [at[None, :] for _, at in nulls]
     scatter = [
         p.target.state.scatter(np.take_along_axis(p.target.squares, at[:1], 0)) * np.ones((g, 1))
         for p, at in zip(products, level, strict=True)
@@ -296,9 +296,11 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
 def _amplitudes(
     products: list[_Products], level: list[IntArray], scatter: list[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve for every entry and draw; shape (g, k, m)."""
-    g, m = level[0].shape
-    k = products[0].slope.shape[2]
+    """Solve for every entry and draw; shape (g, k, m).
+
+    The levels are of all entries, shape (1, m), or of each, shape (g, m).
+    """
+    _, g, k, m = products[0].slope.shape
     information, slope, floor = np.zeros((g, m, k, k)), np.zeros((g, m, k)), np.zeros((g, m))
     each, all_m = np.arange(g)[:, None], np.arange(m)[None, :]
     for p, at, size in zip(products, level, scatter, strict=True):
@@ -306,7 +308,9 @@ def _amplitudes(
         floor += p.floor[at, each] / size
         slope += p.slope[at, each, :, all_m] / size[..., None]
     root, ranks = inverse_roots(information.reshape(g * m, k, k), floor.ravel())
-    solved = root @ (root.transpose(0, 2, 1) @ slope.reshape(g * m, k, 1))
+    # Of matrices this small a product by BLAS is mostly its call.
+    turned = np.einsum("nij,ni->nj", root, slope.reshape(g * m, k))
+    solved = np.einsum("nij,nj->ni", root, turned)
     by_entry = solved.reshape(g, m, k).transpose(0, 2, 1)
     return np.ascontiguousarray(by_entry), ranks.reshape(g, m)[:, 0]
 

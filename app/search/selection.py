@@ -8,7 +8,6 @@ J. Chen, Z. Chen, Biometrika 95 (2008) 759: its prior in large sets of candidate
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -104,11 +103,11 @@ class Selector:
         self._bare: tuple[dict[int, State], Scan] | None = None
         self.states = self.library.problem.states(self.cells)
         self.base = BaseGrams(self.library, self.states)
-        self.groups = np.array([e.candidate for e in self.library.entries], dtype=np.intp)
-        names = [self.library.candidates[e.candidate].family for e in self.library.entries]
-        self.families = np.unique(names, return_inverse=True)[1].astype(np.intp)
-        expected = (self.library.candidates[e.candidate].expected for e in self.library.entries)
-        self.is_expected = np.array([one is not None for one in expected], dtype=np.bool_)
+        candidates = self.library.candidates
+        self.groups = self.library.groups
+        self.families = self.library.families
+        self.is_expected = np.array([c.expected is not None for c in candidates])[self.groups]
+        self.is_sampled = np.array([c.bounds is not None for c in candidates])[self.groups]
         self.penalty = penalties(self.library, sum(s.count for s in self.states.values()))
 
     def select(self, draws: Draws | None, known: Sequence[Stage] = ()) -> Selection:
@@ -284,10 +283,8 @@ class Selector:
         Only what was sampled too coarsely: the best of a family without a nonlinear parameter is
         what its scan says it is.
         """
-        of_entry = (self.library.candidates[e.candidate].bounds for e in self.library.entries)
-        is_sampled = np.array([bounds is not None for bounds in of_entry], dtype=np.bool_)
         floor = top - GRID_MARGIN - GRID_SHARE * abs(top)
-        return best_entries(np.where(is_sampled, score, -np.inf), self.families, floor)
+        return best_entries(np.where(self.is_sampled, score, -np.inf), self.families, floor)
 
     def _settled(self, terms: list[Term], rounds: int) -> list[Term]:
         """Refine again, exchange, and take out what no longer pays."""
@@ -376,12 +373,12 @@ def penalties(library: Library, count: int) -> FloatArray:
         −2 ln B, with a family's prior spread evenly over its entries. An amplitude that is
         expected is no parameter.
     """
-    families = [library.candidates[e.candidate].family for e in library.entries]
-    size = Counter(families)
-    each = [(library.candidates[e.candidate], e.size) for e in library.entries]
-    parameters = [(0 if c.expected else size) + c.nonlinear for c, size in each]
-    spread = 2.0 * np.log([size[f] for f in families])
-    return np.asarray(np.array(parameters) * np.log(max(count, 2)) + spread)
+    groups, families = library.groups, library.families
+    sizes = np.array([entry.size for entry in library.entries])
+    is_free = np.array([not c.expected for c in library.candidates])[groups]
+    nonlinear = np.array([c.nonlinear for c in library.candidates])[groups]
+    spread = 2.0 * np.log(np.bincount(families)[families])
+    return np.asarray((is_free * sizes + nonlinear) * np.log(max(count, 2)) + spread)
 
 
 def best_entries(score: FloatArray, groups: np.ndarray, floor: float) -> list[int]:
