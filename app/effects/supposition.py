@@ -98,12 +98,9 @@ def left_by_places(
     ndarray, shape (n,) [the rows' units]
     """
     conditions = projection.conditions.take(np.flatnonzero(which))
-    noted, really = (
-        Projection(projection.model, all_rows.take(which), conditions)
-        for all_rows in (projection.rows, rows)
-    )
+    really = Projection(projection.model, rows.take(which), conditions)
     found = np.zeros(len(projection.rows))
-    found[which] = sign * _said(really) - _said(noted)
+    found[which] = sign * _said(really) - _said(projection)[which]
     return found
 
 
