@@ -76,5 +76,5 @@ def _view(found: Events, *, of_all: bool) -> RenderableType:
 def _told(event: Event) -> Text:
     """Say what happened, how often and until when, and who did it."""
     repeated = "" if event.count == 1 else f" ({event.count} times)"
-    lasted = "" if event.until is None else f", until {when(event.until)}"
+    lasted = "" if event.until is None else f" (until {when(event.until)})"
     return Text.assemble(f"{event.text}{repeated}{lasted}", (f" · {event.who}", "dim"))

@@ -138,7 +138,7 @@ def _readiness(thermap: ThermapClient) -> Iterator[Finding]:
     else:
         yield ok("readiness", f"The service is ready: {words}, its database answers.")
     if ready.disk_free_bytes is not None:
-        yield examine_disk("disk of the service", "Of its database", ready.disk_free_bytes)
+        yield examine_disk("disk of the service", ready.disk_free_bytes)
 
 
 def _connections(thermap: ThermapClient) -> Iterator[Finding]:

@@ -219,22 +219,24 @@ def examine_backups(folder: Path) -> Finding:
     return ok("backups", f"{words}.")
 
 
-def examine_disk(about: str, words: str, free_bytes: int, taken_bytes: int = 0) -> Finding:
-    """Judge what is free on the disk of a database, which takes so much, if that is known."""
-    words = f"{words} {free_bytes / 1e6:,.0f} MB are free on its disk"
+def examine_disk(about: str, free_bytes: int, taken_bytes: int | None = None) -> Finding:
+    """Judge what is free on a database's disk, and what it takes, where that is known."""
+    words = f"{free_bytes / 1e6:,.0f} MB are free on the disk of the database"
+    if taken_bytes is not None:
+        words = f"{words}, which takes {taken_bytes / 1e6:,.0f} MB"
     if free_bytes < FEW_BYTES:
         return trouble(about, f"{words}: soon nothing can be stored.")
-    if free_bytes < max(SOON_BYTES, taken_bytes):
+    if free_bytes < max(SOON_BYTES, taken_bytes or 0):
         return warning(about, f"{words}: too little for an upgrade or a backup beside it.")
     return ok(about, f"{words}.")
 
 
 def _space(database: Database) -> Finding:
     found = space(database)
-    taken = f"The database takes {found.taken_bytes / 1e6:,.0f} MB"
     if found.free_bytes is None:
+        taken = f"The database takes {found.taken_bytes / 1e6:,.0f} MB"
         return ok("disk", f"{taken}; how much its server's disk has left is not known here.")
-    return examine_disk("disk", f"{taken}, and", found.free_bytes, found.taken_bytes)
+    return examine_disk("disk", found.free_bytes, found.taken_bytes)
 
 
 def _clock(database: Database) -> Iterator[Finding]:

@@ -44,7 +44,7 @@ def test_a_database_on_which_no_service_runs(run, furnished_url):
         "No reading has come yet: there is no compensation table.",
     )
     assert ("clock of the database" in about) == furnished_url.startswith("postgresql")
-    assert ("free on its disk" in about["disk"][1]) == furnished_url.startswith("sqlite")
+    assert ("free on the disk" in about["disk"][1]) == furnished_url.startswith("sqlite")
     assert "service" not in about
 
 
