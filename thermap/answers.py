@@ -649,7 +649,7 @@ class Event(Shape):
     """What happened, in words"""
 
     details: dict[str, Any]
-    """The same in fields: `version`, `from` and `to`, `state`, `sensor`, `verification` …"""
+    """The same in fields: `version`, `from` and `to`, `state`, `sensor` with `health`, …"""
 
     until: AwareDatetime | None
     """When an alarm or a sensor's failure went, null while it lasts, and for changes"""

@@ -58,7 +58,7 @@ class Event(Answer):
     text: str
     """What happened, in words"""
     details: Mapping[str, Any]
-    """The same in fields: `version`, `from` and `to`, `state`, `sensor`, `verification` …"""
+    """The same in fields: `version`, `from` and `to`, `state`, `sensor` with `health`, …"""
     until: datetime | None
     """When an alarm or a sensor's failure went, null while it lasts, and for changes"""
     count: int

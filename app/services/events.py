@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from threading import Event as Signal
 from threading import Thread
 from time import monotonic
-from typing import Final
+from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy.orm import Session
 
@@ -25,8 +25,8 @@ from app.storage.events import (
     begin_passing,
     delete_old_alarms,
     end_passing,
+    lasting_details,
     lasting_events,
-    lasting_subjects,
     list_events,
     write_event,
 )
@@ -120,12 +120,31 @@ def note_analysis(
     write_event(session, machine_id, EventKind.ANALYSIS, text, now, details)
 
 
+class _Matter(NamedTuple):
+    """One thing that is the matter, in words and in fields: other fields are another matter."""
+
+    text: str
+    details: dict[str, str]
+
+
 @dataclass(frozen=True, slots=True)
 class _Lasting:
-    """What is the matter with a machine: alarms and failed sensors, each with its words."""
+    """What is the matter with a machine: alarms by their state, failures by their sensor."""
 
-    alarms: dict[str, str]
-    sensors: dict[str, str]
+    alarms: dict[str, _Matter]
+    sensors: dict[str, _Matter]
+
+    @property
+    def key(self) -> _Key:
+        """What of it is compared: an alarm's words change all the time."""
+        return _key_of(m.details for m in (*self.alarms.values(), *self.sensors.values()))
+
+
+_Key: TypeAlias = frozenset[tuple[tuple[str, str], ...]]
+
+
+def _key_of(details: Iterable[Mapping[str, str]]) -> _Key:
+    return frozenset(tuple(sorted(one.items())) for one in details)
 
 
 class AlarmLog:
@@ -141,8 +160,8 @@ class AlarmLog:
         self._duty = context.database.duty(ALARM_DUTY)
         self._stop = Signal()
         self._thread = Thread(target=self._run, name="alarm-log", daemon=True)
-        self._written: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
-        self._seen: dict[str, tuple[frozenset[str], frozenset[str]]] = {}
+        self._written: dict[str, _Key] = {}
+        self._seen: dict[str, _Key] = {}
         self._judged: dict[str, tuple[object, float]] = {}
         self._waiting: deque[str] = deque()
         self._tidied_s: float | None = None
@@ -219,14 +238,15 @@ class AlarmLog:
         return known != mark or now_s - judged_s >= JUDGED_AGAIN_S or not settled
 
     def _compare(self, machine_id: str, lasting: _Lasting) -> None:
-        key = (frozenset(lasting.alarms), frozenset(lasting.sensors))
+        key = lasting.key
         before, self._seen[machine_id] = self._seen.get(machine_id), key
         if machine_id not in self._written:
             with self._context.database.reading() as session:
-                open_ones = lasting_subjects(session)
-            self._written[machine_id] = (
-                frozenset(open_ones.get((machine_id, EventKind.ALARM), ())),
-                frozenset(open_ones.get((machine_id, EventKind.SENSOR), ())),
+                open_ones = lasting_details(session)
+            self._written[machine_id] = _key_of(
+                details
+                for kind in (EventKind.ALARM, EventKind.SENSOR)
+                for details in open_ones.get((machine_id, kind), {}).values()
             )
         if key != before or key == self._written[machine_id]:
             return
@@ -237,8 +257,7 @@ class AlarmLog:
                 (EventKind.SENSOR, lasting.sensors),
             ):
                 end_passing(session, machine_id, kind, subjects, now)
-                for subject, text in subjects.items():
-                    details = {"sensor" if kind is EventKind.SENSOR else "state": subject}
+                for subject, (text, details) in subjects.items():
                     begin_passing(session, machine_id, kind, subject, text, now, details)
         self._written[machine_id] = key
 
@@ -269,9 +288,13 @@ def _lasting(status: MachineStatus) -> _Lasting:
     """Say what is the matter; a machine that was never set up has no alarm."""
     alarms = {}
     if status.verdict is not Verdict.TRUSTED and status.model_version is not None:
-        alarms[str(status.state)] = status.sentences[0] if status.sentences else str(status.state)
+        state = str(status.state)
+        words = status.sentences[0] if status.sentences else state
+        alarms[state] = _Matter(words, {"state": state})
     sensors = {
-        sensor.sensor: _words(sensor)
+        sensor.sensor: _Matter(
+            _words(sensor), {"sensor": sensor.sensor, "health": str(sensor.health)}
+        )
         for sensor in status.sensors
         if sensor.health is not Health.OK and sensor.age_s is not None
     }

@@ -26,6 +26,10 @@ rows alone only where the empty text is written out."""
 ALARMS_KEPT: Final = timedelta(days=90)
 """Alarms and failures of sensors that went longer ago are deleted; changes are kept for ever."""
 
+MOST_ALTERNATING: Final = 8
+"""Of as many entries of one subject an alarm may be one that came back: more than a sensor has ways
+to fail, between which it may go to and fro."""
+
 
 def write_event(
     session: Session,
@@ -48,7 +52,10 @@ def begin_passing(
     now: datetime,
     details: Mapping[str, Any],
 ) -> None:
-    """Write that an alarm came, unless that is written already; one that came back is counted."""
+    """Write that an alarm came, unless that is written already; one that came back is counted.
+
+    Of one subject what has other details is another alarm, and goes as this one comes.
+    """
     query = (
         select(EventRow)
         .where(
@@ -57,9 +64,13 @@ def begin_passing(
             EventRow.subject == subject,
         )
         .order_by(EventRow.id.desc())
-        .limit(1)
+        .limit(MOST_ALTERNATING)
     )
-    last = session.scalar(query)
+    earlier = list(session.scalars(query))
+    for row in earlier:
+        if row.until is None and row.details != details:
+            _end(session, row, now)
+    last = next((row for row in earlier if row.details == details), None)
     if last is not None and last.until is None:
         return
     if last is not None and last.until is not None and now - last.until <= COMES_AGAIN_WITHIN:
@@ -76,8 +87,7 @@ def end_passing(
     """Write that all alarms of a kind have gone but those of these subjects."""
     for row in session.scalars(_lasting(machine_id, kind)):
         if row.subject not in still:
-            row.until = max(now, row.time)  # the clock may have gone back meanwhile
-            note_entry(session, row)
+            _end(session, row, now)
 
 
 def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
@@ -86,12 +96,12 @@ def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
         end_passing(session, machine_id, kind, (), now)
 
 
-def lasting_subjects(session: Session) -> dict[tuple[str, EventKind], set[str]]:
-    """Give what has come and not gone, by machine and kind."""
-    found: dict[tuple[str, EventKind], set[str]] = {}
+def lasting_details(session: Session) -> dict[tuple[str, EventKind], dict[str, dict[str, Any]]]:
+    """Give what has come and not gone, by machine and kind: each subject with its details."""
+    found: dict[tuple[str, EventKind], dict[str, dict[str, Any]]] = {}
     for row in session.scalars(select(EventRow).where(*_LASTS)):
         if row.machine_id is not None:
-            found.setdefault((row.machine_id, EventKind(row.kind)), set()).add(row.subject)
+            found.setdefault((row.machine_id, EventKind(row.kind)), {})[row.subject] = row.details
     return found
 
 
@@ -220,6 +230,11 @@ def _lasting(machine_id: str, kind: EventKind) -> Any:
     return select(EventRow).where(
         *_LASTS, EventRow.machine_id == machine_id, EventRow.kind == str(kind)
     )
+
+
+def _end(session: Session, row: EventRow, now: datetime) -> None:
+    row.until = max(now, row.time)  # the clock may have gone back meanwhile
+    note_entry(session, row)
 
 
 def _add(session: Session, row: EventRow) -> None:

@@ -191,9 +191,31 @@ async def test_a_sensor_that_is_lost_and_comes_back(app, client, clock):
     await at(0)
     await at(60, **{"x-middle": 95.0})
     (lost,) = (await events(client, "?kind=sensor"))["events"]
-    assert lost["details"] == {"sensor": "x-middle"}
+    assert lost["details"] == {"sensor": "x-middle", "health": "out-of-range"}
     assert lost["text"].startswith("x-middle ")
     await at(60)
     await at(60)
     (back,) = (await events(client, "?kind=sensor"))["events"]
     assert back["until"] is not None
+
+
+async def test_a_sensor_that_fails_in_another_way_is_told_anew(app, client, clock):
+    """What it failed by before lasts no longer."""
+    log = AlarmLog(app.state.context)
+    out_of_range = {"x-middle": -127.0}
+    await client.post(f"{ROOM}/readings", json=reading(clock(), 25.0))
+    for seconds, temperatures_c in ((700, {}), (1, out_of_range), (1, {}), (9, {})):
+        clock.advance(seconds)
+        if temperatures_c:
+            content = reading(clock(), 25.0)
+            content["temperatures_c"] |= temperatures_c
+            assert (await client.post(f"{ROOM}/readings", json=content)).status_code == 201
+        log.look()
+        log.look()
+    found = (await events(client, "?kind=sensor"))["events"]
+    of_one = [one for one in found if one["details"]["sensor"] == "x-middle"]
+    assert [(e["details"]["health"], e["until"] is None, e["count"]) for e in of_one] == [
+        ("out-of-range", True, 1),
+        ("stale", False, 1),
+    ]
+    assert "got -127" in of_one[0]["text"]
