@@ -128,9 +128,10 @@ async def test_an_alarm_is_one_row_that_comes_goes_and_is_counted(app, client, c
     await at(29.8, 60)
     (alarm,) = await alarms()
     assert alarm["until"] is not None
-    await at(30.5, 60)
+    await at(30.7, 60)
     (alarm,) = await alarms()
     assert (alarm["count"], alarm["until"]) == (2, None)
+    assert "0.70 K above" in alarm["text"]  # what lasts is what is the matter now
     # Another service, or the same after a restart, writes nothing twice.
     other = AlarmLog(app.state.context)
     other.look()
