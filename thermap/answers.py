@@ -746,7 +746,7 @@ class FiguresAnswer(Shape):
     """
 
     holdout_rms_ci95_um: list[float] | None
-    """Its 95 % confidence interval, over visits [µm]"""
+    """Its 95 % confidence interval, over visits [µm]; null where fewer than two were held out"""
 
     zero: Literal["absolute", "first", "removed"] | None
     """What they are relative to. `absolute`: the model's zero. `first`: the first observation of

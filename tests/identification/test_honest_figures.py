@@ -10,7 +10,12 @@ import pytest
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.advice import summary
 from app.identification.analysis.analyse import analyse
-from app.identification.analysis.before_after import UnknownZero, without_zeros, zero_of
+from app.identification.analysis.before_after import (
+    UnknownZero,
+    pooled_figures,
+    without_zeros,
+    zero_of,
+)
 from app.identification.analysis.curves import mean_variances, of_one_unit
 from app.identification.analysis.figures import Figures
 from app.identification.analysis.residual_report import residual_report
@@ -46,6 +51,15 @@ def test_what_counts_from_the_first_observation_and_what_from_the_mean():
     chosen = {"first": [0, 5], "removed": [0, 3], "absolute": [5]}
     for zero, rows in chosen.items():
         assert zero_of(zeros, np.isin(np.arange(6), rows)) == zero
+
+
+@pytest.mark.parametrize(("visits", "has_interval"), [([0, 0, 0, 0], False), ([0, 0, 1, 1], True)])
+def test_one_held_out_visit_has_no_interval_over_visits(visits, has_interval):
+    values, everything = np.array([1.0, -2.0, 3.0, -1.0]), np.ones(4, dtype=bool)
+    rows = SimpleNamespace(values=values, visit=np.array(visits))
+    found = pooled_figures(rows, [], values, np.zeros(4), everything, 0)
+    assert found.holdout_rms == pytest.approx(np.sqrt(15 / 4))
+    assert (found.holdout_rms_ci95 is not None) == has_interval
 
 
 @pytest.mark.parametrize(("noise_urad", "kept"), [(10.0, [0, 1]), (2.0, [2, 3])])

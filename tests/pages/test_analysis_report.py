@@ -347,6 +347,13 @@ def test_few_visits_and_no_lengths_have_a_page_too():
     assert "noise floor unknown" in found.told
 
 
+def test_one_held_out_visit_has_no_interval():
+    of_one = figures_without_hold_out() | {"holdout_rms_um": 1.3}
+    found = read(NOTHING | {"before": of_one, "after": of_one})
+    assert "RMS of what was held out, of one visit alone" in found.told
+    assert "95 % interval" not in found.told
+
+
 def figures_without_hold_out():
     return {"rms_um": 1.2, "p95_um": 2.0, "holdout_rms_um": None, "holdout_rms_ci95_um": None}
 

@@ -144,7 +144,9 @@ def pooled_figures(
         return Figures(size, p95, None, None, zero_of(zeros, chosen))
     left = without_zeros(zeros, np.where(held, rows.values - predicted, np.nan))[held]
     found = figure(left, rows.visit[held], seed)
-    return Figures(size, p95, found.rms, (found.low, found.high), zero_of(zeros, chosen))
+    # One visit says nothing of how visits differ.
+    ends = (found.low, found.high) if np.unique(rows.visit[held]).size > 1 else None
+    return Figures(size, p95, found.rms, ends, zero_of(zeros, chosen))
 
 
 def component_figures(

@@ -31,7 +31,7 @@ class Figures(Answer, published_as="FiguresAnswer"):
     null where nothing could be held out"""
 
     holdout_rms_ci95: Annotated[Range | None, Field(alias="holdout_rms_ci95_um")]
-    """Its 95 % confidence interval, over visits [µm]"""
+    """Its 95 % confidence interval, over visits [µm]; null where fewer than two were held out"""
 
     zero: Zero | None = None
     """What they are relative to. `absolute`: the model's zero. `first`: the first observation of
