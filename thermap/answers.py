@@ -731,6 +731,40 @@ class ExportedFileAnswer(Shape):
     """Its text"""
 
 
+class FarValueAnswer(Shape):
+    """A value, or a component's values of one visit, left out because far from the others."""
+
+    component: str
+    """Component code, or direction at points"""
+
+    label: str
+    """Label of the verification"""
+
+    time: AwareDatetime
+    """When it was measured; of a visit, when that began, UTC"""
+
+    position_mm: float | None
+    """Position on its axis [mm]; null at points, of squareness and of a visit"""
+
+    point_mm: list[Any] | None
+    """Nominal point x, y, z [mm]; null elsewhere"""
+
+    count: int
+    """How many values: 1, or all of the component in a visit that is far from all other visits
+    """
+
+    off_um: float
+    """How far from what the others say [µm; angular components µrad, squareness µm/m]"""
+
+    unit: str
+    """The unit of that number"""
+
+    is_alike: bool
+    """Whether most of the component's values that are left out are off by the same, in several
+    visits: something comes and goes that nobody logs
+    """
+
+
 class FiguresAnswer(Shape):
     """Size of residuals over all lengths, or over all values where none is a length."""
 
@@ -3410,6 +3444,11 @@ class AnalysisResult(Shape):
 
     next_visit: NextVisitAnswer | None
     """The most informative visit to make next; null where none can be proposed"""
+
+    far_values: list[FarValueAnswer]
+    """Values left out because they are far from the others, the furthest first, 200 at most; empty
+    in older results
+    """
 
     assignments: list[TriedAssignmentAnswer]
     """Whether each component should follow another sensor, proposals first; empty in older results

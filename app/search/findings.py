@@ -12,6 +12,9 @@ from app.arrays import FloatArray
 FAR_OFF: Final = "far-off"
 """The test of channels of few set-ups that are further from the model than usual."""
 
+ALIKE_OUTLIERS: Final = "alike-outliers"
+"""The test of rows that were left out and are off by the same."""
+
 FLEXIBLE: Final = "flexible"
 """The test of a found term's flexible versions."""
 
@@ -178,8 +181,8 @@ class Unexplained:
     ----------
     test
         `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family`,
-        `many-at-one-place`, `far-off`, or `flexible`: a flexible version of a found term explains
-        something that the term itself does not.
+        `many-at-one-place`, `far-off`, `alike-outliers`, or `flexible`: a flexible version of a
+        found term explains something that the term itself does not.
     channel
         Where; None: everywhere.
     moves_with
@@ -193,12 +196,24 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class Excluded:
-    """Rows that took no part, and why: `outlier` or `visit-apart`."""
+    """Rows that took no part, and why: `outlier` or `visit-apart`.
+
+    Parameters
+    ----------
+    visit
+        The one that is apart; None: single rows.
+    off
+        How far each row is from what the others foretell, in the channel's unit.
+    is_alike
+        Whether most of them are off by the same, in several visits, as slips are not.
+    """
 
     rows: tuple[int, ...]
     reason: str
     channel: int
     visit: int | None = None
+    off: tuple[float, ...] = ()
+    is_alike: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -171,7 +171,7 @@ def make_problem(
     fixed: dict[int, Fixed] = {}
     place = np.full(len(rows.values), -1, dtype=np.intp)
     for number in np.unique(rows.channel[use]).tolist():
-        channel = _prepared(rows, nuisance, number, use, cell_of)
+        channel = prepared(rows, nuisance, number, use, cell_of)
         fixed[number] = fixed_of(channel, cells)
         place[channel.rows] = np.arange(len(channel.rows))
     return Problem(rows, fixed, cells, place)
@@ -204,7 +204,7 @@ def with_expected_wander(problem: Problem) -> Problem:
     return replace(problem, fixed=found)
 
 
-def _prepared(
+def prepared(
     rows: Rows, nuisance: Sequence[Nuisance], number: int, use: BoolArray, cell_of: dict[int, int]
 ) -> Channel:
     """Scale by the repeatability; one that is only guessed is guessed again from the fit."""

@@ -1,20 +1,29 @@
-"""What cannot be a measurement of this machine: rows and visits far from all others."""
+"""What cannot be a measurement of this machine: rows and visits far from all others.
+
+Rows are judged beside freely shifting and tilting visits, so that an effect that changes from
+visit to visit makes no outliers: each by what the other rows foretell of it.
+
+D. Cook, S. Weisberg, Residuals and Influence in Regression (1982): residuals of deleted rows.
+P. Holland, R. Welsch, Commun. Stat. A 6 (1977) 813: reweighted least squares, Cauchy's weights.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.stats import binom
 
 from app.arrays import BoolArray, FloatArray, IntArray
-from app.search.channel import Channel
+from app.search.channel import DECLARED_WEIGHT, Channel
 from app.search.findings import Excluded
 from app.search.moments import fixed_of
 from app.search.noise import NORMAL
-from app.search.problem import make_problem
+from app.search.problem import prepared
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS, Scatter
 from app.search.state import State
@@ -22,8 +31,24 @@ from app.search.state import State
 OUTLIER: Final = 5.0
 """Robust standard deviations from which a row or a visit is an outlier."""
 
-MOST_OUTLIERS: Final = 0.05
-"""If more than this share is far, it is structure, not outliers."""
+FEW: Final = 4.0
+"""A scale of n rows is taken for larger by so many nth: few that happen to be equal make no others
+far."""
+
+SLIPS: Final = 0.05
+"""Share of the rows that may be slips."""
+
+TOO_MANY: Final = 0.01
+"""Probability of as many slips in a channel, from which what is far is structure instead."""
+
+ALIKE: Final = 3.0
+"""Robust standard deviations within which two that are far are off by the same."""
+
+MOST_ALIKE: Final = 2.0 / 3.0
+"""Share of those that are far, above which they are off by the same: slips are not."""
+
+FEWEST: Final = 3
+"""Fewer that are far say nothing of what moved them."""
 
 SLIP_RATIO: Final = 3.0
 """A visit must be so many times further away than the next one to be a slip: effects last longer.
@@ -37,88 +62,263 @@ LOOSE: Final = Scatter(80.0, 80.0)
 LOOSE_IN_TIME: Final = Scatter(80.0, 80.0, 40.0, 30.0)
 """a loose wander too: what changes within half an hour makes no outliers."""
 
-ROUNDS: Final = 3
+SOFT: Final = 2.0
+"""Robust standard deviations from which a row that is further than that counts for less than a
+fifth (Cauchy's weights)."""
+
+SETTLED: Final = 0.02
+"""Change of all weights below which they no longer change anything."""
+
+ROUNDS: Final = 20
+
+TINY: Final = 1e-9
 
 
-def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> tuple[BoolArray, list[Excluded]]:
-    """Find outliers among rows and among visits, held-out ones alike.
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """Which rows take part, and why the others do not.
 
-    Rows are judged within their visit, beside freely shifting and tilting visits, so that
-    an effect that changes from visit to visit makes no outliers.
-
-    Returns
-    -------
+    Parameters
+    ----------
     use : ndarray, shape (n,)
         Rows that take part.
-    excluded : list of Excluded
+    excluded
         The others, with the reason.
+    far : ndarray, shape (n,)
+        Rows that are far from the others of their visit, those that take part all the same
+        because they are too many included.
     """
+
+    use: BoolArray
+    excluded: tuple[Excluded, ...]
+    far: BoolArray
+
+    def doubtful(self, rows: Rows) -> BoolArray:
+        """Find what an effect may have moved: several rows of a channel, in several visits."""
+        found = np.zeros(len(self.use), dtype=bool)
+        for one in self.excluded:
+            own = list(one.rows)
+            if one.visit is None and len(own) >= FEWEST and len(np.unique(rows.visit[own])) > 1:
+                found[own] = True
+        return found
+
+    def is_explained_by(self, beside: Screened, rows: Rows) -> bool:
+        """Whether most of a channel's doubtful rows are no longer far, and no others are instead.
+
+        Parameters
+        ----------
+        beside
+            The same rows, screened beside effects.
+        """
+        doubtful = self.doubtful(rows)
+        for number in np.unique(rows.channel[doubtful]):
+            own = rows.channel == number
+            back = own & doubtful & ~beside.far
+            fewer = (self.far & own).sum() - (beside.far & own).sum()
+            if len(np.unique(rows.visit[back])) > 1 and 2 * fewer > (doubtful & own).sum():
+                return True
+        return False
+
+
+def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> Screened:
+    """Find outliers among rows and among visits, held-out ones alike."""
     use = np.ones(len(rows.values), dtype=bool)
-    for _ in range(ROUNDS):
-        far = _outlying_rows(rows, nuisance, use)
-        use[far] = False
-        if not len(far):
-            break
-    often = _too_many(rows, use)
-    use |= np.isin(rows.channel, often)
-    excluded = [
-        Excluded(tuple(np.flatnonzero(~use & (rows.channel == c)).tolist()), "outlier", int(c))
-        for c in np.unique(rows.channel[~use])
-    ]
+    is_far = np.zeros(len(rows.values), dtype=bool)
+    excluded = []
+    for number in np.unique(rows.channel).tolist():
+        far = _far(rows, nuisance, number)
+        is_far[far.rows] = True
+        if len(far.rows) and not _too_many(len(far.rows), int((rows.channel == number).sum())):
+            excluded.append(
+                Excluded(
+                    tuple(far.rows.tolist()),
+                    "outlier",
+                    number,
+                    off=tuple(far.off.tolist()),
+                    is_alike=_is_alike(rows, far),
+                )
+            )
+            use[far.rows] = False
     apart = _visits_apart(rows, nuisance, use)
     for one in apart:
         use[list(one.rows)] = False
-    return use, excluded + apart
+    return Screened(use, (*excluded, *apart), is_far)
 
 
-def _channels(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Channel]:
-    cell_of = {int(b): 0 for b in np.unique(rows.block)}
-    problem = make_problem(rows, nuisance, use, cell_of, 1)
-    return [f.channel for f in problem.fixed.values()]
+class _Far(NamedTuple):
+    """A channel's rows that are far from what the others foretell, by how much, and how surely.
+
+    Offsets and their standard deviations are in the channel's unit.
+    """
+
+    rows: IntArray
+    off: FloatArray
+    scatter: FloatArray
 
 
-def _outlying_rows(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> IntArray:
-    found = [np.zeros(0, dtype=np.intp)]
-    for channel in _channels(rows, nuisance, use):
-        left, _ = _left(channel)
-        size = NORMAL * float(np.median(np.abs(left - np.median(left))))
-        if size > 0:
-            # Not below half the repeatability, which a few equal readings would undercut.
-            found.append(channel.rows[np.abs(left - np.median(left)) > OUTLIER * max(size, 0.5)])
-    return np.concatenate(found)
+def _channel(rows: Rows, nuisance: Sequence[Nuisance], number: int, use: BoolArray) -> Channel:
+    return prepared(rows, nuisance, number, use, {int(b): 0 for b in np.unique(rows.block)})
 
 
-def _left(channel: Channel) -> tuple[FloatArray, FloatArray]:
-    """Give what is left within visits, and each visit's shift."""
-    scatter = LOOSE_IN_TIME if channel.blocks.are_records else LOOSE
-    loose = replace(channel, tried=(scatter,), prior=np.zeros(1))
-    state = State(fixed_of(loose, 1), np.ones(1, dtype=bool))
-    level = state.levels[0]
-    lower = state.shadows[0][0, level.turned.shape[1] :]
-    maps = solve_triangular(level.root[0], lower, lower=True, trans=1) if len(lower) else lower
-    values = channel.values - (channel.nuisance @ maps)[:, 0]
-    turned = level.whitening.turn(channel.reduce(values[:, None]))
-    shared = level.whitening.turn_back(turned, level.shapes)[0].reshape(-1, level.shapes)
-    return values - np.sum(channel.shapes * shared[channel.block], axis=1), shared[:, 0]
+def _far(rows: Rows, nuisance: Sequence[Nuisance], number: int) -> _Far:
+    """Weigh a channel's rows by how far they are from what the others foretell, until it settles.
+
+    A slip drags its visit along, and with it the good rows: it has to lose its weight first.
+    """
+    channel = _channel(rows, nuisance, number, rows.channel == number)
+    weights = np.ones(len(channel.rows))
+    within = _Within(channel, weights)
+    for _ in range(ROUNDS):
+        wanted = 1.0 / (1.0 + (within.studentised / (SOFT * max(within.size, TINY))) ** 2)
+        if np.abs(wanted - weights).max() < SETTLED:
+            break
+        weights = 0.5 * (weights + wanted)
+        within = _Within(channel, weights)
+    is_far = np.abs(within.studentised) > OUTLIER * max(within.size, TINY)
+    is_far &= ~_lasting(is_far, channel)
+    order = np.argsort(channel.rows[is_far])
+    scatter = within.size * np.sqrt(within.variance[is_far])
+    return _Far(
+        channel.rows[is_far][order],
+        channel.scale * within.off[is_far][order],
+        channel.scale * scatter[order],
+    )
 
 
-def _too_many(rows: Rows, use: BoolArray) -> list[int]:
-    return [
-        int(c) for c in np.unique(rows.channel) if np.mean(~use[rows.channel == c]) > MOST_OUTLIERS
-    ]
+def _lasting(is_far: BoolArray, channel: Channel) -> BoolArray:
+    """Find the last blocks, as long as they are far: what has just changed looks like a slip."""
+    is_whole = np.logical_and.reduceat(is_far, channel.starts)
+    found = np.zeros(len(is_whole), dtype=bool)
+    for at in np.argsort(channel.numbers)[::-1]:
+        if not is_whole[at]:
+            break
+        found[at] = True
+    return found[channel.block]
+
+
+@dataclass(frozen=True, eq=False)
+class _Within:
+    """A channel beside its loosely shifting and tilting visits, with a weight for each row."""
+
+    channel: Channel
+    weights: FloatArray
+
+    @cached_property
+    def middle(self) -> float:
+        """What visits scatter about: an outdated map may move them all."""
+        return 0.0 if self.channel.blocks.free.all() else float(np.median(self.channel.values))
+
+    @cached_property
+    def state(self) -> State:
+        """The weighted channel in loose visits."""
+        channel, root = self.channel, np.sqrt(self.weights)
+        shapes = channel.shapes * root[:, None]
+        gram = [np.add.reduceat(shapes * s[:, None], channel.starts, axis=0) for s in shapes.T]
+        loose = replace(
+            channel,
+            values=(channel.values - self.middle) * root,
+            nuisance=channel.nuisance * root[:, None],
+            shapes=shapes,
+            gram=np.stack(gram, axis=1),
+            tried=(LOOSE_IN_TIME if channel.blocks.are_records else LOOSE,),
+            prior=np.zeros(1),
+            # What whitens one set of weights whitens no other.
+            blocks=replace(channel.blocks),
+        )
+        return State(fixed_of(loose, 1), np.ones(1, dtype=bool))
+
+    @cached_property
+    def without_maps(self) -> FloatArray:
+        """Values from the middle, without what the tables' own errors explain; shape (n,)."""
+        level = self.state.levels[0]
+        lower = self.state.shadows[0][0, level.turned.shape[1] :]
+        maps = solve_triangular(level.root[0], lower, lower=True, trans=1) if len(lower) else lower
+        explained = (self.channel.nuisance @ maps)[:, 0]
+        return np.asarray(self.channel.values - self.middle - explained)
+
+    @cached_property
+    def shared(self) -> FloatArray:
+        """What each block shifts and tilts by, shape (b, s)."""
+        level = self.state.levels[0]
+        weighted = (self.without_maps * np.sqrt(self.weights))[:, None]
+        turned = level.whitening.turn(self.state.fixed.channel.reduce(weighted))
+        back = level.whitening.turn_back(turned, level.shapes)[0]
+        return np.asarray(back.reshape(-1, level.shapes))
+
+    @cached_property
+    def leverage(self) -> FloatArray:
+        """Variance of what shifts and tilts say at each row, over one observation's, shape (n,)."""
+        channel, s = self.channel, self.channel.shapes.shape[1]
+        of_block = np.zeros((len(channel.starts), s, s))
+        for index, factor in self.state.levels[0].whitening.parts:
+            columns = factor[0].reshape(len(index), -1, index.shape[1], s)
+            of_block[index] = np.einsum("cmki,cmkj->ckij", columns, columns)
+        shapes = channel.shapes
+        return np.asarray(np.einsum("ni,nij,nj->n", shapes, of_block[channel.block], shapes))
+
+    @cached_property
+    def alone(self) -> FloatArray:
+        """Share of a row's residual that is left with the row in the fit: one over it without."""
+        return np.maximum(1.0 - self.weights * self.leverage, 1e-9)
+
+    @cached_property
+    def off(self) -> FloatArray:
+        """How far each row is from what the others foretell, in repeatabilities; shape (n,)."""
+        fitted = np.sum(self.channel.shapes * self.shared[self.channel.block], axis=1)
+        return np.asarray((self.without_maps - fitted) / self.alone)
+
+    @cached_property
+    def variance(self) -> FloatArray:
+        """The variance of that, over one observation's; shape (n,)."""
+        return np.asarray(1.0 + self.leverage / self.alone)
+
+    @cached_property
+    def studentised(self) -> FloatArray:
+        """How far each row is, in standard deviations if the repeatability holds; shape (n,)."""
+        return np.asarray(self.off / np.sqrt(self.variance))
+
+    @cached_property
+    def size(self) -> float:
+        """Their robust scale, which leans on the repeatability where that is known.
+
+        One that was estimated contains the slips.
+        """
+        left, count = self.studentised, len(self.studentised)
+        weight = self.channel.weight if self.channel.weight >= DECLARED_WEIGHT else 0.0
+        shown = NORMAL * float(np.median(np.abs(left - np.median(left)))) * (1.0 + FEW / count)
+        return float(np.sqrt((weight + count * shown**2) / (weight + count)))
+
+
+def _too_many(far: int, count: int) -> bool:
+    """Whether so many of a channel's rows can hardly be slips."""
+    return bool(binom.sf(far - 1, count, SLIPS) < TOO_MANY)
+
+
+def _is_alike(rows: Rows, far: _Far) -> bool:
+    """Whether most of what is far is off by the same, in several visits."""
+    if len(far.rows) < FEWEST:
+        return False
+    for off, scatter in zip(far.off, far.scatter, strict=True):
+        alike = np.abs(far.off - off) <= ALIKE * scatter
+        visits = np.unique(rows.visit[far.rows[alike]])
+        if len(visits) > 1 and alike.sum() > MOST_ALIKE * len(far.rows):
+            return True
+    return False
 
 
 def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Excluded]:
     """A slip of one visit stands alone: far from the rest and from the next furthest."""
     found = []
-    for channel in _channels(rows, nuisance, use):
+    for number in np.unique(rows.channel[use]).tolist():
+        channel = _channel(rows, nuisance, number, use)
         if channel.blocks.are_records:  # what lies apart in time may be what moved
             continue
-        _, shift = _left(channel)
+        shift = _Within(channel, np.ones(len(channel.rows))).shared[:, 0]
         known = np.flatnonzero(~channel.blocks.free)
         if len(known) < FEWEST_BLOCKS:
             continue
-        away = np.abs(shift[known] - np.median(shift[known]))
+        apart = shift[known] - np.median(shift[known])
+        away = np.abs(apart)
         size = NORMAL * float(np.median(away))
         order = np.argsort(away)
         first, second = away[order[-1]], away[order[-2]]
@@ -126,8 +326,9 @@ def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> l
             visit = int(channel.blocks.setups[known[order[-1]]])
             if visit == channel.blocks.setups.max():
                 continue
-            gone = channel.rows[(channel.blocks.setups == visit)[channel.block]]
+            gone = sorted(channel.rows[(channel.blocks.setups == visit)[channel.block]].tolist())
+            off = channel.scale * float(apart[order[-1]])
             found.append(
-                Excluded(tuple(sorted(gone.tolist())), "visit-apart", channel.number, visit)
+                Excluded(tuple(gone), "visit-apart", number, visit, off=(off,) * len(gone))
             )
     return found

@@ -17,6 +17,7 @@ from app.search.candidate import Candidate, Known
 from app.search.detectability import smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
+    ALIKE_OUTLIERS,
     FLEXIBLE,
     ChannelNoise,
     Detectable,
@@ -41,7 +42,7 @@ from app.search.refinement import refine
 from app.search.rivals import better_forms, find_all_rivals
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
-from app.search.screening import screen
+from app.search.screening import Screened, screen
 from app.search.selection import Selection, Selector
 from app.search.shared import not_shared
 from app.search.splits import Splits, split
@@ -156,18 +157,29 @@ def search(
             main = selector.select(draws)
         return splits, draws, selector, main
 
-    use, excluded = screen(rows, nuisance)
+    screened = screen(rows, nuisance)
     residuals = rows
     if known is not None:
         rows = replace(rows, values=rows.values + known.explained)
-    splits, draws, selector, main = choose(use)
+
+    def beside(selector: Selector, terms: Sequence[Term]) -> Screened:
+        return screen(replace(rows, values=rows.values - _explained(selector, terms)), nuisance)
+
+    doubtful = screened.doubtful(rows)
+    if doubtful.any():
+        # An effect that acts seldom looks like slips, until it is known.
+        *_, selector, main = choose(screened.use | doubtful)
+        explained = beside(selector, main.terms) if main.terms else screened
+        del selector, main  # all their products, before others take as much
+        screened = explained if screened.is_explained_by(explained, rows) else screened
+    splits, draws, selector, main = choose(screened.use)
     # What an effect had hidden, by making all values scatter, shows beside it.
-    left = replace(rows, values=rows.values - _explained(selector, main.terms))
-    closer, excluded_closer = screen(left, nuisance) if main.terms else (use, excluded)
-    if (use & ~closer).any():
-        use, excluded = closer, excluded_closer
-        del splits, draws, selector, main  # all their products, before others take as much
-        splits, draws, selector, main = choose(use)
+    closer = beside(selector, main.terms) if main.terms else screened
+    if (screened.use & ~closer.use).any():
+        screened = closer
+        del splits, draws, selector, main
+        splits, draws, selector, main = choose(screened.use)
+    use, excluded = screened.use, screened.excluded
     library, allowed, problem = selector.library, selector.allowed, selector.library.problem
     report(0.55, "comparing rivals")
     main.terms = _in_order(selector, main.terms)
@@ -203,6 +215,7 @@ def search(
             for term, said in zip(main.terms, unlike, strict=True)
             if set(said) - {WANDERS_ALONE, WALKS, ALIKE}
         ),
+        *(Unexplained(ALIKE_OUTLIERS, one.channel, None) for one in excluded if one.is_alike),
     ]
     report(0.95, "summing up")
     outcome = _Outcome(selector, main, fit, rivals, doubts, checked, unsaid)

@@ -116,6 +116,19 @@ EVIDENCE = {
 }
 
 
+def far_value(component, off, **changes):
+    return {
+        "component": component,
+        "label": "night shift",
+        "time": "2026-03-01T06:00:00Z",
+        "position_mm": None,
+        "point_mm": None,
+        "count": 1,
+        "off_um": off,
+        "unit": "µm",
+    } | changes
+
+
 def rival(kind, evidence, tied=False, **changes):
     return {
         "kind": kind,
@@ -307,6 +320,11 @@ UNEXPLAINED = NOTHING | {
         }
     ],
     "excluded": [{"reason": "frozen", "count": 112}, {"reason": "outlier", "count": 3}],
+    "far_values": [
+        far_value("EXX", -31.2, position_mm=250.0),
+        far_value("points z", 12.0, point_mm=(250.0, 100.0, 300.0)),
+        far_value("SXY", 9.0),
+    ],
     "what_next": ["Heat spindle without z-column (separates thermal-lag from sensor-gradient)."],
     "plots": {
         "effects": [LAG_CURVE, STEP_CURVE, BACKLASH_CURVE],

@@ -418,3 +418,11 @@ def test_a_page_without_a_chart_does_not_carry_what_draws_one():
     page = analysis_report(HEAD, RESULTS.read_text(json.dumps(NOTHING | {"plots": plots})))
     assert len(page) < 200_000
     assert page.count("<script") == 3
+
+
+def test_values_that_were_left_out_are_named_with_place_and_size():
+    page = written(UNEXPLAINED)
+    section = page[page.index("Left out</h2>") :].partition("</section>")[0]
+    assert "250 mm" in section
+    assert "−31.2 µm" in section
+    assert "250, 100, 300 mm" in section

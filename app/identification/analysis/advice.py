@@ -10,6 +10,7 @@ from app.effects.kind import Named, NotTested
 from app.effects.registry import do_the_same, kind_of
 from app.errors import capitalised, list_names
 from app.identification.analysis.analysis import UnexplainedPart
+from app.identification.analysis.far_values import FarValue, asked_again
 from app.identification.analysis.figures import Figures
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.search.findings import Status
@@ -105,19 +106,6 @@ def _more(count: int) -> list[str]:
     return [f"and {count} more"] if count > 0 else []
 
 
-def left_out_visits(apart: Sequence[str]) -> str:
-    """Say which visits the answer is not about, for the summary; empty where it is about all.
-
-    Parameters
-    ----------
-    apart
-        Components with the visit that was left out because it stands far from all others.
-    """
-    if not apart:
-        return ""
-    return f" Left out because it lies far from all other visits: {list_names(apart, 4)}."
-
-
 def _how_sure(effect: FoundEffect) -> str:
     """Say what was found, and where its name is not sure; a proxy says so itself."""
     if effect.is_proxy:
@@ -135,7 +123,7 @@ def what_next(
     unexplained: Sequence[UnexplainedPart],
     not_testable: Sequence[NotTested],
     visits: int,
-    apart: Sequence[str] = (),
+    far: Sequence[FarValue] = (),
     *,
     is_cut: bool = False,
 ) -> tuple[str, ...]:
@@ -145,17 +133,13 @@ def what_next(
     ----------
     effects, unexplained, not_testable
         What was found, what was left, and what could not be looked for.
-    apart
-        Components with the visit that was left out because it stands far from all others.
+    far
+        Values that were left out because they are far from the others.
     is_cut
         Whether the search ended at as many effects as one analysis names.
     """
     found = [*mistakes_first(effects), *([CUT] if is_cut else [])]
-    found += [
-        f"Find out what happened to {one}: it lies far from all other visits and was left out as "
-        "a slip; measure it again."
-        for one in apart
-    ]
+    found += asked_again(far)
     for effect in effects:
         found += _of_effect(effect)
     found += _look_at(unexplained)

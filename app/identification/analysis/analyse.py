@@ -21,7 +21,7 @@ from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.errors import list_names
 from app.identification.analysis import analysis
 from app.identification.analysis.adoption import Judged, is_refit_better, judge_help, shakes
-from app.identification.analysis.advice import left_out_visits, mistakes_first, summary, what_next
+from app.identification.analysis.advice import mistakes_first, summary, what_next
 from app.identification.analysis.analysis import Analysis, SmallestSeen, UnexplainedPart, by_reason
 from app.identification.analysis.assignments import judge_assignments, said_first
 from app.identification.analysis.before_after import (
@@ -35,6 +35,7 @@ from app.identification.analysis.before_after import (
     without_zeros,
 )
 from app.identification.analysis.curves import plots
+from app.identification.analysis.far_values import MOST_LISTED, far_values, left_out_words
 from app.identification.analysis.figures import ComponentFigures
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
@@ -307,11 +308,11 @@ def _answer(
     noise = _noise(found)
     floor = _floor(components)
     unit = figures_unit(found.residuals)
-    apart = _apart(found)
+    far = far_values(found)
     told = summary(verdict, described, refitted, unexplained, size, after, noise, unit, kinds)
     return Analysis(
         verdict=verdict,
-        summary=told + left_out_visits(apart),
+        summary=told + left_out_words(far),
         kinds=kinds,
         unit=unit,
         noise=noise,
@@ -330,10 +331,11 @@ def _answer(
         refitted=refitted,
         unexplained=tuple(unexplained),
         excluded=tuple(_excluded(found.residuals, findings)),
+        far_values=far[:MOST_LISTED],
         not_testable=not_testable,
         detectable=tuple(_detectable(found)),
         what_next=what_next(
-            *(described, unexplained, not_testable, found.residuals.rows.visits, apart),
+            *(described, unexplained, not_testable, found.residuals.rows.visits, far),
             is_cut=findings.is_cut,
         ),
         plots=plots(found, [*effects, *(offered.effect for offered in responses.offered)]),
@@ -430,17 +432,6 @@ def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOut]:
     for one in findings.excluded:
         counts[OUTLIERS[one.reason]] += len(one.rows)
     return [LeftOut(reason, count) for reason, count in counts.most_common()]
-
-
-def _apart(found: FinishedSearch) -> list[str]:
-    """Name the visits that were left out as slips, with their components."""
-    rows = found.residuals.rows
-    return [
-        f"{rows.channels[one.channel]} in {rows.verifications[int(rows.verification[at])].label!r}"
-        for one in found.findings.excluded
-        if one.visit is not None
-        for at in one.rows[:1]
-    ]
 
 
 def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, ...]:

@@ -16,6 +16,7 @@ from pydantic import Field
 from app.answer import IN_ITS_UNIT, Answer, Sensors, UnitSymbol, shown
 from app.effects.kind import NotTested
 from app.errors import list_names
+from app.identification.analysis.far_values import FarValue
 from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.identification.analysis.plots import Plots
@@ -260,6 +261,10 @@ class Analysis(Answer, published_as="AnalysisResult"):
 
     next_visit: NextVisit | None = None
     """The most informative visit to make next; null where none can be proposed"""
+
+    far_values: tuple[FarValue, ...] = ()
+    """Values left out because they are far from the others, the furthest first, 200 at most; empty
+    in older results"""
 
     assignments: tuple[TriedAssignment, ...] = ()
     """Whether each component should follow another sensor, proposals first; empty in older

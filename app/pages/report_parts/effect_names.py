@@ -41,6 +41,7 @@ TESTS: Final = {
     "many-of-one-family": (
         "several effects of one kind on one component: they imitate something else"
     ),
+    "alike-outliers": "values that were left out are off by the same, in several visits",
     "far-off": "further from the model than set-ups scatter, in too few visits to say why",
     "many-at-one-place": "several effects in one place: each fits only partly",
     "flexible": "a found effect whose course differs from the library's",
