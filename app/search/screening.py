@@ -62,6 +62,12 @@ LOOSE: Final = Scatter(80.0, 80.0)
 LOOSE_IN_TIME: Final = Scatter(80.0, 80.0, 40.0, 30.0)
 """a loose wander too: what changes within half an hour makes no outliers."""
 
+FREE: Final = Scatter(1e5, 1e5)
+"""And what rows of a visit share that has moved as no other has; in a long one"""
+
+FREE_IN_TIME: Final = Scatter(1e5, 1e5, 40.0, 30.0)
+"""beside the loose wander."""
+
 SOFT: Final = 2.0
 """Robust standard deviations from which a row that is further than that counts for less than a
 fifth (Cauchy's weights)."""
@@ -70,8 +76,6 @@ SETTLED: Final = 0.02
 """Change of all weights below which they no longer change anything."""
 
 ROUNDS: Final = 20
-
-TINY: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +102,7 @@ class Screened:
         found = np.zeros(len(self.use), dtype=bool)
         for one in self.excluded:
             own = list(one.rows)
-            if one.visit is None and len(own) >= FEWEST and len(np.unique(rows.visit[own])) > 1:
+            if one.visit is None and len(np.unique(rows.visit[own])) > 1:
                 found[own] = True
         return found
 
@@ -161,21 +165,20 @@ def _channel(rows: Rows, nuisance: Sequence[Nuisance], number: int, use: BoolArr
 
 
 def _far(rows: Rows, nuisance: Sequence[Nuisance], number: int) -> _Far:
-    """Weigh a channel's rows by how far they are from what the others foretell, until it settles.
-
-    A slip drags its visit along, and with it the good rows: it has to lose its weight first.
-    """
+    """Find the rows of a channel that are far from what the others foretell."""
     channel = _channel(rows, nuisance, number, rows.channel == number)
-    weights = np.ones(len(channel.rows))
-    within = _Within(channel, weights)
-    for _ in range(ROUNDS):
-        wanted = 1.0 / (1.0 + (within.studentised / (SOFT * max(within.size, TINY))) ** 2)
-        if np.abs(wanted - weights).max() < SETTLED:
-            break
-        weights = 0.5 * (weights + wanted)
-        within = _Within(channel, weights)
-    is_far = np.abs(within.studentised) > OUTLIER * max(within.size, TINY)
-    is_far &= ~_lasting(is_far, channel)
+    in_time = channel.blocks.are_records
+    within = _settled(channel, LOOSE_IN_TIME if in_time else LOOSE)
+    is_far = within.is_far
+    counts = np.add.reduceat(is_far, channel.starts, dtype=int)
+    if (counts > 1).any():
+        # Several of one visit: it may have moved by more than is usual.
+        moved = _settled(channel, FREE_IN_TIME if in_time else FREE).is_far
+        fewer = counts - np.add.reduceat(moved, channel.starts, dtype=int) > 1
+        sizes = np.diff(np.append(channel.starts, len(channel.rows)))
+        fewer &= sizes > 1 + np.count_nonzero(np.any(channel.shapes, axis=0))
+        is_far = np.where(fewer[channel.block], moved, is_far)
+    is_far = is_far & ~_may_have_changed(is_far, channel)
     order = np.argsort(channel.rows[is_far])
     scatter = within.size * np.sqrt(within.variance[is_far])
     return _Far(
@@ -185,10 +188,31 @@ def _far(rows: Rows, nuisance: Sequence[Nuisance], number: int) -> _Far:
     )
 
 
-def _lasting(is_far: BoolArray, channel: Channel) -> BoolArray:
-    """Find the last blocks, as long as they are far: what has just changed looks like a slip."""
+def _settled(channel: Channel, scatter: Scatter) -> _Within:
+    """Weigh a channel's rows by how far they are from what the others foretell, until it settles.
+
+    A slip drags its visit along, and with it the good rows: it has to lose its weight first.
+    """
+    weights = np.ones(len(channel.rows))
+    within = _Within(channel, scatter, weights)
+    for _ in range(ROUNDS):
+        if within.size == 0.0:
+            break
+        wanted = 1.0 / (1.0 + (within.studentised / (SOFT * within.size)) ** 2)
+        if np.abs(wanted - weights).max() < SETTLED:
+            break
+        weights = 0.5 * (weights + wanted)
+        within = _Within(channel, scatter, weights)
+    return within
+
+
+def _may_have_changed(is_far: BoolArray, channel: Channel) -> BoolArray:
+    """Find rows of the last blocks, as long as all of a block is far: they may have changed.
+
+    With few blocks nothing is known of how they differ, and any of them may have changed.
+    """
     is_whole = np.logical_and.reduceat(is_far, channel.starts)
-    found = np.zeros(len(is_whole), dtype=bool)
+    found = is_whole & (len(is_whole) < FEWEST_BLOCKS)
     for at in np.argsort(channel.numbers)[::-1]:
         if not is_whole[at]:
             break
@@ -201,6 +225,7 @@ class _Within:
     """A channel beside its loosely shifting and tilting visits, with a weight for each row."""
 
     channel: Channel
+    loose: Scatter
     weights: FloatArray
 
     @cached_property
@@ -220,7 +245,7 @@ class _Within:
             nuisance=channel.nuisance * root[:, None],
             shapes=shapes,
             gram=np.stack(gram, axis=1),
-            tried=(LOOSE_IN_TIME if channel.blocks.are_records else LOOSE,),
+            tried=(self.loose,),
             prior=np.zeros(1),
             # What whitens one set of weights whitens no other.
             blocks=replace(channel.blocks),
@@ -277,16 +302,22 @@ class _Within:
         """How far each row is, in standard deviations if the repeatability holds; shape (n,)."""
         return np.asarray(self.off / np.sqrt(self.variance))
 
+    @property
+    def is_far(self) -> BoolArray:
+        """Which rows are far; values that are equal say nothing of how far the others are."""
+        limit = OUTLIER * self.size if self.size > 0.0 else np.inf
+        return np.asarray(np.abs(self.studentised) > limit)
+
     @cached_property
     def size(self) -> float:
-        """Their robust scale, which leans on the repeatability where that is known.
+        """Their robust scale, no less than what leans on the repeatability where that is known.
 
         One that was estimated contains the slips.
         """
         left, count = self.studentised, len(self.studentised)
         weight = self.channel.weight if self.channel.weight >= DECLARED_WEIGHT else 0.0
         shown = NORMAL * float(np.median(np.abs(left - np.median(left)))) * (1.0 + FEW / count)
-        return float(np.sqrt((weight + count * shown**2) / (weight + count)))
+        return max(shown, float(np.sqrt((weight + count * shown**2) / (weight + count))))
 
 
 def _too_many(far: int, count: int) -> bool:
@@ -313,7 +344,7 @@ def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> l
         channel = _channel(rows, nuisance, number, use)
         if channel.blocks.are_records:  # what lies apart in time may be what moved
             continue
-        shift = _Within(channel, np.ones(len(channel.rows))).shared[:, 0]
+        shift = _Within(channel, LOOSE, np.ones(len(channel.rows))).shared[:, 0]
         known = np.flatnonzero(~channel.blocks.free)
         if len(known) < FEWEST_BLOCKS:
             continue

@@ -224,6 +224,27 @@ def test_what_lasts_to_the_end_is_no_slip(begins, of_each):
     assert not far_in(replace(rows, values=rows.values + 200.0 * (rows.visit >= begins)))
 
 
+def test_a_visit_that_has_tilted_as_no_other_has_no_slips():
+    """A wrong table of the warm machine: 25 repeatabilities at the ends, in three visits of 24."""
+    positions = np.tile(np.linspace(-1.0, 1.0, 8), 24)[:, None]
+    rows = replace(small_channels([8], 24), tilt=positions)
+    tilted = np.isin(rows.visit, [4, 11, 20]) * 25.0 * rows.tilt[:, 0]
+    assert not far_in(replace(rows, values=rows.values + tilted))
+
+
+def test_few_or_equal_values_make_no_others_far():
+    rows = small_channels([1], 6)
+    assert not far_in(replace(rows, values=rows.values + 200.0 * (rows.visit == 2)))
+    rows = replace(small_channels([4], 10), noise={})
+    assert not far_in(replace(rows, values=np.where(np.arange(40) % 4 == 1, 3.0, 0.0)))
+
+
+@pytest.mark.parametrize("of_each", [1, 2, 6])
+def test_a_repeatability_stated_too_small_makes_no_value_far(of_each):
+    rows = small_channels([of_each], 10, seed=7)
+    assert not far_in(replace(rows, noise={0: DeclaredNoise(0.1)}))
+
+
 def test_too_many_that_are_far_are_structure():
     rows = small_channels([6], 20)
     seldom = np.arange(len(rows.values)) % 6 == 2
