@@ -1,9 +1,11 @@
 """What an answer says and advises is as sure as the name of what was found, not more."""
 
 import json
+from dataclasses import replace
 
 from app.identification.analysis.advice import summary, what_next
 from app.identification.analysis.analysis import UnexplainedPart
+from app.identification.analysis.far_values import asked_again, left_out_words
 from app.identification.analysis.found_effects import PROXY
 from app.pages.report_parts.effect_names import adoption_text
 from app.storage.analysis_results import RESULTS
@@ -84,3 +86,28 @@ def test_what_nobody_knows_more_of_is_looked_at_together():
     first, second = what_next((), unknown, (), visits=30)
     assert first.startswith("Look at EYY: it moves with feed. Record")
     assert second.startswith("Look at EXX, EZZ. Record")
+
+
+def test_values_that_were_left_out_are_named_with_their_size():
+    far = read().far_values
+    said = left_out_words(far)
+    assert "3 values were left out because they lie far from what the others say" in said
+    assert "EXX at 250 mm in 'night shift' (-31 µm)" in said
+    assert "points z at 250, 100, 300 mm" in said
+    (step,) = asked_again(far)
+    assert step.startswith("Look at the 3 values that were left out as slips")
+    assert left_out_words(()) == ""
+    assert asked_again(()) == []
+
+
+def test_values_that_are_off_by_the_same_send_people_to_what_was_on():
+    far = [replace(one, is_alike=True) for one in read().far_values[:1]] * 3
+    (step,) = asked_again(far)
+    assert step.startswith("Find out what was on when EXX was off by about -31 µm in 3 values")
+
+
+def test_a_visit_that_was_left_out_is_measured_again():
+    far = [replace(read().far_values[0], count=8)]
+    assert left_out_words(far).endswith("far from all other visits: EXX in 'night shift'.")
+    (step,) = asked_again(far)
+    assert step.endswith("left out as a slip; measure it again.")
