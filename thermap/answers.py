@@ -760,8 +760,8 @@ class FarValueAnswer(Shape):
     """The unit of that number"""
 
     is_alike: bool
-    """Whether most of the component's values that are left out are off by the same, in several
-    visits: something comes and goes that nobody logs
+    """Whether others of the component are off by the same, in several visits, as slips hardly are:
+    something comes and goes that nobody logs
     """
 
 

@@ -204,8 +204,8 @@ class Excluded:
         The one that is apart; None: single rows.
     off
         How far each row is from what the others foretell, in the channel's unit.
-    is_alike
-        Whether most of them are off by the same, in several visits, as slips are not.
+    alike
+        Those of them that are off by the same, in several visits, as slips hardly are.
     """
 
     rows: tuple[int, ...]
@@ -213,7 +213,7 @@ class Excluded:
     channel: int
     visit: int | None = None
     off: tuple[float, ...] = ()
-    is_alike: bool = False
+    alike: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,8 +44,8 @@ TOO_MANY: Final = 0.01
 ALIKE: Final = 3.0
 """Robust standard deviations within which two that are far are off by the same."""
 
-MOST_ALIKE: Final = 2.0 / 3.0
-"""Share of those that are far, above which they are off by the same: slips are not."""
+ALL_ALIKE: Final = 0.03
+"""Probability of as many slips that are off by the same, from which they are something else."""
 
 FEWEST: Final = 3
 """Fewer that are far say nothing of what moved them."""
@@ -139,7 +139,7 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> Screened:
                     "outlier",
                     number,
                     off=tuple(far.off.tolist()),
-                    is_alike=_is_alike(rows, far),
+                    alike=tuple(_alike(rows, far).tolist()),
                 )
             )
             use[far.rows] = False
@@ -325,16 +325,22 @@ def _too_many(far: int, count: int) -> bool:
     return bool(binom.sf(far - 1, count, SLIPS) < TOO_MANY)
 
 
-def _is_alike(rows: Rows, far: _Far) -> bool:
-    """Whether most of what is far is off by the same, in several visits."""
-    if len(far.rows) < FEWEST:
-        return False
-    for off, scatter in zip(far.off, far.scatter, strict=True):
-        alike = np.abs(far.off - off) <= ALIKE * scatter
-        visits = np.unique(rows.visit[far.rows[alike]])
-        if len(visits) > 1 and alike.sum() > MOST_ALIKE * len(far.rows):
-            return True
-    return False
+def _alike(rows: Rows, far: _Far) -> IntArray:
+    """Find rows that are off by the same, in several visits, where slips would hardly be so many.
+
+    Slips may be of any size and sign up to that of the largest.
+    """
+    count = len(far.rows)
+    if count < FEWEST:
+        return far.rows[:0]
+    within = ALIKE * far.scatter
+    by_chance = np.minimum(within / np.abs(far.off).max(), 1.0)
+    alike = np.abs(far.off[:, None] - far.off) <= within[:, None]
+    is_rare = count * binom.sf(alike.sum(axis=1) - 2, count - 1, by_chance) < ALL_ALIKE
+    visits = rows.visit[far.rows]
+    is_rare &= np.array([len(np.unique(visits[own])) > 1 for own in alike])
+    most = int(np.argmax(is_rare * alike.sum(axis=1)))
+    return far.rows[alike[most] & is_rare[most]]
 
 
 def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Excluded]:

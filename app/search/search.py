@@ -215,7 +215,7 @@ def search(
             for term, said in zip(main.terms, unlike, strict=True)
             if set(said) - {WANDERS_ALONE, WALKS, ALIKE}
         ),
-        *(Unexplained(ALIKE_OUTLIERS, one.channel, None) for one in excluded if one.is_alike),
+        *(Unexplained(ALIKE_OUTLIERS, one.channel, None) for one in excluded if one.alike),
     ]
     report(0.95, "summing up")
     outcome = _Outcome(selector, main, fit, rivals, doubts, checked, unsaid)

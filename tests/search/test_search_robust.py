@@ -206,7 +206,7 @@ def test_how_far_each_slip_is_from_the_others_is_known():
     (one,) = screen(replace(rows, values=values), []).excluded
     assert one.rows == (10, 50)
     np.testing.assert_allclose(one.off, [40.0, -25.0], atol=4.0)
-    assert not one.is_alike
+    assert not one.alike
 
 
 def test_a_visit_that_a_slip_drags_along_keeps_its_good_values():
@@ -262,6 +262,19 @@ def test_values_off_by_the_same_in_several_visits_are_unexplained():
     assert found.verdict is Verdict.UNEXPLAINED
     assert ("alike-outliers", 0) in {(u.test, u.channel) for u in found.unexplained}
     assert found.noise[0].fitted < 1.3
+
+
+@pytest.mark.parametrize("hidden", [6, 0])
+def test_what_is_off_by_the_same_is_told_from_the_slips_beside_it(hidden):
+    rows, rng = small_channels([10], 24), np.random.default_rng(2)
+    places = rng.permutation(230)[: 8 + hidden]
+    values = rows.values.copy()
+    values[places[:8]] += rng.uniform(20.0, 80.0, 8) * rng.choice([-1, 1], 8)
+    values[places[8:]] += 25.0
+    (one,) = screen(replace(rows, values=values), []).excluded
+    assert set(one.rows) == set(places.tolist())
+    assert set(one.alike) >= set(places[8:].tolist())
+    assert len(one.alike) <= hidden + 2 * bool(hidden)
 
 
 def test_an_effect_that_acts_seldom_is_found_and_not_left_out():

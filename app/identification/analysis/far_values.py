@@ -53,8 +53,8 @@ class FarValue(Answer, published_as="FarValueAnswer"):
     """The unit of that number"""
 
     is_alike: bool = False
-    """Whether most of the component's values that are left out are off by the same, in several
-    visits: something comes and goes that nobody logs"""
+    """Whether others of the component are off by the same, in several visits, as slips hardly are:
+    something comes and goes that nobody logs"""
 
     @property
     def place(self) -> str:
@@ -72,7 +72,7 @@ def far_values(found: FinishedSearch) -> tuple[FarValue, ...]:
         pairs = list(zip(one.rows, one.off, strict=True))
         for row, off in pairs[:1] if whole else pairs:
             count = len(pairs) if whole else 1
-            value = _value(found, row, off, count, is_alike=one.is_alike)
+            value = _value(found, row, off, count, is_alike=row in one.alike)
             noise = found.findings.noise.get(one.channel)
             listed.append((abs(off) / (noise.fitted if noise else 1.0), value))
     return tuple(value for _, value in sorted(listed, key=lambda pair: -pair[0]))
@@ -137,7 +137,7 @@ def asked_again(far: Sequence[FarValue]) -> list[str]:
         if one.count > 1
     ]
     for name in dict.fromkeys(one.component for one in far if one.is_alike):
-        own = [one for one in far if one.component == name and one.count == 1]
+        own = [one for one in far if one.component == name and one.is_alike]
         sizes = sorted(one.off for one in own)
         found.append(
             f"Find out what was on when {name} was off by about {sizes[len(sizes) // 2]:+.2g} "
