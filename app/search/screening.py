@@ -340,7 +340,7 @@ def _alike(rows: Rows, far: _Far) -> IntArray:
     visits = rows.visit[far.rows]
     is_rare &= np.array([len(np.unique(visits[own])) > 1 for own in alike])
     most = int(np.argmax(is_rare * alike.sum(axis=1)))
-    return far.rows[alike[most] & is_rare[most]]
+    return np.asarray(far.rows[alike[most] & is_rare[most]], dtype=np.intp)
 
 
 def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Excluded]:
