@@ -58,7 +58,7 @@ AS_LIKELY_NONE: Final = np.concatenate(
 """Where nothing is known it is as likely that set-ups remember nothing (log probability)."""
 
 
-_MEMORY, _SCATTER, _LASTING = np.array([(m, *sizes) for m in MEMORIES for sizes in _sizes(m)]).T
+_MEMORY, _LASTING = np.array([(m, lasts) for m in MEMORIES for _, lasts in _sizes(m)]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +78,18 @@ class Alike:
         """Whether they more probably remember than not."""
         return bool(self.probability[_MEMORY > 0.0].sum() > HALF)
 
-    def drawn(self, unit: FloatArray, setups: IntArray, uniform: FloatArray) -> FloatArray:
+    def drawn(
+        self,
+        unit: FloatArray,
+        setups: IntArray,
+        variance: FloatArray,
+        random: np.random.Generator,
+        uniform: FloatArray,
+    ) -> FloatArray:
         """Let unit draws of independent set-ups resemble each other.
+
+        What lasts is as large as the channels together show, and no larger where a channel scatters
+        more: what it has for itself may be an effect, which such draws would then hide.
 
         Parameters
         ----------
@@ -87,21 +97,25 @@ class Alike:
             Of b set-ups, m draws of each of their s shapes.
         setups : ndarray, shape (b,)
             Numbers of the set-ups, all different.
+        variance : ndarray, shape (m,)
+            How much the channel's set-ups shift in each draw, in repeatabilities squared.
+        random
+            Source of what lasts, of this channel.
         uniform : ndarray, shape (m,)
-            Which memory a draw has, from 0 to 1: one instrument measures all channels.
+            Which memory and size a draw has, from 0 to 1: one instrument measures all channels.
         """
         ends = np.cumsum(self.probability)
         which = np.searchsorted(ends, uniform * ends[-1]).clip(max=len(ends) - 1)
+        square = _LASTING[which] ** 2
+        share = np.divide(square, variance, out=np.ones_like(square), where=square < variance)
         apart = np.abs(np.subtract.outer(setups, setups))
-        found = unit.copy()
-        for one in np.unique(which[_MEMORY[which] > 0.0]):
-            own = which == one
-            squares = _SCATTER[one] ** 2, _LASTING[one] ** 2
-            share = squares[1] / (squares[0] + squares[1])
-            covariance = share * np.exp(-apart / _MEMORY[one]) + (1.0 - share) * np.eye(len(setups))
-            root = np.linalg.cholesky(covariance)
-            found[..., own] = np.tensordot(root, unit[..., own], axes=1)
-        return found
+        lasting = random.standard_normal(unit.shape)
+        for memory in MEMORIES[1:]:
+            own = _MEMORY[which] == memory
+            root = np.linalg.cholesky(np.exp(-apart / memory))
+            lasting[..., own] = np.tensordot(root, lasting[..., own], axes=1)
+        share = np.where(_MEMORY[which] > 0.0, share, 0.0)
+        return np.sqrt(1.0 - share) * unit + np.sqrt(share) * lasting
 
 
 def how_alike(seen: Sequence[FloatArray]) -> Alike:

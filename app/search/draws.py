@@ -109,8 +109,11 @@ class Draws:
             level[second] = _drawn_levels(channel.expected, random.random(self.count)[second])
         shift = random.standard_normal(shape)
         if self.alike is not None and not channel.blocks.are_records:
+            variances = [channel.blocks.of_setup(tried)[0] for tried in channel.tried]
             uniform = np.random.default_rng([self.seed, 3]).random(self.count)
-            shift = self.alike.drawn(shift, channel.blocks.setups, uniform)
+            shift = self.alike.drawn(
+                shift, channel.blocks.setups, np.array(variances)[level], random, uniform
+            )
         for i in np.unique(level):
             own = level == i
             shift[..., own] = channel.blocks.draw(channel.tried[i], shift[..., own])

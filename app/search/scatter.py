@@ -201,7 +201,7 @@ class Blocks:
 
     def own_variances(self, scatter: Scatter) -> FloatArray:
         """Give each block's variances beside what is unknown of zeros and set-ups, shape (b, s)."""
-        own = np.zeros(len(self.own)) if self.is_own_unknown else self._of_setup(scatter)
+        own = np.zeros(len(self.own)) if self.is_own_unknown else self.of_setup(scatter)
         known = own + scatter.wander * self.wander
         found = np.broadcast_to(known, (len(self.free), len(known))).copy()
         found[self.free, 0] = scatter.wander * self.wander[0]
@@ -226,7 +226,7 @@ class Blocks:
         same = setups[:, :, None] == setups[:, None, :]
         fading = np.exp(-np.abs(minutes[:, :, None] - minutes[:, None, :]) / scatter.minutes)
         found: FloatArray = np.zeros((c, k, s, k, s))
-        for i, (own, wander) in enumerate(zip(self._of_setup(scatter), self.wander, strict=True)):
+        for i, (own, wander) in enumerate(zip(self.of_setup(scatter), self.wander, strict=True)):
             constant = np.where(self.free[which] & (i == 0), zeros, own)[:, :, None]
             found[:, :, i, :, i] = same * constant + scatter.wander * wander * fading
         return found.reshape(c, k * s, k * s)
@@ -297,7 +297,8 @@ class Blocks:
             parts.append((place[index].astype(np.intp), factor))
         return Whitening(tuple(parts), log_determinant)
 
-    def _of_setup(self, scatter: Scatter) -> FloatArray:
+    def of_setup(self, scatter: Scatter) -> FloatArray:
+        """Give a set-up's variances of shift and tilts, shape (s,)."""
         multiples: FloatArray = np.full(len(self.own), scatter.tilt)
         multiples[0] = scatter.shift
         return self.own * multiples
