@@ -31,7 +31,7 @@ from app.search.state import State
 OUTLIER: Final = 5.0
 """Robust standard deviations from which a row or a visit is an outlier."""
 
-FEW: Final = 4.0
+FEW: Final = 12.0
 """A scale of n rows is taken for larger by so many nth: few that happen to be equal make no others
 far."""
 
