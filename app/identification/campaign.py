@@ -10,15 +10,14 @@ from app.effects.conditions import recorded_conditions
 from app.effects.effect import Effect
 from app.effects.observations import Verification, observation_rows
 from app.identification.doubted_sensors import trusted_readings
-from app.identification.residuals.coarse_sensors import looked_back
+from app.identification.residuals.inexact_sensors import Inexact, looked_back
 from app.identification.residuals.residuals import Residuals, compute_residuals
 from app.identification.zeroed import with_true_zeros
-from app.thermal.coarse_readings import Coarse
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.temperature_history import TemperatureHistory
 
-NONE_COARSE: Final[Mapping[str, Coarse]] = {}
+NONE_INEXACT: Final[Mapping[str, Inexact]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +51,14 @@ class Campaign:
     older_readings: bool = False
 
 
-def residuals_of(campaign: Campaign, coarse: Mapping[str, Coarse] = NONE_COARSE) -> Residuals:
+def residuals_of(campaign: Campaign, inexact: Mapping[str, Inexact] = NONE_INEXACT) -> Residuals:
     """Subtract what the model says, adopted effects included, from what was measured.
 
     Parameters
     ----------
-    coarse
-        Sensors whose temperatures between two steps are those that they probably had, looking
-        back; a table knows only what was read.
+    inexact
+        Sensors whose temperatures are those that they probably had, looking back; a table knows
+        only what was read.
 
     Raises
     ------
@@ -70,7 +69,7 @@ def residuals_of(campaign: Campaign, coarse: Mapping[str, Coarse] = NONE_COARSE)
     rows = with_true_zeros(observation_rows(campaign.verifications))
     conditions = recorded_conditions(
         machine.sensors,
-        looked_back(trusted_readings(campaign.model, campaign.readings), coarse),
+        looked_back(trusted_readings(campaign.model, campaign.readings), inexact),
         campaign.state_readings,
         rows.times_s,
         rows.states,

@@ -14,11 +14,11 @@ from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals import map_uncertainty as module
-from app.identification.residuals.coarse_sensors import (
-    coarse_sensors,
+from app.identification.residuals.inexact_sensors import (
+    error_columns,
+    inexact_sensors,
     looked_back,
-    read_in_steps,
-    step_columns,
+    read_inexactly,
 )
 from app.identification.residuals.map_uncertainty import (
     between_positions,
@@ -214,9 +214,9 @@ def test_a_coarse_sensor_is_one_unknown_for_each_stay_of_its_reading():
     history, _ = readings()
     read = {name: values.copy() for name, values in history.temperatures_c.items()}
     read["x-middle"] = np.round(read["x-middle"])
-    coarse = coarse_sensors(where.machine, TemperatureHistory(history.times_s, read))
+    coarse = inexact_sensors(where.machine, TemperatureHistory(history.times_s, read))
     assert list(coarse) == ["x-middle"]
-    steps = step_columns(where.projection, history, coarse)
+    steps = error_columns(where.projection, history, coarse)
     off_k = np.full(len(where.rows), 1.0 / np.sqrt(12.0))
     change = left_by_temperatures(where.projection, {"x-middle": off_k})
     np.testing.assert_allclose(steps.sum(axis=1), change)
@@ -234,7 +234,7 @@ def test_a_coarse_sensor_is_one_unknown_for_each_stay_of_its_reading():
     others = where.rows.channels.index("EZZ")
     assert with_steps[follows] > plain[follows]
     assert with_steps[others] == plain[others]
-    (said,) = read_in_steps(coarse)
+    (said,) = read_inexactly(coarse)
     assert said.on == "x-middle"
     assert "steps of 1 K" in said.reason
     back = looked_back(TemperatureHistory(history.times_s, read), coarse).temperatures_c
@@ -245,6 +245,24 @@ def test_a_coarse_sensor_is_one_unknown_for_each_stay_of_its_reading():
 def test_sensors_that_are_not_coarse_change_nothing():
     where = example_view()
     history, _ = readings()
-    coarse = coarse_sensors(where.machine, history)
+    coarse = inexact_sensors(where.machine, history)
     assert coarse == {}
-    assert step_columns(where.projection, history, coarse).shape == (len(where.rows), 0)
+    assert error_columns(where.projection, history, coarse).shape == (len(where.rows), 0)
+
+
+def test_a_noisy_sensor_is_read_as_its_neighbouring_readings_say():
+    where = example_view()
+    history, _ = readings()
+    read = {name: values.copy() for name, values in history.temperatures_c.items()}
+    read["x-middle"] += np.random.default_rng(1).normal(0.0, 0.3, len(history.times_s))
+    recorded = TemperatureHistory(history.times_s, read)
+    noisy = inexact_sensors(where.machine, recorded)
+    assert list(noisy) == ["x-middle"]
+    columns = error_columns(where.projection, recorded, noisy)
+    off_k = np.full(len(where.rows), noisy["x-middle"].error_k)
+    change = left_by_temperatures(where.projection, {"x-middle": off_k})
+    np.testing.assert_allclose(columns.sum(axis=1), change)
+    (said,) = read_inexactly(noisy)
+    assert "scatters by 0.3 K from reading to reading" in said.reason
+    back = looked_back(recorded, noisy).temperatures_c["x-middle"]
+    assert np.std(back - history.temperatures_c["x-middle"]) < 0.15

@@ -140,3 +140,26 @@ def test_on_one_axis_alone_nobody_can_tell_air_from_a_scale():
         either = {effect.kind, *(a.kind for a in effect.alternatives if a.tied)}
         assert "instrument-compensation" in either
         assert (effect.status, effect.helps) == ("suspected", False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_sensors_whose_readings_scatter_are_neither_late_nor_by_another_clock(seed):
+    made = make_campaign(seed, visits=16, days=4, observations_per_visit=24)
+    noise = np.random.default_rng(seed)
+    read = [
+        body
+        | {
+            "temperatures_c": {
+                name: round(at_c + noise.normal(0.0, 0.4), 2)
+                for name, at_c in body["temperatures_c"].items()
+            }
+        }
+        for body in made.readings
+    ]
+    found = analyse(
+        campaign_of_bodies(made.machine, made.error_maps, read, made.verifications),
+        kinds=("clock-offset", "thermal-lag", "late-sensor"),
+    )
+    assert found.effects == ()
+    assert any("from reading to reading" in one.reason for one in found.not_testable)

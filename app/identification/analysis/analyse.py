@@ -71,10 +71,10 @@ from app.identification.analysis.responses import (
 )
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import comparisons, doubts, trusted_readings
-from app.identification.residuals.coarse_sensors import (
-    coarse_sensors,
-    read_in_steps,
-    step_columns,
+from app.identification.residuals.inexact_sensors import (
+    error_columns,
+    inexact_sensors,
+    read_inexactly,
 )
 from app.identification.residuals.map_uncertainty import between_positions, map_uncertainty
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
@@ -132,8 +132,8 @@ def analyse(
     faults = reading_faults(campaign)
     campaign, as_given = faults.campaign, campaign
     trusted = trusted_readings(campaign.model, campaign.readings)
-    coarse = coarse_sensors(campaign.model.machine, trusted)
-    residuals = residuals_of(campaign, coarse)
+    inexact = inexact_sensors(campaign.model.machine, trusted)
+    residuals = residuals_of(campaign, inexact)
     projection = residuals.projection
     view = CampaignView(campaign.model, campaign.maps, residuals.rows, projection.conditions)
     known = None if kinds is None else tuple(_known(kinds))
@@ -145,7 +145,7 @@ def analyse(
     with one_blas_thread():
         tried = judge_assignments(campaign, residuals)
         of_maps = map_uncertainty(
-            projection, campaign.maps, step_columns(projection, trusted, coarse)
+            projection, campaign.maps, error_columns(projection, trusted, inexact)
         )
         between = between_positions(projection, campaign.maps)
         generic = generic_candidates(view)
@@ -200,7 +200,7 @@ def analyse(
     ]
     answer = replace(
         answer,
-        not_testable=(*misstated, *doubted, *read_in_steps(coarse), *answer.not_testable),
+        not_testable=(*misstated, *doubted, *read_inexactly(inexact), *answer.not_testable),
         next_visit=upcoming,
         what_next=tuple(dict.fromkeys(steps)),
     )

@@ -31,7 +31,7 @@ from app.identification.plan.plan import (
     PlannedRival,
     Suggestion,
 )
-from app.identification.residuals.coarse_sensors import coarse_sensors, step_columns
+from app.identification.residuals.inexact_sensors import error_columns, inexact_sensors
 from app.identification.residuals.map_uncertainty import map_uncertainty
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.candidate import Candidate
@@ -192,8 +192,8 @@ def _problem(residuals: Residuals, rows: Rows, campaign: Campaign, planned: int)
     cell_of = dict(zip(rows.block.tolist(), cell.tolist(), strict=True))
     use = np.ones(len(rows.values), dtype=np.bool_)
     trusted = trusted_readings(campaign.model, campaign.readings)
-    coarse = coarse_sensors(campaign.model.machine, trusted)
-    steps = step_columns(residuals.projection, trusted, coarse)
+    inexact = inexact_sensors(campaign.model.machine, trusted)
+    steps = error_columns(residuals.projection, trusted, inexact)
     nuisance = map_uncertainty(residuals.projection, campaign.maps, steps)
     return make_problem(rows, nuisance, use, cell_of, 1 + int(cell.max()))
 

@@ -1,4 +1,4 @@
-"""The maps' own uncertainty, and that of coarse sensors, as something that residuals may follow.
+"""The maps' own uncertainty, and that of sensors, as something that residuals may follow.
 
 Each entry of each map was measured with a standard error. An entry acts on all rows between
 its neighbours, in position and in temperature, with the weights of the interpolation. A row
@@ -79,8 +79,8 @@ def channel_entries(
     Parameters
     ----------
     steps : sparse array, shape (n, s), or None
-        Change of each row for one standard error of each stay of a coarse sensor's reading, which
-        are taken as entries too (`step_columns`).
+        Change of each row for one standard error of a coarse or noisy sensor; these are
+        taken as entries too (`error_columns`).
 
     Returns
     -------
@@ -96,7 +96,7 @@ def channel_entries(
 def map_uncertainty(
     projection: Projection, maps: Sequence[ErrorMap], steps: SparseArray | None = None
 ) -> list[Nuisance]:
-    """Lay the maps' uncertainty out as columns for each channel, and that of coarse sensors.
+    """Lay the maps' uncertainty out as columns for each channel, and that of sensors.
 
     Returns
     -------

@@ -1,0 +1,100 @@
+"""What coarse and noisy sensors leave in the residuals.
+
+A sensor that reads in whole degrees is off by up to half of one, by about the same amount for as
+long as its reading stays; one whose readings scatter is off by another amount each time. All
+components that follow it are then off together, each by its own slope, and that looks like
+structure: readings taken from halfway between two of them scatter less, and pass for another
+clock or a lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from app.arrays import FloatArray, SparseArray
+from app.effects.kind import NotTested
+from app.effects.kinds.sensor_fault import SensorFault
+from app.effects.projection import Projection
+from app.effects.supposition import left_by_temperatures
+from app.thermal.coarse_readings import Coarse, looking_back
+from app.thermal.machine import Machine
+from app.thermal.noisy_readings import Noisy, without_noise
+from app.thermal.temperature_history import TemperatureHistory
+
+Inexact: TypeAlias = Coarse | Noisy
+"""A sensor's readings, looking back."""
+
+
+def inexact_sensors(machine: Machine, readings: TemperatureHistory) -> dict[str, Inexact]:
+    """Look back on the readings of each coarse or noisy sensor."""
+    found: dict[str, Inexact] = {}
+    for sensor in readings.temperatures_c:
+        times_s, temperatures_c = readings.known(sensor)
+        max_gap_s = machine.sensor(sensor).max_age_s
+        one = looking_back(times_s, temperatures_c, max_gap_s) or without_noise(
+            times_s, temperatures_c, max_gap_s
+        )
+        if one is not None:
+            found[sensor] = one
+    return found
+
+
+def looked_back(readings: TemperatureHistory, inexact: Mapping[str, Inexact]) -> TemperatureHistory:
+    """Give a record as it probably was, without the steps and the scatter of its sensors."""
+    temperatures_c: dict[str, FloatArray] = dict(readings.temperatures_c)
+    for sensor, one in inexact.items():
+        values = temperatures_c[sensor].copy()
+        values[~np.isnan(values)] = one.temperatures_c
+        temperatures_c[sensor] = values
+    return TemperatureHistory(readings.times_s, temperatures_c)
+
+
+def error_columns(
+    projection: Projection, readings: TemperatureHistory, inexact: Mapping[str, Inexact]
+) -> SparseArray:
+    """Say how each row changes if a sensor was off for a while.
+
+    Returns
+    -------
+    sparse array, shape (n, s) [the rows' units]
+        For one standard error of each stay of a coarse sensor, or stretch of a noisy one, that
+        components follow.
+    """
+    times_s, n = projection.rows.times_s, len(projection.rows)
+    found = [sparse.csr_array((n, 0))]
+    for sensor in dict.fromkeys(group.sensor for group in projection.model.groups):
+        if sensor not in inexact:
+            continue
+        read_s, _ = readings.known(sensor)
+        one = inexact[sensor]
+        stay = one.stay[np.searchsorted((read_s[1:] + read_s[:-1]) / 2.0, times_s)]
+        change = left_by_temperatures(projection, {sensor: np.full(n, one.error_k)})
+        own, place = np.unique(stay, return_inverse=True)
+        at = (np.arange(n), place)
+        found.append(sparse.csr_array((np.nan_to_num(change), at), shape=(n, len(own))))
+    columns = sparse.csr_array(sparse.hstack(found))
+    columns.eliminate_zeros()
+    return columns
+
+
+def read_inexactly(inexact: Mapping[str, Inexact]) -> tuple[NotTested, ...]:
+    """Name the coarse and noisy sensors, and what that does to figures and tables."""
+    return tuple(NotTested(SensorFault.kind, sensor, _told(one)) for sensor, one in inexact.items())
+
+
+def _told(one: Inexact) -> str:
+    if isinstance(one, Coarse):
+        return (
+            f"reads in steps of {one.step_k:g} K: between two steps its temperature is taken from "
+            "when the reading changed, which a live table cannot know; the table is off by what "
+            f"up to {one.step_k / 2.0:g} K does"
+        )
+    return (
+        f"scatters by {one.scatter_k:.2g} K from reading to reading: its temperature is taken from "
+        "the readings before and after, which a live table cannot know; the table scatters by "
+        f"what {one.scatter_k:.2g} K does"
+    )
