@@ -147,12 +147,17 @@ class HeldOut:
     ----------
     floor
         What repeatability and set-up scatter alone would leave (RMS).
+    spread, chance
+        Root mean square over the floor without the visit that is furthest from it, and the
+        probability with which repeatability and set-ups alone leave as much or more.
     """
 
     rows: int
     visits: int
     after: Figure
     floor: float
+    spread: float = 0.0
+    chance: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

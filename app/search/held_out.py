@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import gammaincc
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.search.channel import Channel
 from app.search.figures import figure
 from app.search.findings import HeldOut
@@ -56,15 +57,18 @@ def held_out_figures(
             continue
         left = channel.scale * _left(channel, checked.after[channel.rows])[seen]
         visit = channel.blocks.setups[channel.block][seen]
-        variance = _floor(problem, channel, fit, typical[c])
-        if c in settled:
-            variance = variance + checked.variance[channel.rows]
+        expected = _expected(problem, channel, fit, typical[c])
+        open_still = checked.variance[channel.rows] if c in settled else np.zeros(len(seen))
+        variance = expected.variance(channel) + open_still
         floor = channel.scale**2 * variance[seen]
+        spread, chance = _apart_from_one(channel, expected, left / channel.scale, seen, open_still)
         found[c] = HeldOut(
             rows=len(visit),
             visits=len(np.unique(visit)),
             after=figure(left, visit, seed),
             floor=float(np.sqrt(np.mean(floor))),
+            spread=spread,
+            chance=chance,
         )
     return found
 
@@ -97,8 +101,28 @@ def typical_level(states: Mapping[int, State]) -> dict[int, int]:
     return found
 
 
-def _floor(problem: Problem, channel: Channel, fit: Fit, typical: int) -> FloatArray:
-    """Give each row's variance from repeatability and set-up alone, in scales squared."""
+class _Expected(NamedTuple):
+    """What repeatability and set-up alone leave, in scales squared.
+
+    Parameters
+    ----------
+    scatter
+        Variance of one observation.
+    of_setup : ndarray, shape (blocks, shapes)
+        Variances of each block's shift and tilts, in that of an observation.
+    """
+
+    scatter: float
+    of_setup: FloatArray
+
+    def variance(self, channel: Channel) -> FloatArray:
+        """Give each row's variance."""
+        return np.asarray(
+            self.scatter * (1.0 + np.sum(channel.shapes**2 * self.of_setup[channel.block], axis=1))
+        )
+
+
+def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _Expected:
     declared = problem.rows.noise.get(channel.number)
     known = declared is not None and declared.setup_shift is not None
     level = channel.declared if known and not channel.blocks.are_records else typical
@@ -108,6 +132,51 @@ def _floor(problem: Problem, channel: Channel, fit: Fit, typical: int) -> FloatA
     scatter = 1.0 if known or stated else fit.scatter[channel.number]
     least = declared.rounding / channel.scale if declared is not None else 0.0
     scatter = max(scatter, least**2)
-    return np.asarray(
-        scatter * (1.0 + np.sum(channel.shapes**2 * variances[channel.block], axis=1))
+    return _Expected(scatter, variances)
+
+
+def _apart_from_one(
+    channel: Channel,
+    expected: _Expected,
+    left: FloatArray,
+    seen: BoolArray,
+    open_still: FloatArray,
+) -> tuple[float, float]:
+    """Hold what is left against the floor, without the visit that is furthest from it.
+
+    A sum of squares of correlated normal values is about a gamma distribution with the same mean
+    and variance (Welch, Biometrika 34 (1947) 28; Satterthwaite, Biometrics 2 (1946) 110).
+
+    Parameters
+    ----------
+    left : ndarray, shape (seen,)
+        In scales.
+    open_still : ndarray, shape (n,)
+        Variance that teaching visits leave open, the same for all rows of a visit.
+
+    Returns
+    -------
+    float
+        Root mean square over that of the floor.
+    float
+        Probability that repeatability and set-ups leave as much or more.
+    """
+    shapes, block = channel.shapes[seen], channel.block[seen]
+    setup, opened = channel.blocks.setups[block], np.sqrt(open_still[seen])
+    squares, means, variances = [], [], []
+    for one in np.unique(setup):
+        own = np.flatnonzero(setup == one)
+        of_setup = shapes[own] * np.sqrt(expected.of_setup[block[own]])
+        together = expected.scatter * (np.eye(len(own)) + of_setup @ of_setup.T)
+        together += np.outer(opened[own], opened[own])
+        squares.append(float(left[own] @ left[own]))
+        means.append(float(np.trace(together)))
+        variances.append(2.0 * float(np.sum(together**2)))
+    furthest = int(np.argmax(np.array(squares) / means))
+    square, mean, variance = (
+        sum(of_visit) - of_visit[furthest] for of_visit in (squares, means, variances)
     )
+    if len(squares) < 2 or mean <= 0.0:
+        return 0.0, 1.0
+    shape = mean**2 / variance
+    return float(np.sqrt(square / mean)), float(gammaincc(shape, shape * square / mean))

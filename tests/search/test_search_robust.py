@@ -359,6 +359,17 @@ def test_visits_that_scatter_more_than_declared_are_reported():
     assert ("visit-variance", 1) in {(u.test, u.channel) for u in found.unexplained}
 
 
+@pytest.mark.parametrize(("seed", "visits", "size"), [(71, 16, 4.0), (72, 24, 3.0)])
+def test_what_strikes_a_few_visits_is_unexplained(seed, visits, size):
+    """As a tool change before some of them does; one visit alone may be a slip."""
+    campaign = make_campaign(seed, visits=visits).declaring(repeatability=REPEATABILITY)
+    for struck, verdict in (([2, 5, 6, 9, 13], Verdict.UNEXPLAINED), ([], Verdict.NOTHING)):
+        strikes = size * np.isin(campaign.rows.visit, struck) * campaign.on(0)
+        found = search_in(campaign.plus(strikes), make_library(campaign, pitches=10))
+        assert found.verdict is verdict
+        assert {(one.test, one.channel) for one in found.unexplained} <= {("held-out", 0)}
+
+
 def test_generic_candidates_are_never_found():
     campaign = make_campaign(51, visits=20)
     strong = 4.0 * smooth(campaign.speed)[:, 2] * campaign.on(0)
