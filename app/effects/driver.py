@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple
 
@@ -79,6 +80,17 @@ def _read(conditions: Conditions, sensor: str, time_constant_s: float | None) ->
     if time_constant_s is None:
         return conditions.temperature(sensor)
     return conditions.lagged(Signal("temperature", sensor), time_constant_s)
+
+
+def _along(t: FloatArray, scale: tuple[float, ...], values: Sequence[float]) -> FloatArray:
+    """Interpolate between temperatures; beyond the outermost go on along the last two."""
+    nodes, heights = np.array(scale), np.array(values)
+    if nodes.size < 2:
+        return np.where(np.isnan(t), np.nan, heights[0])
+    lower = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, nodes.size - 2)
+    slope = np.diff(heights) / np.diff(nodes)
+    found: FloatArray = heights[lower] + slope[lower] * (t - nodes[lower])
+    return found
 
 
 def _with_zero(learnt: tuple[float, float]) -> tuple[float, float]:
@@ -204,7 +216,8 @@ class BeyondMaps(Driver):
     """How far a temperature, or a difference of two, is from what it was in the maps [K].
 
     What a second sensor did while the maps were measured is inside them: at any temperature of
-    the component's own sensor the model interpolates it along. Only the rest is lacking.
+    the component's own sensor the model interpolates it along, and extrapolates it along beyond
+    the maps. Only the rest is lacking.
 
     Parameters
     ----------
@@ -230,8 +243,8 @@ class BeyondMaps(Driver):
         value = _read(conditions, self.sensor, self.time_constant_s)
         if self.minus:
             value = value - _read(conditions, self.minus, self.time_constant_s)
-        scale, there = np.array(self.in_maps_c).T
-        found: FloatArray = value - np.interp(conditions.temperature(self.own), scale, there)
+        scale, there = zip(*self.in_maps_c, strict=True)
+        found: FloatArray = value - _along(conditions.temperature(self.own), scale, there)
         return found
 
     @property
@@ -256,10 +269,9 @@ class BeyondMaps(Driver):
 
         Both are straight between their nodes, so their difference is largest at one of them.
         """
-        nodes, own = np.array(self.in_maps_c).T
-        others, there = np.array(other.in_maps_c).T
-        at = np.union1d(nodes, others)
-        by = np.interp(at, nodes, own) - np.interp(at, others, there)
+        at = np.unique([t for one in (self, other) for t, _ in one.in_maps_c])
+        own, there = (_along(at, *zip(*one.in_maps_c, strict=True)) for one in (self, other))
+        by = own - there
         return learnt[0] + float(by.min()), learnt[1] + float(by.max())
 
 
@@ -267,9 +279,10 @@ class BeyondMaps(Driver):
 class Curvature(Driver):
     """What a parabola in temperature does between fixed temperatures, zero at each of them [K²].
 
-    With the temperatures of all maps it is how far a parabola hangs below its chords, each
-    between two neighbouring maps: what linear interpolation lacks though every map is right.
-    With the first and the last alone it is one parabola over the whole range.
+    With the temperatures of all maps it is how far a parabola is from its chords, each between two
+    neighbouring maps: what linear interpolation lacks though every map is right. Beyond the
+    outermost it is how far the parabola is from the line of the last two, on which an extrapolated
+    table goes on. With the first and the last alone it is one parabola over the whole range.
     """
 
     name: ClassVar[str] = "curvature"
@@ -277,9 +290,11 @@ class Curvature(Driver):
     temperatures_c: tuple[float, ...]
 
     def at(self, conditions: Conditions) -> FloatArray:
-        """Give (T − T_n)(T − T_m) of the neighbours T_n, T_m [K²]; beyond the ends 0."""
-        scale = np.array(self.temperatures_c)
-        t = np.clip(conditions.temperature(self.sensor), scale[0], scale[-1])
+        """Give (T − T_n)(T − T_m) of the neighbours T_n, T_m, beyond the ends of the last two [K²].
+
+        Where the machine does not extrapolate it is not learnt there, and held at the edge.
+        """
+        scale, t = np.array(self.temperatures_c), conditions.temperature(self.sensor)
         lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
         found: FloatArray = (t - scale[lower]) * (t - scale[lower + 1])
         return found
@@ -327,13 +342,8 @@ class ShareOfMap(Driver):
 
     def at(self, conditions: Conditions) -> FloatArray:
         """Give the map's weight in the interpolation (eq. 8.105)."""
-        scale, row = np.array(self.temperatures_c), self.temperatures_c.index(self.map_c)
-        t = conditions.temperature(self.sensor)
-        lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
-        share = (t - scale[lower]) / (scale[lower + 1] - scale[lower])
-        of_upper = np.where(lower + 1 == row, share, 0.0)
-        found: FloatArray = np.where(lower == row, 1.0 - share, of_upper)
-        return np.where(np.isnan(t), np.nan, found)
+        heights = [float(t == self.map_c) for t in self.temperatures_c]
+        return _along(conditions.temperature(self.sensor), self.temperatures_c, heights)
 
     def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
         """Include 0, which it is at every other map."""
