@@ -1,4 +1,4 @@
-"""The tables no longer hold: a shift, a slope, both, or a profile, constant in time."""
+"""The tables no longer hold: a shift, a slope, both, a bow or a profile, constant in time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from app.effects.term import Term
 from app.effects.words import parameter, size_along, symbol_of
 from app.geometry.components import COMPONENTS
 
-SHIFT, SLOPE, LINE, PROFILE = "shift", "slope", "straight line", "profile"
+SHIFT, SLOPE, LINE, BOW, PROFILE = "shift", "slope", "straight line", "bow", "profile"
 MOST_CORNERS: Final = 9
 
 
@@ -25,7 +25,7 @@ class OutdatedMap(EffectKind):
     """The same deviation from all maps, whatever the temperatures and the time."""
 
     kind: ClassVar[str] = "outdated-map"
-    text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, or a profile"
+    text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, a bow or a profile"
     drawn_over: ClassVar[DrawnOver] = "position"
     remedy: ClassVar[str] = (
         "Measure a new map of {components}; until then the correction may be adopted."
@@ -79,9 +79,13 @@ def forms_of(view: CampaignView, code: str, shapes: Sequence[Shape]) -> Iterator
         yield _form(code, SHIFT, [Everywhere()], ["shift"])
     if rising:
         yield _form(code, SLOPE, rising, ["slope_at_end"])
-    if rising and not view.rows.has_own_zero[view.projection.view(code).rows].all():
+    has_zero = not view.rows.has_own_zero[view.projection.view(code).rows].all()
+    if rising and has_zero:
         yield _form(code, LINE, [Everywhere(), *rising], ["shift", "shift_rise"])
     corners = _corners(view, code)
+    if rising and has_zero and len(corners) > 2:
+        bowed = [Everywhere(), *rising, _bow(corners)]
+        yield _form(code, BOW, bowed, ["shift", "shift_rise", "bow"])
     if rising and len(corners) > 2:
         names = [f"profile_at_{x:g}_mm" for x in corners]
         yield _form(code, PROFILE, _hats(corners), names)
@@ -93,8 +97,12 @@ def how_far_off(effect: Effect, form: str) -> str:
     if form == PROFILE:
         off = max(effect.parameters.values(), key=abs)
         return f"off by up to {off:.2g} {unit}"
-    if form == LINE:
-        return f"shifted by {size_along(effect, 'shift', unit)}"
+    if form in (LINE, BOW):
+        line = f"shifted by {size_along(effect, 'shift', unit)}"
+        if form == LINE:
+            return line
+        (bow,) = (name for name in effect.parameters if name.startswith("bow_"))
+        return f"{line}, and bowed by {parameter(effect, bow, unit)} from the middle to either end"
     (name,) = effect.parameters
     how = parameter(effect, name, unit)
     if form == SHIFT:
@@ -126,6 +134,13 @@ def _corners(view: CampaignView, code: str) -> tuple[float, ...]:
         chosen = np.linspace(0, positions.size - 1, MOST_CORNERS).round().astype(int)
         positions = positions[chosen]
     return tuple(positions.tolist())
+
+
+def _bow(corners: tuple[float, ...]) -> Shape:
+    """Make a parabola through a table's positions: 0 in its middle, 1 at either end."""
+    half = (corners[-1] - corners[0]) / 2.0
+    middle = corners[0] + half
+    return Profile(corners, tuple(((x - middle) / half) ** 2 for x in corners))
 
 
 def _hats(corners: tuple[float, ...]) -> list[Shape]:
