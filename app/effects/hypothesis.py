@@ -101,6 +101,8 @@ class Hypothesis:
         Whether it is the same at all times.
     keeps_zero
         Of what is trending: whether no instrument whose zero walks can do the same.
+    is_of_setups
+        Whether it is what set-ups themselves do, and no machine.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
     adopted_terms
@@ -128,6 +130,7 @@ class Hypothesis:
     is_standing: bool = False
     keeps_zero: bool = False
     is_within_visit: bool = False
+    is_of_setups: bool = False
     is_only_once: bool = False
     report: Callable[[Estimate], Reported] | None = None
     adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
@@ -167,6 +170,7 @@ class Hypothesis:
             standing=self.is_standing,
             keeps_zero=self.keeps_zero,
             within_visit=self.is_within_visit,
+            of_setups=self.is_of_setups,
             only_once=self.is_only_once,
             about=partial(self._about, projection) if self._is_bent else None,
             expected=self.expected,

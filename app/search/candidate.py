@@ -115,6 +115,9 @@ class Candidate:
         level there.
     within_visit
         Whether a single visit excites it, so that few visits suffice.
+    of_setups
+        Whether it is what set-ups themselves do: noise whose set-ups resemble each other does the
+        same, and is no rival.
     only_once
         Whether one place has it once at most: a second one imitates something unknown.
     generic
@@ -152,6 +155,7 @@ class Candidate:
     standing: bool = False
     keeps_zero: bool = False
     within_visit: bool = False
+    of_setups: bool = False
     only_once: bool = False
     generic: bool = False
     about: Callable[[float | None, float], Sequence[Part]] | None = None

@@ -153,7 +153,7 @@ def search(
             main = selector.select(draws)
         alike = set_ups_alike(selector, main.terms)
         if alike.is_likely:
-            draws = draws.with_alike(alike)
+            draws, selector.made_anew = draws.with_alike(alike), main.stages[0].limit
             main = selector.select(draws)
         return splits, draws, selector, main
 

@@ -86,6 +86,9 @@ class Selector:
     known
         Terms that the model has already: fitted beside what is chosen, never exchanged, and taken
         out where they no longer pay.
+    made_anew
+        The threshold where set-ups are made anew each time: it goes on to judge what set-ups do
+        themselves. None: it judges everything.
     step
         Called between parts of the work; may raise to stop.
     """
@@ -96,6 +99,7 @@ class Selector:
     false_alarm: float
     most_terms: int
     known: Sequence[Term] = ()
+    made_anew: Threshold | None = None
     step: Callable[[], None] = _continue
 
     def __post_init__(self) -> None:
@@ -108,6 +112,8 @@ class Selector:
         self.families = self.library.families
         self.is_expected = np.array([c.expected is not None for c in candidates])[self.groups]
         self.is_sampled = np.array([c.bounds is not None for c in candidates])[self.groups]
+        of_setups = (self.library.candidates[e.candidate].of_setups for e in self.library.entries)
+        self.are_of_setups = np.array([*of_setups], dtype=np.bool_)
         self.penalty = penalties(self.library, sum(s.count for s in self.states.values()))
 
     def select(self, draws: Draws | None, known: Sequence[Stage] = ()) -> Selection:
@@ -205,6 +211,8 @@ class Selector:
             tested = _only(found, self.allowed)
             halves = self.library.problem.has_expected_wander
             limit = threshold(tested, self.groups, self.families, self.false_alarm, halves)
+            if self.made_anew is not None:
+                limit = limit.except_for(self.are_of_setups, self.made_anew)
         else:
             limit = known[0].limit
         allowed = self.allowed & ~self._unexpected(found, limit) if not known else self.allowed

@@ -8,13 +8,13 @@ M. Bartlett, Proc. R. Soc. A 160 (1937) 268: bringing a likelihood ratio to its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.special import gammaincc, gammaln
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.search.scan import Scan
 
 BARTLETT: Final = (0.4, 1.3)
@@ -46,6 +46,15 @@ class Population:
     scale: FloatArray
     bartlett: FloatArray
 
+    def except_for(self, which: BoolArray, other: Population) -> Population:
+        """Take some entries' distribution from another population."""
+        pairs = zip(
+            (other.location, other.scale, other.bartlett),
+            (self.location, self.scale, self.bartlett),
+            strict=True,
+        )
+        return Population(*(np.where(which, theirs, own) for theirs, own in pairs))
+
     def reduced(self, found: Scan) -> FloatArray:
         """Give every entry's surprise on its family's scale, shape (entries,)."""
         own = surprise(found.ratio * self.bartlett, found.rank)
@@ -76,6 +85,13 @@ class Threshold:
     limit: float
     own_limit: float
     families: int
+
+    def except_for(self, which: BoolArray, other: Threshold) -> Threshold:
+        """Judge some entries by another threshold, shape (entries,)."""
+        own = self.own
+        if own is not None and other.own is not None:
+            own = own.except_for(which, other.own)
+        return replace(self, noise=self.noise.except_for(which, other.noise), own=own)
 
     @property
     def bartlett(self) -> FloatArray:

@@ -142,6 +142,7 @@ def _hypothesis(code: str, longest_s: float) -> Hypothesis:
         report=partial(_reported, code, longest_s),
         supposed=partial(_supposed, code, longest_s),
         is_within_visit=True,
+        is_of_setups=True,
     )
 
 
