@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 
+import numpy as np
+
 from app.identification.analysis.advice import summary, what_next
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import asked_again, left_out_words
@@ -111,3 +113,11 @@ def test_a_visit_that_was_left_out_is_measured_again():
     assert left_out_words(far).endswith("far from all other visits: EXX in 'night shift'.")
     (step,) = asked_again(far)
     assert step.endswith("left out as a slip; measure it again.")
+
+
+def test_visits_at_one_hour_of_the_day_are_said_to_tell_nothing_of_others():
+    morning_s = 86400.0 * np.arange(12.0) + 34200.0
+    (words,) = what_next((), (), (), visits=30, times_s=morning_s)
+    assert "between 09:30 and 09:30 UTC" in words
+    (words,) = what_next((), (), (), visits=30, times_s=morning_s + 9000.0 * np.arange(12.0))
+    assert words.startswith("Nothing needs to be done")

@@ -337,6 +337,7 @@ def _answer(
         what_next=what_next(
             *(described, unexplained, not_testable, found.residuals.rows.visits, far),
             is_cut=findings.is_cut,
+            times_s=found.residuals.rows.times_s[found.use],
         ),
         plots=plots(found, [*effects, *(offered.effect for offered in responses.offered)]),
     )
