@@ -22,6 +22,7 @@ from app.effects.low_pass import (
     low_pass_at,
     low_pass_from_start,
 )
+from app.effects.play import play, play_at
 from app.errors import list_names
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory
@@ -74,6 +75,9 @@ Key = TypeVar("Key", bound=Hashable)
 MOST_FILTERS: Final = 256
 """Filtered records that are kept ready."""
 
+MOST_PLAYED: Final = 64
+"""Records with play that are kept ready."""
+
 MOST_LAGGED: Final = 2
 """Low-passes at the times that are kept: as many as one driver has, which several shapes share."""
 
@@ -112,6 +116,9 @@ class Lags(Protocol):
     def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
         """Give the same from the beginning of the unbroken record, in balance there."""
 
+    def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
+        """Give what follows a signal with play, NaN where its past is not known."""
+
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give a signal at any times, later ones too, NaN where it is not known."""
 
@@ -132,6 +139,10 @@ class NoHistory:
     def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
         """Give nothing."""
         return FromStart.unknown(len(times_s))
+
+    def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
+        """Give nothing."""
+        return np.full(times_s.shape, np.nan)
 
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give nothing."""
@@ -181,6 +192,7 @@ class RecordedLags:
 
     recordings: Mapping[tuple[str, str], Recording]
     _filtered: dict[tuple[Signal, float], Filtered] = field(default_factory=dict)
+    _played: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict)
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Give a signal's low-pass at times (`low_pass_at`)."""
@@ -199,6 +211,21 @@ class RecordedLags:
         return low_pass_from_start(
             filtered, times_s, time_constant_s, recording.hold, recording.max_gap_s
         )
+
+    def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
+        """Give what follows a signal with play (`play_at`)."""
+        recording = self.recordings.get((signal.kind, signal.name))
+        if recording is None or recording.times_s.size == 0:
+            return np.full(times_s.shape, np.nan)
+        key = (signal, half_width)
+        if key not in self._played:
+            if len(self._played) >= MOST_PLAYED:
+                self._played.pop(next(iter(self._played)))
+            self._played[key] = play(
+                recording.times_s, signal.of(recording.values), half_width, recording.max_gap_s
+            )
+        now = self.at(signal, times_s)
+        return play_at(recording.times_s, self._played[key], half_width, times_s, now)
 
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give a signal at any times: temperatures interpolated, states as they were last read."""

@@ -14,6 +14,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
+from app.effects.conditions import Signal
 from app.effects.driver import Always
 from app.effects.projection import Projection, View
 from app.effects.shape import Everywhere, OfPosition, Shape
@@ -37,7 +38,12 @@ FEWEST_STRETCHES: Final = 4
 OTHER_TIMES: Final = (1.0 / 3.0, 3.0)
 """Time constants beside its own, as multiples of it."""
 
+HALF_WIDTHS: Final = (1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0)
+"""Half the widths of dead bands, as shares of the range of a sensor's temperatures."""
+
 OVER_TIME: Final = "its size changes over time"
+
+HYSTERESIS: Final = "it also depends on the way by which its temperature came (hysteresis)"
 
 
 def flexible_versions(
@@ -81,9 +87,10 @@ def flexible_versions(
                 *(projection.columns(unit_terms(t)) for t in beside),
             ]
         )
+    versions = [*made.items(), *((HYSTERESIS, columns) for columns in _plays(projection, every))]
     return [
         Flexible(words, parts)
-        for words, columns in made.items()
+        for words, columns in versions
         if columns.shape[1] and (parts := projection.parts_of(_lively(columns)))
     ]
 
@@ -132,6 +139,39 @@ def _of_driver(projection: Projection, terms: Sequence[Term]) -> list[Weight]:
 def _driver_power(largest: float, exponent: int, term: Term, view: View) -> FloatArray:
     found: FloatArray = (term.driver.at(view.conditions) / largest) ** exponent
     return found
+
+
+def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray]:
+    """Let the component follow its sensor with play, of one width at a time.
+
+    Beside it is the temperature itself: how much of the play the maps hold is not known. A reversal
+    and what never changes are not what a hysteresis looks like.
+    """
+    codes = {term.component for term in terms}
+    is_moving = not all(isinstance(term.driver, Always) or term.is_reversing for term in terms)
+    found = projection.model.find(min(codes)) if len(codes) == 1 and is_moving else None
+    if found is None:
+        return
+    view = projection.view(min(codes))
+    sensor, conditions = found[0].sensor, view.conditions
+    temperatures_c = conditions.temperature(sensor)
+    known_c = temperatures_c[np.isfinite(temperatures_c)]
+    range_k = float(np.ptp(known_c)) if known_c.size else 0.0
+    shapes = [np.ones(len(view.rows)), np.nan_to_num(_power(1, terms[0], view))]
+    for share in HALF_WIDTHS if range_k > 0.0 else ():
+        played_c = conditions.lags.played(
+            Signal("temperature", sensor), share * range_k, conditions.times_s
+        )
+        behind_k = played_c - temperatures_c
+        if np.isfinite(behind_k).any():
+            courses = [
+                np.nan_to_num(course - np.nanmean(course)) for course in (behind_k, temperatures_c)
+            ]
+            columns = np.zeros((len(projection.rows), len(courses) * len(shapes)))
+            columns[view.rows] = np.column_stack(
+                [view.gains * course * shape for course in courses for shape in shapes]
+            )
+            yield columns
 
 
 def _waves(projection: Projection) -> list[Weight]:

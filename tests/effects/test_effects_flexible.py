@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from app.effects.campaign_view import CampaignView
+from app.effects.conditions import Signal
+from app.effects.flexible import HALF_WIDTHS, HYSTERESIS
 from app.effects.low_pass import low_pass
 from app.effects.registry import repertoire
 from app.identification.campaign import residuals_of
@@ -17,10 +19,14 @@ LATER = "part of it responds faster or slower"
 
 
 @pytest.fixture(scope="module")
-def candidates():
+def view():
     _, campaign = campaign_with("backlash", 2.0, 1, visits=8, days=2)
     projection = residuals_of(campaign).projection
-    view = CampaignView(campaign.model, campaign.maps, projection.rows, projection.conditions)
+    return CampaignView(campaign.model, campaign.maps, projection.rows, projection.conditions)
+
+
+@pytest.fixture(scope="module")
+def candidates(view):
     kinds = ["backlash", "thermal-lag", "state-variable", "outdated-map"]
     found = repertoire(view, kinds).candidates
     return {kind: next(c for c in found if c.family == kind) for kind in kinds}
@@ -57,6 +63,38 @@ def test_along_the_axis_are_powers_of_the_position(candidates):
         power = flexible.columns[shown] / own.columns[shown, :1]
         np.testing.assert_allclose(power[:, 1], power[:, 0] ** 2, atol=1e-12)
         assert np.abs(power).max() <= 1.0 + 1e-12
+
+
+def test_what_moves_may_follow_its_temperature_with_play(view, candidates):
+    """How far the play is behind, and the temperature, from their means; also along the axis."""
+    speed = candidates["state-variable"]
+    plays = [one for one in speed.flexible(speed.thetas[0]) if one.words == HYSTERESIS]
+    code = speed.key.split()[-2]
+    shown = view.projection.view(code)
+    sensor, conditions = view.sensor_of(code), shown.conditions
+    temperatures_c = conditions.temperature(sensor)
+    assert len(plays) == len(HALF_WIDTHS)
+    for share, play in zip(HALF_WIDTHS, plays, strict=True):
+        half_k = share * np.ptp(temperatures_c)
+        behind_k = (
+            conditions.lags.played(Signal("temperature", sensor), half_k, conditions.times_s)
+            - temperatures_c
+        )
+        assert np.nanmax(np.abs(behind_k)) <= half_k + 1e-9
+        columns = np.zeros((len(view.rows), 4))
+        for part in play.parts:
+            columns[part.rows] = part.columns
+        own = columns[shown.rows] / shown.gains[:, None]
+        np.testing.assert_allclose(
+            own[:, 0], np.nan_to_num(behind_k - np.nanmean(behind_k)), atol=1e-9
+        )
+        np.testing.assert_allclose(own[:, 2], temperatures_c - temperatures_c.mean(), atol=1e-9)
+        np.testing.assert_allclose(own[:, 1] * own[:, 2], own[:, 0] * own[:, 3], atol=1e-9)
+
+
+def test_a_reversal_and_what_never_changes_have_no_play(candidates):
+    for kind in ("backlash", "outdated-map"):
+        assert HYSTERESIS not in versions(candidates[kind])
 
 
 def test_two_bodies_in_turn_are_a_low_pass_of_a_low_pass(candidates):

@@ -10,6 +10,7 @@ import pytest
 
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import effect_from_json
+from app.effects.flexible import HYSTERESIS
 from app.errors import InvalidContent
 from app.identification.analysis.analyse import analyse
 from app.identification.campaign import residuals_of
@@ -318,6 +319,34 @@ def test_an_unknown_zero_is_no_part_of_what_is_left():
     found = answer_of(replace(campaign, verifications=moved), kinds=["backlash"])
     assert found["verdict"] == "unexplained"
     assert all(one["rms_um"] < 20.0 for one in found["unexplained"])
+
+
+@pytest.mark.slow
+def test_a_late_difference_that_imitates_a_hysteresis_is_not_sure():
+    """Held-out visits show the late difference as well: it would be confirmed and wrong."""
+    made = make_campaign(53, "hysteresis", 2.0, visits=15, days=4, observations_per_visit=40)
+    found = answer_of(
+        campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications),
+        kinds=["sensor-gradient"],
+    )
+    (effect,) = found["effects"]
+    assert effect["status"] == "suspected"
+    assert HYSTERESIS in effect["doubts"]
+    assert found["verdict"] == "unexplained", found["summary"]
+
+
+@pytest.mark.slow
+def test_a_lag_is_no_hysteresis():
+    """Both are behind their temperature; a lag by how fast it moves, not by where it turned."""
+    made = make_campaign(
+        820, "thermal-lag:component", 2.0, visits=24, days=7, observations_per_visit=40
+    )
+    found = answer_of(
+        campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
+    )
+    (effect,) = found["effects"]
+    assert (effect["kind"], effect["status"], effect["doubts"]) == ("thermal-lag", "confirmed", [])
+    assert found["verdict"] == "effects-found"
 
 
 @pytest.mark.slow

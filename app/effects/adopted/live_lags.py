@@ -50,6 +50,10 @@ class LiveLags:
         ]
         return FromStart(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
+    def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
+        """Give nothing: no effect that is adopted has play."""
+        return np.full(times_s.shape, np.nan)
+
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give nothing: readings are not kept, and later ones have not come."""
         return np.full(times_s.shape, np.nan)
