@@ -31,8 +31,17 @@ def frozen(values: ArrayLike) -> FloatArray:
     return array
 
 
+def rms(values: FloatArray) -> float:
+    """Give the root mean square of all values, of any shape.
+
+    >>> rms(np.array([1.0, 7.0]))
+    5.0
+    """
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def rms_length(vectors: FloatArray) -> float:
-    """Give the root mean square of vectors' lengths, shape (n, 3).
+    """Give the root mean square of vectors' lengths, shape (n, d).
 
     >>> rms_length(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]]))
     3.5355339059327378
@@ -41,7 +50,7 @@ def rms_length(vectors: FloatArray) -> float:
 
 
 def largest_length(vectors: FloatArray) -> float:
-    """Give the largest of vectors' lengths, shape (n, 3).
+    """Give the largest of vectors' lengths, shape (n, d).
 
     >>> largest_length(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]]))
     5.0

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms_length
 from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS
 from app.geometry.measuring_line import MeasuringLines
@@ -143,7 +143,7 @@ def evaluate_drilled_plate(
     affine = fit_scale_and_squareness(nominal, rigid.errors_um, grid, spread)
     suspicious = far_holes(affine.residuals_um)
     squareness = squareness_of(rigid.errors_um, affine, grid)
-    before = _radial_rms((measured - nominal) * UM_PER_MM)
+    before = rms_length((measured - nominal) * UM_PER_MM)
     tables = axis_tables(nominal, rigid.errors_um, affine, grid, origin)
     return DrilledPlate(
         rotation_urad=rigid.rotation_urad,
@@ -199,18 +199,14 @@ def _growth(expansion_um_per_m_k: float, difference_c: float) -> float:
     return expansion_um_per_m_k * difference_c
 
 
-def _radial_rms(errors_um: FloatArray) -> float:
-    return math.sqrt(float((errors_um**2).sum(axis=1).mean()))
-
-
 def _figures_of_holes(
     rms_before_um: float, rigid: RigidMotion, affine: AffineFit
 ) -> dict[str, float]:
     return {
         "holes": float(len(rigid.errors_um)),
         "rms_before_um": rms_before_um,
-        "rms_without_rigid_motion_um": _radial_rms(rigid.errors_um),
-        "rms_without_scale_and_squareness_um": _radial_rms(affine.residuals_um),
+        "rms_without_rigid_motion_um": rms_length(rigid.errors_um),
+        "rms_without_scale_and_squareness_um": rms_length(affine.residuals_um),
         "rotation_urad": rigid.rotation_urad,
         "shift_x_mm": float(rigid.shift_mm[0]),
         "shift_y_mm": float(rigid.shift_mm[1]),
@@ -222,7 +218,7 @@ def _figures(affine: AffineFit, squareness: Squareness, grid: GridFit | None) ->
     for u, scale in zip("xy", affine.scale_um_per_m, strict=True):
         figures[f"scale_{u}_um_per_m"] = float(scale)
     if grid is not None:
-        figures["rms_without_rows_and_columns_um"] = _radial_rms(grid.residuals_um)
+        figures["rms_without_rows_and_columns_um"] = rms_length(grid.residuals_um)
     if np.isnan(affine.noise_um).any():
         return figures
     figures["SXY_standard_error_um_per_m"] = squareness.standard_error

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.errors import InvalidContent
 from app.geometry.components import Component
 from app.geometry.measuring_line import MeasuringLines
@@ -210,8 +210,8 @@ def _compare(edge: StraightEdge, predicted: FloatArray, line: StraightLine) -> C
     return Comparison(
         bias_um=float(difference.mean()),
         slope_difference_um_per_m=slope_of(edge.positions_mm, difference),
-        rms_difference_um=_rms(difference),
-        rms_without_line_um=_rms(edge.deviations_um - straightened),
+        rms_difference_um=rms(difference),
+        rms_without_line_um=rms(edge.deviations_um - straightened),
         correlation=r,
         interval=None if r is None else fisher_interval(r, predicted.size - 1),
         correlation_as_came=_correlation(edge.measured_um, predicted),
@@ -224,10 +224,6 @@ def _correlation(one: FloatArray, other: FloatArray) -> float | None:
         if np.ptp(values) <= 1e-9 * max(float(np.abs(one).max()), float(np.abs(other).max())):
             return None
     return pearson_r(one, other)
-
-
-def _rms(values: FloatArray) -> float:
-    return math.sqrt(float(np.mean(values**2)))
 
 
 def _figures_of_comparison(comparison: Comparison) -> dict[str, float]:
@@ -320,7 +316,7 @@ class StraightEdge:
         figures = {
             "straightness_um": self.straightness_um,
             "slope_um_per_m": self.slope_um_per_m,
-            "residual_rms_um": math.sqrt(float(np.mean(deviations**2))),
+            "residual_rms_um": rms(deviations),
             "residual_standard_deviation_um": math.sqrt(float((regression**2).sum()) / freedom),
         }
         if self.covariance is not None:

@@ -12,7 +12,7 @@ of positioning of numerically controlled axes*, clause 3 (definitions) and 7 (ev
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import linregress
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.errors import InvalidContent
 from app.measurement.result import MeasurementResult
 from app.measurement.run_means import COVER, RunMeans, mean_of_runs, table_of_means
@@ -263,11 +263,11 @@ def _scatter(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> di
     if not scatters:
         return {}
     figures = {
-        "noise_um": _root_mean_square(one.noise for one in scatters),
-        "run_shift_um": _root_mean_square(one.shift for one in scatters),
+        "noise_um": rms(np.array([one.noise for one in scatters])),
+        "run_shift_um": rms(np.array([one.shift for one in scatters])),
         "noise_degrees_of_freedom": float(sum(one.degrees_of_freedom for one in scatters)),
     }
-    slope = _root_mean_square(one.slope_per_m for one in scatters)
+    slope = rms(np.array([one.slope_per_m for one in scatters]))
     if math.isfinite(slope):
         figures["run_slope_um_per_m"] = slope
     drift = drift_of(runs)
@@ -278,10 +278,6 @@ def _scatter(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> di
         standard_error = float(of_runs.std(ddof=1)) / math.sqrt(of_runs.size)
         figures["B_mean_standard_error_um"] = standard_error
     return figures
-
-
-def _root_mean_square(values: Iterable[float]) -> float:
-    return math.sqrt(float(np.mean(np.square(list(values)))))
 
 
 def notes_on(targets_mm: FloatArray, runs: Mapping[str, FloatArray]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.errors import InvalidContent
 from app.measurement.axis_of_rotation import AxisFit, fit_axis, fit_position
 from app.measurement.stated_numbers import (
@@ -236,7 +236,7 @@ def _fit(points_mm: FloatArray, angles_rad: FloatArray, places: FloatArray) -> A
 
 
 def _misfit_mm(fit: AxisFit, points_mm: FloatArray) -> float:
-    return float(np.sqrt(np.mean((points_mm - fit.fitted_mm) ** 2)))
+    return rms(points_mm - fit.fitted_mm)
 
 
 def _tilt_rad(fit: AxisFit, points_mm: FloatArray) -> float:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtrc, stdtrit
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.rotary_axes import AXIS_LETTERS, about, cyclic_codes
@@ -266,7 +266,7 @@ def run_out(residuals_um: FloatArray, angles_rad: FloatArray) -> dict[str, float
     figures = {}
     for way, values in zip(WAYS, residuals_um.T, strict=True):
         figures[f"{way}_range_um"] = float(np.ptp(values))
-        figures[f"{way}_rms_um"] = float(np.sqrt(np.mean(values**2)))
+        figures[f"{way}_rms_um"] = rms(values)
     return figures | _harmonics(residuals_um, angles_rad)
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, rms
 from app.search.findings import Figure
 
 RESAMPLED: Final = 1000
@@ -42,18 +42,3 @@ def figure(residuals: FloatArray, visit: IntArray, seed: int) -> Figure:
     drawn = np.sqrt((picks @ squares) / (picks @ counts))
     low, high = np.quantile(drawn, [0.025, 0.975])
     return Figure(rms(residuals), float(low), float(high))
-
-
-def rms(values: FloatArray) -> float:
-    """Give the root mean square.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Examples
-    --------
-    >>> rms(np.array([1.0, 7.0]))
-    5.0
-    """
-    return float(np.sqrt(np.mean(values**2)))

@@ -11,9 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, rms
 from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
-from app.search.figures import rms
 from app.search.rows import DeclaredNoise, Rows
 
 ENOUGH_REPLICATES: Final = 5

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.search.wander import Wander
 
 FREEDOM: Final = 4.0
@@ -134,7 +134,7 @@ class Response:
         """Choose where learning begins: each group of columns could explain everything alone."""
         values = np.concatenate([c.values for c in self.courses])
         columns = np.concatenate([c.columns for c in self.courses])
-        size = float(np.sqrt(np.mean(values**2))) or 1.0
+        size = rms(values) or 1.0
         square = np.bincount(self.groups, np.mean(columns**2, axis=0))
         scales = size / np.sqrt(np.where(square > 0.0, square, 1.0))
         noise = Wander(

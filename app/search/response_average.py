@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, rms
 from app.search.response import ITERATIONS, Course, Posterior, Prior, Response
 from app.search.wander import Wander
 
@@ -259,7 +259,7 @@ def _learnt(
         one = response.with_change(changing, _side(began, date))
         prior = start.changing.get(date) if start else None
         if prior is None:
-            size = np.sqrt(np.mean(constant.scales[response.groups[changing]] ** 2))
+            size = rms(constant.scales[response.groups[changing]])
             prior = Prior(constant.noise, np.append(constant.scales, size))
             prior = one.learn(prior, CHANGE_ITERATIONS).prior
         options.append(_Option(date, -one.misfit(prior), prior))

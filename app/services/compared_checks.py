@@ -8,11 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray
+from app.arrays import BoolArray, rms
 from app.errors import ThermapError
 from app.identification.analysis.before_after import lengths
 from app.identification.analysis.residual_report import Size
-from app.search.figures import rms
 from app.services.context import Context
 from app.services.residuals import ComparedVersion, compare_models
 from app.storage.analyses import list_analyses

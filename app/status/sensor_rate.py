@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.units import SECONDS_PER_H
 
 LONGEST_S: Final = 1800.0
@@ -63,7 +63,7 @@ def rate_k_per_h(times_s: FloatArray, values_c: FloatArray, resolution_c: float)
             break
         t, v = times - times.mean(), values - values.mean()
         slope = float(t @ v / (t @ t))
-        if np.sqrt(np.mean((v - slope * t) ** 2)) <= allowed_c:
+        if rms(v - slope * t) <= allowed_c:
             break
         over_s /= 2.0
     return None if slope is None else round(slope * SECONDS_PER_H, 3) + 0.0
@@ -87,4 +87,4 @@ def _scatter(times_s: FloatArray, values_c: FloatArray) -> float:
     share = (at - before) / (after - before)
     beside = values_c[1:-1] - (1.0 - share) * values_c[:-2] - share * values_c[2:]
     of_one = beside / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-    return float(np.sqrt(np.mean(of_one**2)))
+    return rms(of_one)

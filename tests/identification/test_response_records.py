@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from app.arrays import rms
 from app.effects.effect import effect_from_json
 from app.effects.kinds.response import OF_RECORDS
 from app.effects.observations import Observation, Verification
@@ -17,7 +18,6 @@ from app.identification.analysis.response_judged import CARES
 from app.identification.analysis.response_records import JudgedRecords, judge_records
 from app.identification.analysis.responses import find_responses
 from app.identification.campaign import Campaign, residuals_of
-from app.search.figures import rms
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine, Sensor, sensors_by_name

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from app.arrays import rms
 from app.effects.adopted.carry_over import without_replaced
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
@@ -23,7 +24,6 @@ from app.identification.analysis.response_rows import (
 )
 from app.identification.analysis.responses import find_responses
 from app.identification.campaign import Campaign, residuals_of
-from app.search.figures import rms
 from app.search.findings import Status
 from app.search.rows import Datum
 from app.thermal.compile_model import compile_model

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray, one_blas_thread
+from app.arrays import FloatArray, one_blas_thread, rms
 from app.effects.adopted.contributions import contributions
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
@@ -80,7 +80,6 @@ from app.identification.residuals.map_uncertainty import between_positions, map_
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.zeroed import to_state, zeroed
 from app.search.candidate import Candidate, Known
-from app.search.figures import rms
 from app.search.findings import Findings, Untested, Verdict
 from app.search.search import Progress, search
 from app.units import Unit

@@ -26,7 +26,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.effects.campaign_view import KNOWN_SHARE
 from app.effects.kinds.other_sensor import OtherSensor
 from app.effects.projection import View
@@ -44,7 +44,6 @@ from app.identification.analysis.response_judged import (
 from app.identification.analysis.set_ups import SetUps
 from app.identification.campaign import Campaign
 from app.identification.residuals.residuals import Residuals
-from app.search.figures import rms
 from app.search.scatter import FEWEST_BLOCKS
 from app.thermal.compile_model import compile_model
 from app.thermal.compiled_model import CompiledModel

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.identification.analysis.figures import ComponentFigures, Figures, Zero
 from app.identification.residuals.residuals import Residuals, channel_unit
-from app.search.figures import figure, rms
+from app.search.figures import figure
 from app.search.findings import ChannelNoise, Findings, HeldOut
 from app.search.noise import KNOWN, replicate_scatter
 from app.search.rows import Datum, Rows

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.effects.adopted.held import use_until
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, series_text
@@ -18,7 +18,6 @@ from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.analysis.reading_faults import ReadingFaults
 from app.identification.residuals.residuals import channel_unit
-from app.search.figures import rms
 from app.search.findings import FoundTerm, Rival, Status
 from app.units import Unit, utc_time
 

@@ -8,11 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.stats import norm, t
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, rms
 from app.errors import list_names
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
-from app.search.figures import rms
 from app.search.rows import Datum
 
 ONE_SIDED: Final = 0.01

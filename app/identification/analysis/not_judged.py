@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, rms
 from app.effects.effect import Effect
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis
@@ -289,7 +289,7 @@ def too_large(
         setups = np.unique(rows.visit[own]).size
         if setups >= FEWEST_BLOCKS:
             continue
-        size = float(np.sqrt(np.mean(values[own] ** 2)))
+        size = rms(values[own])
         # Counted from a first observation, all of them have its noise too.
         zeroed = np.mean(
             [rows.datum.get((int(v), channel)) is Datum.FIRST for v in rows.visit[own]]

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, rms
 from app.identification.analysis.before_after import (
     UnknownZero,
     lengths,
@@ -22,7 +22,6 @@ from app.identification.analysis.before_after import (
 from app.identification.analysis.figures import Zero
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.residuals.summary import Summary, summarise
-from app.search.figures import rms
 from app.search.noise import repeatability
 from app.search.rows import Rows
 

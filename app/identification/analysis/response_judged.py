@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 from scipy.stats import wilcoxon
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, rms
 from app.identification.analysis.response_rows import ResponseRows, SetUp
-from app.search.figures import rms
 from app.search.jump import held_out_jump
 from app.search.response import FREEDOM
 from app.search.response_average import Average, learn_average

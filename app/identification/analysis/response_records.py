@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.effects.campaign_view import beyond_maps
 from app.effects.collinear import OFF_MAPS, Column, Columns, InMaps, Zero, columns_at
 from app.effects.conditions import Conditions
@@ -31,7 +31,6 @@ from app.identification.analysis.response_rows import (
 )
 from app.identification.campaign import Campaign
 from app.identification.residuals.residuals import Residuals
-from app.search.figures import rms
 from app.search.response import Course, Learnt, Posterior, Response
 from app.search.response_average import Average, Priors, Stretch, caution
 from app.search.rows import Datum

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, rms
 from app.effects.adopted.learnt_ranges import with_ranges
 from app.effects.effect import Effect
 from app.effects.kind import NotTested
@@ -45,7 +45,6 @@ from app.identification.analysis.response_rows import (
 )
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import Residuals
-from app.search.figures import rms
 from app.search.findings import FoundTerm, Status
 from app.search.search import Progress
 

@@ -7,10 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, rms
 from app.identification.analysis.before_after import UnknownZero, unknown_zeros, without_zeros
 from app.identification.residuals.residuals import Residuals
-from app.search.figures import rms
 from app.search.rows import Rows
 
 

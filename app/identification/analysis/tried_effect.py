@@ -17,13 +17,13 @@ from pydantic import Field
 from scipy import stats
 
 from app.answer import Answer, Range, UnitSymbol
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, rms
 from app.effects.effect import Effect
 from app.errors import InvalidContent, list_names
 from app.identification.analysis.before_after import unknown_zeros, without_zeros
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import channel_unit
-from app.search.figures import RESAMPLED, rms
+from app.search.figures import RESAMPLED
 
 FEWEST_SETUPS: Final = 8
 """From fewer nobody knows how much they scatter."""

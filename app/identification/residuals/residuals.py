@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from app.answer import Answer
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.effects.adopted.contributions import contributions
 from app.effects.adopted.faulty_sensors import set_faulty_aside
 from app.effects.adopted.held import EFFECTS_ONLY
@@ -23,7 +23,6 @@ from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.residuals.frozen_observations import FROZEN, frozen_rows
 from app.identification.residuals.rounding import rounding
-from app.search.figures import rms
 from app.search.rows import DeclaredNoise, Rows
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel

@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, rms
 from app.identification.residuals.residuals import Residuals, channel_unit
-from app.search.figures import rms
 from app.units import Unit
 
 BINS: Final = 10

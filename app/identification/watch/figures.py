@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import BoolArray
+from app.arrays import BoolArray, rms
 from app.identification.residuals.residuals import Residuals, channel_unit
-from app.search.figures import rms
 from app.search.rows import Datum
 from app.units import Unit
 

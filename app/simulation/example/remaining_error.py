@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.simulation.example.error_maps import run_map
 from app.simulation.example.machine import example_machine
 from app.thermal.compile_model import compile_model
@@ -110,4 +110,4 @@ def _predicted_errors(maps: Sequence[ErrorMap], measured: ErrorMap) -> dict[str,
 
 def _rms_and_max(of_components: Sequence[FloatArray]) -> tuple[float, float]:
     residuals = np.concatenate(of_components)
-    return float(np.sqrt(np.mean(residuals**2))), float(np.abs(residuals).max())
+    return rms(residuals), float(np.abs(residuals).max())
