@@ -31,6 +31,15 @@ def frozen(values: ArrayLike) -> FloatArray:
     return array
 
 
+def to_significant(values: FloatArray, digits: int) -> tuple[float, ...]:
+    """Round each value to so many significant digits.
+
+    >>> to_significant(np.array([1234.5, 0.00123456]), 3)
+    (1230.0, 0.00123)
+    """
+    return tuple(float(f"{value:.{digits}g}") for value in values.tolist())
+
+
 def rms(values: FloatArray) -> float:
     """Give the root mean square of all values, of any shape.
 

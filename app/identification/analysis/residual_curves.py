@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import to_significant
 from app.identification.analysis.before_after import lengths
 from app.identification.analysis.residual_report import ResidualReport, Size
 from app.identification.residuals.summary import Bin, Curve, curves_along
@@ -81,9 +81,5 @@ def _shown(curve: Curve) -> ResidualCurve:
     over = curve.summary.over
     if not is_shown:
         return ResidualCurve(over, curve.summary.bins, (), ())
-    at = tuple(curve.at.round().tolist()) if over == TIME else _short(curve.at)
-    return ResidualCurve(over, curve.summary.bins, at, _short(curve.values))
-
-
-def _short(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(f"{value:.{DIGITS}g}") for value in values.tolist())
+    at = tuple(curve.at.round().tolist()) if over == TIME else to_significant(curve.at, DIGITS)
+    return ResidualCurve(over, curve.summary.bins, at, to_significant(curve.values, DIGITS))

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, to_significant
 from app.effects.collinear import (
     BEYOND,
     LATE,
@@ -199,7 +199,7 @@ class ResponseRows:
                 zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True)
             ),
             until_s=tuple(s.until for s in average.stretches[:-1]),
-            coefficients=tuple(_rounded(s.mean) for s in average.stretches),
+            coefficients=tuple(to_significant(s.mean, DIGITS) for s in average.stretches),
             spread=written_root(doubt * average.stretches[-1].covariance),
             # The jump is of set-ups held out already, which is what doubt stands for.
             noise=tuple(average.noise.larger(doubt)._replace(jump=average.noise.jump)),
@@ -289,7 +289,8 @@ def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
         residuals.projection.model, code, {sensor: asked}, place, np.zeros(asked.shape)
     )
     said = np.isfinite(found.values)  # beyond them the machine's policy may allow nothing
-    return tuple(zip(_rounded(asked[said]), _rounded(found.values[said]), strict=True))
+    here_c, errors = (to_significant(one[said], DIGITS) for one in (asked, found.values))
+    return tuple(zip(here_c, errors, strict=True))
 
 
 def _set_ups(rows: ObservationRows, own: IntArray) -> list[tuple[int, IntArray]]:
@@ -345,7 +346,3 @@ def _references_c(columns: Sequence[Column], conditions: Conditions) -> tuple[fl
         float(np.nanmean(conditions.temperature(c.name))) if c.form in (LATE, LEVEL) else 0.0
         for c in columns
     )
-
-
-def _rounded(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(f"{value:.{DIGITS}g}") for value in values.tolist())
