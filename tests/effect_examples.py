@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from app.effects.collinear import LATE, Column, Responding, written_root
 from app.effects.driver import (
     AboveReference,
     Always,
@@ -18,6 +17,8 @@ from app.effects.driver import (
     StepAfter,
 )
 from app.effects.effect import Effect
+from app.effects.response_columns import LATE, Column
+from app.effects.response_driver import Responding, written_root
 from app.effects.shape import Everywhere, Rising, Sensitivity, Wave
 from app.effects.term import Term
 from app.effects.valid import Valid

@@ -9,10 +9,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from app.arrays import FloatArray
-from app.effects.collinear import Responding
 from app.effects.conditions import Conditions, Signal
 from app.effects.driver import DRIVERS, Driver
 from app.effects.map_tables import MapReading
+from app.effects.response_driver import Responding
 from app.effects.shape import (
     SHAPES,
     Everywhere,

@@ -11,8 +11,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from app.arrays import FloatArray
-from app.search.figures import rms
+from app.arrays import FloatArray, rms
 from app.search.response import Course
 
 Learn: TypeAlias = Callable[[Sequence[Course]], Callable[[FloatArray], FloatArray]]

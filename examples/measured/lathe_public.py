@@ -22,11 +22,10 @@ import httpx
 import numpy as np
 
 from app.api.schemas.machines import settings_of
-from app.arrays import FloatArray
+from app.arrays import FloatArray, rms
 from app.identification.analysis.response_rows import response_rows
 from app.identification.campaign import residuals_of
 from app.main import create_app
-from app.search.figures import rms
 from app.settings import Settings
 from examples.measured.black_boxes import black_boxes, left_of, print_left
 from examples.measured.lathe import MAPPED, Lathe, make_lathe

@@ -12,10 +12,9 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
-from app.effects import collinear
+from app.arrays import FloatArray, IntArray, rms
+from app.effects import response_columns
 from app.effects.low_pass import low_pass
-from app.search.figures import rms
 from app.search.response import Course, Response
 from app.search.response_average import learn_average
 from app.units import SECONDS_PER_MIN
@@ -124,7 +123,7 @@ def _by_bed(printer: Printer, samples: Samples) -> tuple[FloatArray, str]:
 
 def _by_response(printer: Printer, samples: Samples) -> FloatArray:
     """Give what a response beside the maps leaves, its groups of lags shrunk jointly."""
-    minutes, sensors = collinear.LATE_MIN, sorted(samples.temperatures_c)
+    minutes, sensors = response_columns.LATE_MIN, sorted(samples.temperatures_c)
     late = [
         samples.late(sensor, m) - samples.late(sensor, m).mean()
         for m in minutes

@@ -7,22 +7,21 @@ import numpy as np
 import pytest
 
 from app.effects.adopted.in_table import sureness
-from app.effects.collinear import (
+from app.effects.conditions import Conditions, recorded_conditions
+from app.effects.effect import Effect, effect_from_json
+from app.effects.past import Past, needed_past
+from app.effects.response_columns import (
     LATE,
     LEVEL,
     ON,
     START,
     STATE,
     Column,
-    Responding,
     Zero,
     columns_at,
     listed_columns,
-    written_root,
 )
-from app.effects.conditions import Conditions, recorded_conditions
-from app.effects.effect import Effect, effect_from_json
-from app.effects.past import Past, needed_past
+from app.effects.response_driver import Responding, written_root
 from app.effects.term import Term
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory

@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
-from app.effects.collinear import Responding
 from app.effects.conditions import Conditions, Signal
 from app.effects.effect import Effect, by_driver
+from app.effects.response_driver import Responding
 from app.effects.shape import Places
 from app.effects.valid import DRIVER_MARGIN, Range, widened
 from app.errors import list_names

@@ -26,11 +26,11 @@ from app.effects.adopted.held import (
     with_held,
 )
 from app.effects.adopted.live_effects import CorrectedTable, corrected_tables
-from app.effects.collinear import Responding
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.kinds.sensor_fault import BIAS, SensorFault
 from app.effects.registry import explain
+from app.effects.response_driver import Responding
 from app.errors import list_names
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import sentences

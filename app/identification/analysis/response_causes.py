@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
-from app.effects.collinear import LATE, LEVEL, ON, START, STATE, Column
+from app.effects.response_columns import LATE, LEVEL, ON, START, STATE, Column
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.found_effect import Cause

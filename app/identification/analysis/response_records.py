@@ -18,9 +18,9 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.effects.campaign_view import beyond_maps
-from app.effects.collinear import OFF_MAPS, Column, Columns, InMaps, Zero, columns_at
 from app.effects.conditions import Conditions
 from app.effects.map_tables import maps_of_label
+from app.effects.response_columns import OFF_MAPS, Column, Columns, InMaps, Zero, columns_at
 from app.identification.analysis.response_judged import AGAIN, CARES, LEAST_GAIN, Judged
 from app.identification.analysis.response_rows import (
     FEWEST_ROWS,

@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, IntArray, to_significant
-from app.effects.collinear import (
-    BEYOND,
+from app.effects.conditions import Conditions
+from app.effects.observations import ObservationRows
+from app.effects.response_columns import (
     LATE,
     LEVEL,
     START,
@@ -19,18 +20,14 @@ from app.effects.collinear import (
     STATE_MIN,
     Column,
     Columns,
-    Responding,
     Zero,
-    changed_by,
     columns_at,
     group_of,
     level_at,
     listed_columns,
     needed_signals,
-    written_root,
 )
-from app.effects.conditions import Conditions
-from app.effects.observations import ObservationRows
+from app.effects.response_driver import BEYOND, Responding, changed_by, written_root
 from app.effects.valid import Range
 from app.identification.residuals.residuals import Residuals
 from app.search.response import Course, Response
