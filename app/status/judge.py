@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray
 from app.compensation.table import (
     CompensationTable,
     ComponentCompensation,
@@ -24,10 +24,16 @@ from app.errors import (
     counted,
     list_names,
 )
-from app.geometry.components import Component, Kind
+from app.status.figures import (
+    between_maps_c,
+    change_per_h,
+    excess_k,
+    largest_of,
+    list_beyond,
+    outside_k,
+)
 from app.status.machine_status import (
     BeyondMaps,
-    Largest,
     MachineStatus,
     RunningAnalysis,
     SensorNow,
@@ -37,8 +43,6 @@ from app.status.sensor_rate import LONGEST_S, rate_k_per_h
 from app.thermal.bracket import Status
 from app.thermal.compile_model import NO_SENSOR
 from app.thermal.compiled_model import CompiledModel
-from app.thermal.group import Group, Member
-from app.thermal.group_state import GroupState
 from app.thermal.sensor_health import Health, SensorState, judge_record
 from app.thermal.temperature_history import TemperatureHistory
 
@@ -50,7 +54,8 @@ LINGERS: Final = timedelta(seconds=30)
 reading tells nobody anything."""
 
 _OUTSIDE: Final = frozenset({State.CLAMPED, State.EXTRAPOLATED})
-"""Of these a sentence more may say how large it is; the first one says whom it touches."""
+"""Each has a first sentence that says which components it touches; a second one may say by how
+much."""
 
 MOST_CODES: Final = 6
 """Components that a sentence names; of the others it says how many they are."""
@@ -92,6 +97,8 @@ class Situation:
         What the sequential test of verifications says, and since when it is beyond its limits.
     logged
         What the event log says; it knows more than the latest readings of what began long ago.
+    analysis
+        The analysis that runs or waits, if any.
     """
 
     model: CompiledModel
@@ -129,7 +136,7 @@ def judge(situation: Situation) -> MachineStatus:
     if isinstance(table, ThermapError):
         causes = [_no_table(situation, table)]
     else:
-        beyond = _beyond(table)
+        beyond = list_beyond(table)
         causes = list(_causes(situation, table, beyond))
         causes += _otherwise_incomplete(table, causes)
     causes.sort(key=lambda cause: cause.state.gravity)
@@ -157,37 +164,12 @@ def judge(situation: Situation) -> MachineStatus:
             (c.component, c.positions_mm, c.compensation, c.backward_compensation)
             for c in components
         ),
-        change_per_h=None if stands_still else _change_per_h(table, rates),
+        change_per_h=None if stands_still else change_per_h(table, rates),
         beyond=tuple(beyond),
         watch=situation.watch,
         analysis=situation.analysis,
         sensors=tuple(_sensors_now(situation, rates)),
     )
-
-
-def largest_of(
-    values: Iterable[tuple[Component, FloatArray, FloatArray, FloatArray | None]],
-) -> Largest | None:
-    """Find the largest value of components: of a displacement where there is one.
-
-    Parameters
-    ----------
-    values
-        Component, its positions [mm], and its values there [its unit]: approached forward, and
-        backward where those differ.
-    """
-    found = [
-        (component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS), abs(own[at]), component, own[at], p, b)
-        for component, positions, *sides in values
-        for b, own in enumerate(sides)
-        if own is not None and own.size
-        for at in (int(np.abs(own).argmax()),)
-        for p in (float(positions[at]) if component.is_table else None,)
-    ]
-    if not found:
-        return None
-    _, _, component, value, position_mm, backward = max(found, key=lambda one: one[:2])
-    return Largest.of(component, float(value), position_mm, is_backward=bool(backward))
 
 
 def _no_table(situation: Situation, why: ThermapError) -> Cause:
@@ -230,6 +212,7 @@ def _causes(
 ) -> Iterator[Cause]:
     yield from _old(situation, table)
     yield from _outside(situation, table, beyond)
+    yield from _outside_before(situation, table)
     for effect in table.effects:
         name = f"{effect.kind} of {list_names(effect.components)}"
         for words in effect.held:
@@ -285,8 +268,7 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
 def _outside(
     situation: Situation, table: CompensationTable, beyond: Sequence[BeyondMaps]
 ) -> Iterator[Cause]:
-    """Say which sensors are outside the maps, or were a moment ago, and what is done."""
-    statuses = {c.component.code: c.basis for c in table.components}
+    """Say which sensors are outside the maps, and what is done about it."""
     told: set[str] = set()
     for one in beyond:
         told |= set(one.components)
@@ -307,20 +289,25 @@ def _outside(
                 f"{abs(one.lacks.value):.1f} {one.lacks.unit}{one.lacks.place}.",
             )
     # An effect may read the maps of a component by another sensor than the assigned one.
-    for code, basis in statuses.items():
+    for c in table.components:
+        code, basis = c.component.code, c.basis
         if code not in told and basis.status in (Status.CLAMPED, Status.EXTRAPOLATED):
             yield Cause(
                 State(str(basis.status)),
                 f"{code} is {basis.status}: {basis.sensor} is outside the maps.",
                 touches=(code,),
             )
+
+
+def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
+    """Say which sensors were outside the maps a moment ago and are not now."""
     since_s = (situation.judged_at - LINGERS).timestamp()
     for group_state in table.states:
         if group_state.status in (Status.CLAMPED, Status.EXTRAPOLATED):
             continue
         scale = group_state.scale
         times, values = situation.history.known(scale.sensor)
-        excess = _excess(values, scale.temperatures_c)
+        excess = excess_k(values, scale.temperatures_c)
         recent = np.flatnonzero((excess != 0.0) & (times >= since_s))
         if recent.size:  # no table rested on what was not believed
             recent = recent[_are_believed(situation, scale.sensor)[recent]]
@@ -399,85 +386,6 @@ def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensati
     return said
 
 
-def _beyond(table: CompensationTable) -> list[BeyondMaps]:
-    """List the components outside their maps, and what going on in a line would add."""
-    statuses = {c.component.code: c.basis for c in table.components}
-    found = []
-    for state in table.states:
-        if state.status not in (Status.CLAMPED, Status.EXTRAPOLATED):
-            continue
-        members = [
-            m
-            for m in state.members
-            if statuses[m.component.code].status == state.status
-            and statuses[m.component.code].sensor == state.sensor
-        ]
-        if not members:
-            continue
-        is_held = state.status is Status.CLAMPED
-        ends = state.scale.temperatures_c
-        found.append(
-            BeyondMaps(
-                sensor=state.sensor,
-                outside_k=round(float(_excess(np.array([state.temperature_c]), ends)[0]), 4),
-                components=tuple(m.component.code for m in members),
-                held_at=(state.upper_map if state.weight > 0.5 else state.lower_map)
-                if is_held
-                else None,
-                lacks=_lacking(state, members) if is_held else None,
-            )
-        )
-    return sorted(found, key=lambda one: -abs(one.outside_k))
-
-
-def _lacking(state: GroupState, members: Sequence[Member]) -> Largest | None:
-    """What the straight line through the two nearest maps would add to the compensation."""
-    scale, lower = state.scale, state.bracket.lower
-    maps = state.group.maps_in_use(scale.rows[lower], scale.rows[lower + 1])
-    t_n, t_m = scale.temperatures_c[lower], scale.temperatures_c[lower + 1]
-    going_on = (state.temperature_c - t_n) / (t_m - t_n)
-    added = (state.weight - going_on) * (maps.nodes[1] - maps.nodes[0])
-    codes = {m.component.code for m in members}
-    return largest_of(
-        (m.component, m.positions_mm, *_both(m, added))
-        for m in maps.members
-        if m.component.code in codes
-    )
-
-
-def _change_per_h(
-    table: CompensationTable | ThermapError, rates: Mapping[str, float | None]
-) -> Largest | None:
-    """How the compensation of components without effects changes at the sensors' rates [K/h]."""
-    if isinstance(table, ThermapError):
-        return None
-    with_effects = {code for effect in table.effects for code in effect.components}
-    found = []
-    for state in table.states:
-        rate = rates[state.sensor]
-        members = [m for m in state.members if m.component.code not in with_effects]
-        if rate is None or not members:
-            continue
-        scale, lower = state.scale, state.bracket.lower
-        maps = state.group.maps_in_use(scale.rows[lower], scale.rows[lower + 1])
-        per_k = (maps.nodes[1] - maps.nodes[0]) / state.span_c
-        if state.status is Status.CLAMPED:
-            per_k = np.zeros_like(per_k)
-        codes = {m.component.code for m in members}
-        found += [
-            (m.component, m.positions_mm, *_both(m, -rate * per_k))
-            for m in maps.members
-            if m.component.code in codes
-        ]
-    return largest_of(found)
-
-
-def _both(member: Member, values: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-    """Take a component's values of a row, approached forward and backward."""
-    backward = None if member.backward is None else values[member.backward]
-    return values[member.forward], backward
-
-
 def _sensors_now(situation: Situation, rates: Mapping[str, float | None]) -> Iterator[SensorNow]:
     """Describe every sensor, the assigned ones first; rates in K/h."""
     groups = situation.model.groups
@@ -486,10 +394,10 @@ def _sensors_now(situation: Situation, rates: Mapping[str, float | None]) -> Ite
         assigned.setdefault(group.sensor, []).extend(group.codes)
     for sensor in sorted(situation.sensors, key=lambda s: s.sensor not in assigned):
         own = [g for g in groups if g.sensor == sensor.sensor]
-        maps_c = _known_between(own)
+        maps_c = between_maps_c(own)
         outside = None
         if maps_c is not None and sensor.temperature_c is not None:
-            outside = round(float(_excess(np.array([sensor.temperature_c]), maps_c)[0]), 4)
+            outside = outside_k(sensor.temperature_c, maps_c)
         yield SensorNow(
             sensor=sensor.sensor,
             temperature_c=sensor.temperature_c,
@@ -503,14 +411,6 @@ def _sensors_now(situation: Situation, rates: Mapping[str, float | None]) -> Ite
         )
 
 
-def _known_between(groups: Sequence[Group]) -> tuple[float, float] | None:
-    """Between which temperatures all groups of one sensor lie between maps [°C]."""
-    if not groups:
-        return None
-    ends = [group.scales[0].temperatures_c for group in groups]
-    return max(t[0] for t in ends), min(t[-1] for t in ends)
-
-
 def _rate_k_per_h(situation: Situation, state: SensorState) -> float | None:
     """How fast a sensor that is believed changes [K/h]."""
     if state.health is not Health.OK or situation.latest is None:
@@ -519,14 +419,6 @@ def _rate_k_per_h(situation: Situation, state: SensorState) -> float | None:
     recent = times >= situation.latest.timestamp() - LONGEST_S
     resolution_c = situation.model.machine.sensors[state.sensor].resolution_c
     return rate_k_per_h(times[recent], values[recent], resolution_c)
-
-
-def _excess(values_c: FloatArray, ends_c: Sequence[float]) -> FloatArray:
-    """By how much temperatures are above the last [K], or below the first, negative; else 0."""
-    found: FloatArray = np.maximum(values_c - ends_c[-1], 0.0) + np.minimum(
-        values_c - ends_c[0], 0.0
-    )
-    return found
 
 
 def _since(situation: Situation, cause: Cause) -> datetime | None:
@@ -545,7 +437,7 @@ def _outside_since(
     """Since when a sensor has been outside the maps, as far back as readings or log reach."""
     scale = next(s.scale for s in table.states if s.sensor == one.sensor)
     times, values = situation.history.known(one.sensor)
-    inside = np.flatnonzero(_excess(values, scale.temperatures_c) == 0.0)
+    inside = np.flatnonzero(excess_k(values, scale.temperatures_c) == 0.0)
     first = int(inside[-1]) + 1 if inside.size else 0
     if first >= times.size:
         return situation.latest
