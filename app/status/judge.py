@@ -285,8 +285,8 @@ def _outside(
         if one.lacks is not None and round(abs(one.lacks.value), 1) > 0.0:
             yield Cause(
                 State.CLAMPED,
-                f"If the trend goes on, {one.lacks.component} lacks "
-                f"{abs(one.lacks.value):.1f} {one.lacks.unit}{one.lacks.place}.",
+                f"If its errors continue in a straight line, {one.lacks.component} lacks "
+                f"{abs(one.lacks.value):.1f} {one.lacks.unit} of compensation{one.lacks.place}.",
             )
     # An effect may read the maps of a component by another sensor than the assigned one.
     for c in table.components:

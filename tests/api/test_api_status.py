@@ -111,9 +111,9 @@ async def test_beyond_the_hottest_map_it_says_how_far_and_what_going_on_would_ad
     assert found["since"] == iso(clock.time)
     assert found["sentences"] == [
         "x-middle is 1.40 K above the hottest map: 3 components are held at Run #6.",
-        "If the trend goes on, EXX lacks 7.0 µm at X 500.",
+        "If its errors continue in a straight line, EXX lacks 7.0 µm of compensation at X 500.",
         "z-column is 1.40 K above the hottest map: 1 component is held at Run #6.",
-        "If the trend goes on, EZZ lacks 14.0 µm at Z 500.",
+        "If its errors continue in a straight line, EZZ lacks 14.0 µm of compensation at Z 500.",
     ]
     ((first, second)) = found["beyond"]
     assert first["components"] == ["EXX", "EBX", "SXY"]
