@@ -36,7 +36,7 @@ from app.cli.options import (
 from app.cli.simulate_verification import NothingToSimulate
 from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
-from app.measurement.thermal_drift import SENSORS, DriftTest
+from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 from thermap import DEFAULT_URL
 

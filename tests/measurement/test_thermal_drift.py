@@ -10,7 +10,8 @@ from app.errors import InvalidContent
 from app.geometry.chain import Chain
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
-from app.measurement.thermal_drift import evaluate_thermal_drift, noise_between_neighbours
+from app.measurement.thermal_drift import evaluate_thermal_drift
+from app.measurement.thermal_drift_readings import noise_between_neighbours
 
 XYFZ = Chain.parse("XYFZ")
 MINUTES = np.array([0.0, 30.0, 60.0, 90.0, 120.0, 150.0])

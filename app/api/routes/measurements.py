@@ -62,7 +62,8 @@ from app.api.schemas.measurements.simulation import (
 )
 from app.api.turns import Turns
 from app.measurement.stated_runs import as_straightness
-from app.measurement.thermal_drift import DriftTest, evaluate_thermal_drift
+from app.measurement.thermal_drift import evaluate_thermal_drift
+from app.measurement.thermal_drift_readings import DriftTest
 from app.services.measurements import (
     Storing,
     measured_machine,

@@ -21,7 +21,7 @@ from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
-from app.measurement.thermal_drift import SENSORS, DriftTest
+from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 
 _TIME: Final = Named("time", None)
 _POSITION: Final = Named("position", POSITION)

@@ -11,7 +11,7 @@ from app.api.schemas.error_maps import ComponentAnswer
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.measurements.base import Axis, MeasurementAnswer, MeasurementRequest
 from app.errors import InvalidContent
-from app.measurement.thermal_drift import SENSORS, DriftTest
+from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 from app.services.thermal_drift import DriftReading
 from app.units import SECONDS_PER_MIN
 
