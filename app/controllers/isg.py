@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import frozen
+from app.arrays import FloatArray, frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import ErrorTable
 from app.controllers.etalon import value_of
@@ -61,7 +61,7 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
     return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], held)
 
 
-def _block(argument: str, at: np.ndarray, curves: Sequence[Curve], held: list[Curve]) -> list[str]:
+def _block(argument: str, at: FloatArray, curves: Sequence[Curve], held: list[Curve]) -> list[str]:
     columns = []
     for curve in curves:
         factor = file_factor(curve.component)

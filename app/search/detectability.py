@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from app.arrays import FloatArray
+from app.arrays import BoolArray, FloatArray
 from app.search.base_grams import NOTHING_SEEN
 from app.search.findings import Detectable
 from app.search.joint_fit import inverse
@@ -60,7 +60,7 @@ def smallest_effects(
     states: Mapping[int, State],
     level: Mapping[int, int],
     scatter: Mapping[int, float],
-    allowed: np.ndarray,
+    allowed: BoolArray,
     limit: float | FloatArray,
     rivals: bool = True,
 ) -> list[Detectable]:
@@ -97,7 +97,7 @@ def smallest_effects(
     return found
 
 
-def _middles(library: Library, allowed: np.ndarray) -> list[int]:
+def _middles(library: Library, allowed: BoolArray) -> list[int]:
     """Take each candidate at the middle of its grid."""
     members: dict[int, list[int]] = {}
     for i, entry in enumerate(library.entries):

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from app.arrays import BoolArray, FloatArray, rms
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
 from app.search.rows import DeclaredNoise, Rows
 
@@ -164,7 +164,7 @@ def pure_error(rows: Rows, channel: int, use: BoolArray) -> tuple[float, int]:
     return (float(np.sum(left**2)) / freedom if freedom else 0.0), freedom
 
 
-def deviations(values: FloatArray, group: np.ndarray) -> FloatArray:
+def deviations(values: FloatArray, group: IntArray) -> FloatArray:
     """Take the mean of its group off each value.
 
     Parameters

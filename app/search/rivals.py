@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from app.arrays import FloatArray
 from app.search.findings import Rival
 from app.search.joint_fit import fit_terms, inverse, share_of
 from app.search.names import offset_of
@@ -208,7 +209,7 @@ def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Te
     return float(np.clip(reproduced / signal, 0.0, 1.0)) if signal > 0 else 0.0
 
 
-def _candidates(selector: Selector, term: Term, score: np.ndarray, own: float) -> list[int]:
+def _candidates(selector: Selector, term: Term, score: FloatArray, own: float) -> list[int]:
     """List the best members of each family, but for the term's own candidate."""
     library, taken = selector.library, dict[str, int]()
     chosen = []

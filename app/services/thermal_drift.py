@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from app.arrays import FloatArray
 from app.effects.observations import Observation, Verification
 from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
@@ -39,6 +40,12 @@ SPINDLE_SPEED: Final = "spindle_rpm"
 """The state that says when the spindle turned, where nobody states it."""
 
 
+SAME_READINGS: Final = (
+    "the maps and the verification are the same readings, so that comparing them shows nothing: "
+    "make maps of one test, and verify them by another"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class DriftReading:
     """Time, temperatures [°C] and state beside one reading of the nest."""
@@ -66,12 +73,6 @@ class KeptState:
     temperatures_c: Mapping[str, float]
     tables: tuple[ComponentTable, ...]
     map_id: int | None = None
-
-
-SAME_READINGS: Final = (
-    "the maps and the verification are the same readings, so that comparing them shows nothing: "
-    "make maps of one test, and verify them by another"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +147,7 @@ def keep_drift(
         if refused:
             raise Conflict(refused)
         previews = [preview_error_map(context, machine.id, one) for one in maps]
-    verification = None
+    verification, kept = None, None
     about: list[str] = []
     if as_verification and not storing.preview:
         verification = _verification(label, drift, nest, recorded, header.repeatability_um)
@@ -165,7 +166,7 @@ def keep_drift(
         states = [replace(s, map_id=m.stored.id) for s, m in zip(states, stored, strict=True)]
         notes = [*remarks(machine, maps[-1]), *about]
         measured = replace(measured, remarks=notes, stored=_last_made(stored))
-    return MeasuredDrift(measured, states, kept if verification else None)
+    return MeasuredDrift(measured, states, kept)
 
 
 def _last_made(stored: Sequence[StoredOnce]) -> StoredOnce:
@@ -316,7 +317,7 @@ def _verification(
 
 
 def _of_targets(
-    label: str, drift: ThermalDrift, recorded: Sequence[DriftReading], times: np.ndarray
+    label: str, drift: ThermalDrift, recorded: Sequence[DriftReading], times: FloatArray
 ) -> list[Observation]:
     """Observe the moving axis' components where it stood.
 
@@ -347,7 +348,7 @@ def _at_the_nest(
     nest: Nest,
     point_mm: Triple,
     recorded: Sequence[DriftReading],
-    times: np.ndarray,
+    times: FloatArray,
 ) -> list[Observation]:
     """Observe the error at the nest's point, or the components as which displacements count.
 
