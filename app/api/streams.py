@@ -1,9 +1,9 @@
-"""What changes, told as it changes: tables, verdicts and news as server-sent events.
+"""What changes, sent as it changes: tables, verdicts and news as server-sent events.
 
 One task looks at every machine that somebody follows, five times a second, and writes a table
-once, however many follow it. Each follower compares that with what it was told last, so that a
+once, however many follow it. Each follower compares that with what it was sent last, so that a
 slow one skips what lies between and nothing piles up. The same task reads the event log, for all
-who are told of it (`app.api.streamed_log`).
+who follow it (`app.api.streamed_log`).
 """
 
 from __future__ import annotations
@@ -12,28 +12,24 @@ import asyncio
 import logging
 import secrets
 import time
-from collections import OrderedDict
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Sequence
 from contextlib import aclosing, contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import orjson
 from fastapi.sse import format_sse_event
-from pydantic import TypeAdapter
 from starlette.concurrency import run_in_threadpool
 
 from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, Sees, StreamedLog
-from app.api.table_json import OPTIONS, current_table_json
+from app.api.streamed_table import Feed, Table, judge_anew, remember, with_values, write_table
 from app.arrays import FloatArray
 from app.connections.connection import TableEvent
 from app.errors import ThermapError
 from app.live.registry import LiveMachine
 from app.services.context import Context
-from app.services.live_table import CurrentState, current_state, current_table
-from app.services.status import Stored, status_of, stored_of_machines
-from app.status.machine_status import MachineStatus
+from app.services.live_table import CurrentState, current_state
+from app.services.status import Stored, stored_of_machines
 
 log = logging.getLogger("thermap")
 
@@ -52,14 +48,8 @@ HEARTBEAT_S: Final = 15.0
 STEP_S: Final = 1.0
 """Between the steps of a change that is larger than a follower takes at once [s]."""
 
-REMEMBERED: Final = 64
-"""Tables of each machine that are remembered, for followers that come back."""
-
-REMEMBERED_BYTES: Final = 4 * 2**20
-"""Room for the numbers of those of one machine [bytes]: 64 of 8,000 numbers, fewer of more."""
-
 TABLES: Final[frozenset[str]] = frozenset(("table", "status"))
-"""What is told to those who do not say what they want; with `table` comes `state`."""
+"""What is sent to those who do not say what they want; with `table` comes `state`."""
 
 MARKS: Final = 1_000_000
 """Numbers of tables end in digits that are one service's own: to another they say nothing."""
@@ -67,81 +57,10 @@ MARKS: Final = 1_000_000
 _ROUNDING: Final = 1e-9
 """Of a limit on a change: differences of rounded numbers."""
 
-_STATUS: Final = TypeAdapter(MachineStatus)
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table as it is told, or why there is none.
-
-    Parameters
-    ----------
-    number
-        Later tables of this service have larger ones.
-    content
-        The JSON of `GET …/compensation`; empty in those that are remembered.
-    layout
-        Which numbers `values` are: tables of other positions or components cannot be compared.
-    values
-        All errors and compensations, in their order; empty without a table.
-    facts
-        Completeness, model version and the sensors' health.
-    """
-
-    number: int
-    content: bytes
-    layout: bytes
-    values: FloatArray
-    facts: tuple[Any, ...]
-
-    @property
-    def has_values(self) -> bool:
-        """Whether there is a table."""
-        return bool(self.layout)
-
-
-@dataclass(slots=True)
-class Feed:
-    """What is known of one machine, for all who follow it."""
-
-    machine_id: str
-    table: Table | None = None
-    status: bytes = b""
-    status_key: tuple[Any, ...] = ()
-    tag: str = ""
-    judged_at_s: float = 0.0
-    tables: OrderedDict[int, Table] = field(default_factory=OrderedDict)
-    steps: OrderedDict[int, Table] = field(default_factory=OrderedDict)
-
-    def known(self, number: int | None) -> Table | None:
-        """Find the table that held when an event of this number was told; None if unknown.
-
-        The event may have been another machine's: then it is the last one before it. Before the
-        first that is remembered there may have been others.
-        """
-        if number is None:
-            return None
-        if number in self.steps:
-            return self.steps[number]
-        until = [one for one in self.tables if one <= number]
-        return self.tables[until[-1]] if until else None
-
-
-def _remember(tables: OrderedDict[int, Table], table: Table) -> None:
-    """Keep what a later table is compared with, for those who come back."""
-    layout = table.layout
-    if tables and (last := tables[next(reversed(tables))]).layout == layout:
-        layout = last.layout  # most often the same: all share one
-    tables[table.number] = replace(table, content=b"", layout=layout)
-    taken = sum(one.values.nbytes for one in tables.values())
-    while len(tables) > REMEMBERED or taken > REMEMBERED_BYTES:
-        _, oldest = tables.popitem(last=False)
-        taken -= oldest.values.nbytes
-
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What a follower wants to be told.
+    """What a follower wants to be sent.
 
     Parameters
     ----------
@@ -169,7 +88,7 @@ class Wanted:
     last_entry: int | None = None
 
 
-class Told(NamedTuple):
+class StreamEvent(NamedTuple):
     """An event: whose it is, its id, its name and its JSON; without a name the id alone."""
 
     machine: str
@@ -196,9 +115,9 @@ class TableStreams:
         self._ends = False
 
     def end(self) -> None:
-        """End all streams, after what they have to tell now; to be called by the loop."""
+        """End all streams, after what they have to send now; to be called by the loop."""
         self._ends = True
-        self._tell_all()
+        self._wake_all()
 
     async def follow(
         self,
@@ -206,7 +125,7 @@ class TableStreams:
         wanted: Wanted,
         sees: Callable[[str], bool] = lambda _machine_id: True,
     ) -> AsyncIterator[bytes]:
-        """Tell of one machine, or of all that it sees, until the follower goes, or what it follows.
+        """Send what changes of one machine, or of all that it sees, until follower or machine goes.
 
         Yields
         ------
@@ -217,23 +136,23 @@ class TableStreams:
         heartbeat = format_sse_event(comment="heartbeat")
         if wanted.heartbeat_s is not None:
             heartbeat = format_sse_event(event="heartbeat", data_str="{}")
-        async with aclosing(self._told(machine_id, wanted, sees)) as told:
-            async for one in told:
-                yield heartbeat if one is None else _event(one)
+        async with aclosing(self._events(machine_id, wanted, sees)) as events:
+            async for one in events:
+                yield heartbeat if one is None else _written(one)
 
     async def all_tables(
         self, min_change: float, max_step: float | None
     ) -> AsyncGenerator[TableEvent, None]:
-        """Tell of all machines, as `follow` does, those who do not ask over HTTP."""
+        """Give what changes of all machines to those who do not ask over HTTP."""
         wanted = Wanted(min_change, max_step)
-        async with aclosing(self._told(None, wanted, lambda _machine_id: True)) as told:
-            async for one in told:
+        async with aclosing(self._events(None, wanted, lambda _machine_id: True)) as events:
+            async for one in events:
                 if one is not None:
                     yield TableEvent(one.machine, one.name, one.content)
 
-    async def _told(
+    async def _events(
         self, machine_id: str | None, wanted: Wanted, sees: Sees
-    ) -> AsyncGenerator[Told | None, None]:
+    ) -> AsyncGenerator[StreamEvent | None, None]:
         """Give each event; None for a heartbeat."""
         if self._looking is None or self._looking.done():
             await self._ask()
@@ -244,11 +163,13 @@ class TableStreams:
             at = Place(wanted.last_number or 0, entries if log_wanted else None)
             if log_wanted:
                 await entries.begin()
-                yield Told("", at.id)  # who breaks off before the first event has missed none
+                yield StreamEvent(
+                    "", at.id
+                )  # who breaks off before the first event has missed none
             wanted = replace(wanted, last_number=self._own(wanted.last_number))
             heartbeat_s = wanted.heartbeat_s or HEARTBEAT_S
             followers: dict[str, Follower] = {}
-            told_s = time.monotonic()
+            sent_s = time.monotonic()
             while True:
                 news = self._news
                 now_s = time.monotonic()
@@ -256,24 +177,24 @@ class TableStreams:
                 for feed in feeds:
                     follower = followers.setdefault(feed.machine_id, Follower(wanted, feed))
                     for name, at.table, content in follower.due(feed, now_s, self._next_number):
-                        told_s = now_s
-                        yield Told(feed.machine_id, at.id, name, content)
+                        sent_s = now_s
+                        yield StreamEvent(feed.machine_id, at.id, name, content)
                 is_gone = machine_id is not None and not feeds
                 if is_gone and log_wanted:
                     await self._log.ask(now_s)  # it was deleted, and the log says so
                 left = AT_ONCE
                 while (is_gone or left) and (one := await entries.next()) is not None:
-                    left, told_s = left - 1, now_s
-                    yield Told(one.machine, at.id, one.name, one.content)
+                    left, sent_s = left - 1, now_s
+                    yield StreamEvent(one.machine, at.id, one.name, one.content)
                 if self._ends or is_gone:
                     return
                 if log_wanted and not left:
                     continue
-                if now_s - told_s >= heartbeat_s:
-                    told_s = now_s
+                if now_s - sent_s >= heartbeat_s:
+                    sent_s = now_s
                     yield None
                 steps = any(follower.is_stepping for follower in followers.values())
-                wait_s = STEP_S / 4 if steps else told_s + heartbeat_s - now_s
+                wait_s = STEP_S / 4 if steps else sent_s + heartbeat_s - now_s
                 try:
                     await asyncio.wait_for(news.wait(), wait_s)
                 except TimeoutError:
@@ -309,7 +230,7 @@ class TableStreams:
                 if is_changed or now_s - self._asked_s >= ASK_EVERY_S:
                     await self._ask()
                 if self._look_at(self._machines(None)) or is_new:
-                    self._tell_all()
+                    self._wake_all()
             except Exception:
                 log.exception("could not look at the machines that are followed")
 
@@ -323,7 +244,7 @@ class TableStreams:
         """Read the log where that is due; True where something is new."""
         return self._log.is_due(now_s) and await self._log.ask(now_s)
 
-    def _tell_all(self) -> None:
+    def _wake_all(self) -> None:
         self._news, news = asyncio.Event(), self._news
         news.set()
 
@@ -362,13 +283,13 @@ class TableStreams:
             tag = state.tag if isinstance(state, CurrentState) else state.detail
             if tag != feed.tag or feed.table is None:
                 feed.tag = tag
-                feed.table = _table(context, machine_id, state, self._next_number())
-                _remember(feed.tables, feed.table)
+                feed.table = write_table(context, machine_id, state, self._next_number())
+                remember(feed.tables, feed.table)
                 feed.judged_at_s = 0.0
                 is_new = True
             if now_s - feed.judged_at_s >= JUDGE_EVERY_S:
                 feed.judged_at_s = now_s
-                is_new |= _judge(context, live, feed, self._stored)
+                is_new |= judge_anew(context, live, feed, self._stored)
         return is_new
 
     def _next_number(self) -> int:
@@ -383,7 +304,7 @@ class TableStreams:
 
 
 class Place:
-    """How far one follower is: the last table that it was told, and the last entry of the log."""
+    """How far one follower is: the last table that it was sent, and the last entry of the log."""
 
     def __init__(self, table: int, entries: LogFollower | None) -> None:
         self.table = table
@@ -391,7 +312,7 @@ class Place:
 
     @property
     def id(self) -> str:
-        """Write it as the id of an event; who is not told of the log has the table's number."""
+        """Write it as the id of an event; without the log it is the table's number."""
         if self._entries is None:
             return str(self.table)
         entry = self._entries.cursor
@@ -399,12 +320,12 @@ class Place:
 
 
 class Follower:
-    """What one follower was told of one machine last, and what it is to be told next."""
+    """What one follower was last sent of one machine, and what it is to be sent next."""
 
     def __init__(self, wanted: Wanted, feed: Feed) -> None:
         self._wanted = wanted
-        self._told = feed.known(wanted.last_number)
-        self._facts = None if self._told is None else self._told.facts
+        self._sent = feed.known(wanted.last_number)
+        self._facts = None if self._sent is None else self._sent.facts
         self._status_key: tuple[Any, ...] | None = None
         self._next_step_s = 0.0
         self.is_stepping = False
@@ -419,7 +340,7 @@ class Follower:
         if feed.status_key != self._status_key and "status" in self._wanted.kinds:
             self._status_key = feed.status_key
             # It stands before the table: who breaks off between the two has not had that one.
-            yield "status", 0 if self._told is None else self._told.number, feed.status
+            yield "status", 0 if self._sent is None else self._sent.number, feed.status
         if "table" not in self._wanted.kinds:
             return
         if table.has_values and (self._has_changed(table) or self.is_stepping):
@@ -429,133 +350,49 @@ class Follower:
         elif table.facts != self._facts:
             self._facts = table.facts
             if not table.has_values:
-                self._told = None  # who has no table begins anew with the next one
+                self._sent = None  # who has no table begins anew with the next one
                 self.is_stepping = False
             yield "state", table.number, table.content
 
     def _has_changed(self, table: Table) -> bool:
         """Whether a value has changed by more than the follower leaves aside."""
-        told = self._told
-        if told is None or told.layout != table.layout:
+        sent = self._sent
+        if sent is None or sent.layout != table.layout:
             return True
-        return _largest(table.values - told.values) > self._wanted.min_change + _ROUNDING
+        return _largest(table.values - sent.values) > self._wanted.min_change + _ROUNDING
 
     def _step(
         self, feed: Feed, table: Table, now_s: float, next_number: Callable[[], int]
     ) -> tuple[str, int, bytes]:
-        """Tell the table, or as much of the way to it as the follower takes at once."""
-        told, limit = self._told, self._wanted.max_step
+        """Send the table, or as much of the way to it as the follower takes at once."""
+        sent, limit = self._sent, self._wanted.max_step
         share = 1.0
-        if limit is not None and told is not None and told.layout == table.layout:
-            largest = _largest(table.values - told.values)
+        if limit is not None and sent is not None and sent.layout == table.layout:
+            largest = _largest(table.values - sent.values)
             if largest > limit + _ROUNDING:
                 share = limit / largest
         self._facts = table.facts
         self.is_stepping = share < 1.0
         if limit is None:
-            self._told = table
+            self._sent = table
             return "table", table.number, table.content
         self._next_step_s = now_s + STEP_S
-        if not self.is_stepping or told is None:
-            self._told = table
-            content = _with_values(table.content, table.values, is_stepping=False)
+        if not self.is_stepping or sent is None:
+            self._sent = table
+            content = with_values(table.content, table.values, is_stepping=False)
             return "table", table.number, content
-        values = np.round(told.values + share * (table.values - told.values), 4) + 0.0
-        content = _with_values(table.content, values, is_stepping=True)
-        self._told = Table(next_number(), content, table.layout, values, table.facts)
-        _remember(feed.steps, self._told)
-        return "table", self._told.number, content
+        values = np.round(sent.values + share * (table.values - sent.values), 4) + 0.0
+        content = with_values(table.content, values, is_stepping=True)
+        self._sent = Table(next_number(), content, table.layout, values, table.facts)
+        remember(feed.steps, self._sent)
+        return "table", self._sent.number, content
 
 
-def _table(
-    context: Context, machine_id: str, state: CurrentState | ThermapError, number: int
-) -> Table:
-    """Write the table of a state, or why there is none."""
-    if isinstance(state, CurrentState):
-        try:
-            current = current_table(context, state)
-        except ThermapError as why:
-            state = why
-        else:
-            content = current_table_json(current)
-            values, layout = _values_of(orjson.loads(content))
-            facts = (
-                current.table.complete,
-                current.table.model_version,
-                *((s.sensor, s.health) for s in current.state.sensors),
-            )
-            return Table(number, content, layout, values, facts)
-    content = orjson.dumps(
-        {
-            "machine": machine_id,
-            "computed_at": context.now(),
-            "complete": False,
-            "detail": state.detail,
-            "components": [],
-        },
-        option=OPTIONS,
-    )
-    return Table(number, content, b"", np.empty(0), (False, state.detail))
-
-
-def _judge(context: Context, live: LiveMachine, feed: Feed, stored: Stored) -> bool:
-    """Judge a machine; True where the verdict or its words are other ones."""
-    status = status_of(context, live, stored)
-    key = (
-        *(status.verdict, status.state, status.since, status.sentences, status.watch),
-        *(status.model_version, status.analysis),
-    )
-    if key == feed.status_key:
-        return False
-    feed.status_key = key
-    feed.status = _STATUS.dump_json(status)
-    return True
-
-
-def _event(told: Told) -> bytes:
-    if not told.name:
-        return format_sse_event(id=told.id)
-    return format_sse_event(event=told.name, id=told.id, data_str=told.content.decode())
+def _written(event: StreamEvent) -> bytes:
+    if not event.name:
+        return format_sse_event(id=event.id)
+    return format_sse_event(event=event.name, id=event.id, data_str=event.content.decode())
 
 
 def _largest(differences: FloatArray) -> float:
     return float(np.abs(differences).max(initial=0.0))
-
-
-def _is_value(name: str) -> bool:
-    """Whether a field of a component changes with the errors, in proportion."""
-    return "standard" not in name and any(
-        part in name for part in ("error", "slope", "compensation")
-    )
-
-
-def _values_of(document: dict[str, Any]) -> tuple[FloatArray, bytes]:
-    """Set all errors and compensations of a table in a row, and say which they are."""
-    values: list[float] = []
-    layout = []
-    for component in document["components"]:
-        names = [name for name in component if _is_value(name)]
-        layout.append([component["component"], component.get("positions_mm"), names])
-        for name in names:
-            own = component[name]
-            values += own if isinstance(own, list) else [own]
-    return np.array(values), orjson.dumps(layout)
-
-
-def _with_values(content: bytes, values: FloatArray, *, is_stepping: bool) -> bytes:
-    """Write other values into a table, and whether more of them are on the way."""
-    document = orjson.loads(content)
-    document["stepping"] = is_stepping
-    at = 0
-    for component in document["components"]:
-        for name in component:
-            if not _is_value(name):
-                continue
-            if isinstance(component[name], list):
-                n = len(component[name])
-                component[name] = values[at : at + n].tolist()
-            else:
-                n = 1
-                component[name] = float(values[at])
-            at += n
-    return orjson.dumps(document, option=OPTIONS)

@@ -7,7 +7,7 @@ import httpx
 import numpy as np
 import pytest
 
-from app.api.streams import REMEMBERED, REMEMBERED_BYTES, Feed, Table, _remember
+from app.api.streamed_table import REMEMBERED, REMEMBERED_BYTES, Feed, Table, remember
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
@@ -202,7 +202,7 @@ def test_what_is_remembered_for_those_who_come_back_has_a_bounded_size(count):
     values = np.zeros(count)
     for i in range(1, 2 * REMEMBERED):
         layout = b"EXX, %d of them" % count  # each time another object
-        _remember(feed.tables, Table(i, b"the table", layout, values, ()))
+        remember(feed.tables, Table(i, b"the table", layout, values, ()))
     kept = list(feed.tables.values())
     assert len(kept) == min(REMEMBERED, REMEMBERED_BYTES // values.nbytes)
     assert {table.content for table in kept} <= {b""}
