@@ -91,7 +91,6 @@ class Arrived:
     topic: str
     payload: bytes
     is_retained: bool
-    is_repeated: bool
     qos: int
     mid: int
     is_settled: bool = False
@@ -388,9 +387,8 @@ class Link:
             topic = message.topic
         except UnicodeDecodeError:
             topic = "�"
-        arrived = Arrived(
-            topic, bytes(message.payload), message.retain, message.dup, message.qos, message.mid
-        )
+        payload = bytes(message.payload)
+        arrived = Arrived(topic, payload, message.retain, message.qos, message.mid)
         self._tell(self._take, arrived)
 
     # And these by the event loop.

@@ -22,6 +22,9 @@ class NotWired(ValueError):
     """A machine that HAL has no names for; the sentence says why."""
 
 
+THREAD = "servo-thread"
+"""The thread in which the controller commands positions."""
+
 CLOCK = f"{COMPONENT}-clock"
 """How long the controller's thread has run [s]: by it the component knows that a step was taken."""
 
@@ -54,7 +57,6 @@ def wiring(
     joints: Mapping[str, int],
     machine_units_per_mm: float,
     command: Iterable[str],
-    thread: str = "servo-thread",
 ) -> str:
     """Write the HAL file: curves, sums, offsets, a clock, their order in the thread, the component.
 
@@ -104,10 +106,10 @@ def wiring(
         *([f"loadrt sum2 names={','.join(sums)}"] if sums else []),
         f"loadrt offset names={','.join(offsets)}",
         f"loadrt integ names={CLOCK}",
-        *(f"addf {name}.update-feedback {thread} 1" for name in offsets),
-        *(f"addf {name} {thread}" for name in chain(names, sums)),
-        *(f"addf {name}.update-output {thread}" for name in offsets),
-        f"addf {CLOCK} {thread}",
+        *(f"addf {name}.update-feedback {THREAD} 1" for name in offsets),
+        *(f"addf {name} {THREAD}" for name in chain(names, sums)),
+        *(f"addf {name}.update-output {THREAD}" for name in offsets),
+        f"addf {CLOCK} {THREAD}",
         f"setp {CLOCK}.in 1",
     ]
     for code, (_, along) in curves.items():
