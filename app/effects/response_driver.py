@@ -1,8 +1,8 @@
-"""A response as a driver: many sensors and states with lags, which only tell together.
+"""A response as a driver: many sensors and states with lags, known only in sum.
 
-Single ones of its columns (`app.effects.response_columns`) are collinear: their coefficients are
-known in sum and not apart. The driver therefore keeps all of them with the root of their
-covariance, and corrects no more of the response than is sure.
+Its columns (`app.effects.response_columns`) are collinear, so that their coefficients are not known
+one by one. The driver keeps all of them with a root of their covariance, and corrects no more of
+the response than is sure.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Outside(NamedTuple):
     is_beyond: BoolArray
 
 
-class Told(NamedTuple):
+class Expected(NamedTuple):
     """What a response says at n moments, shape (n,) each.
 
     `mean` is what was learnt, `learnt` and `wander` the standard deviations of that and of what
@@ -135,14 +135,16 @@ class Responding(Driver):
 
     def at(self, conditions: Conditions) -> FloatArray:
         """Give what is corrected, shape (n,)."""
-        return self.told(conditions).corrected
+        return self.expected(conditions).corrected
 
-    def told(self, conditions: Conditions) -> Told:
+    def expected(self, conditions: Conditions) -> Expected:
         """Say what was learnt, how sure it is, and what of it is corrected."""
         found = columns_at(self.columns, self.zero, conditions)
-        return self.told_of(found, conditions.times_s, self._maps_since_start(conditions))
+        return self.expected_of(found, conditions.times_s, self._maps_since_start(conditions))
 
-    def told_of(self, found: Columns, times_s: FloatArray, maps: FloatArray | None = None) -> Told:
+    def expected_of(
+        self, found: Columns, times_s: FloatArray, maps: FloatArray | None = None
+    ) -> Expected:
         """Say the same of columns that are known already.
 
         Parameters
@@ -172,7 +174,7 @@ class Responding(Driver):
         maps = np.zeros(mean.shape) if maps is None else maps
         by = np.sqrt(self.counted)
         beside = np.zeros(mean.shape) if self.in_maps is not None else by * slow
-        return Told(mean, learnt, wander, cautious(mean, maps, by * learnt, beside), is_held)
+        return Expected(mean, learnt, wander, cautious(mean, maps, by * learnt, beside), is_held)
 
     def farthest(self, conditions: Conditions) -> Outside | None:
         """Find the column that lies farthest beyond where it is held; None where none does."""

@@ -26,7 +26,7 @@ def analyse_stored(
     database_url
         Where verifications, readings and the model are; nothing is written there.
     progress
-        Told how far it is, from 0 to 1, and in words.
+        Called with how far it is, from 0 to 1, and what is being done, in words.
 
     Raises
     ------

@@ -62,7 +62,7 @@ def make_runner(
     concurrency
         How many at the same time.
     looked
-        Told of every look at the queue, every `QUEUE_POLL_S` or so.
+        Called after every look at the queue, every `QUEUE_POLL_S` or so.
     """
     if not runs_here:
         return NoAnalyses()

@@ -122,7 +122,7 @@ def test_live_it_is_what_the_record_says():
         time_s, temperatures, state = reading
         live = Conditions.of_moment(time_s, temperatures, state, past.lags)
         recorded = conditions_of(record, np.array([time_s]))
-        here, there = responding().told(live), responding().told(recorded)
+        here, there = responding().expected(live), responding().expected(recorded)
         for one, other in zip(here[:3], there[:3], strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(here.corrected, there.corrected, atol=1e-9)
@@ -148,7 +148,7 @@ def test_stored_it_is_the_same():
 def test_a_correction_is_smaller_than_what_was_learnt_and_the_table_says_by_how_much():
     there = conditions_of(readings(), np.array([9000.0]))
     (sure,) = sureness(effect(responding()), there)
-    told = responding().told(there)
+    told = responding().expected(there)
     square = sure.expected**2
     expected = square / (square + sure.learnt_error**2 + sure.wander_error**2)
     assert 0.0 < expected < 1.0
@@ -156,7 +156,7 @@ def test_a_correction_is_smaller_than_what_was_learnt_and_the_table_says_by_how_
     assert responding().at(there)[0] == pytest.approx(sure.corrected)
     assert not told.is_held.any()
     wide = written_root(1e-3 * np.eye(len(responding().columns)))
-    unsure = responding(spread=wide).told(there)
+    unsure = responding(spread=wide).expected(there)
     assert abs(unsure.corrected[0]) < abs(sure.corrected)
 
 
@@ -164,8 +164,8 @@ def test_a_jump_as_set_ups_begin_is_stated_and_nothing_is_corrected_less_for_it(
     there = conditions_of(readings(), np.array([600.0, 9000.0]))
     plain = responding()
     noise = plain.noise
-    jumping = responding(noise=(*noise, 3.0)).told(there)
-    before = plain.told(there)
+    jumping = responding(noise=(*noise, 3.0)).expected(there)
+    before = plain.expected(there)
     share = 1.0 - np.exp(-np.array([10.0, 150.0]) / 4.0)  # of a jump within some 4 minutes
     expected = np.sqrt(before.wander**2 + (3.0 * share) ** 2)
     np.testing.assert_allclose(jumping.wander, expected, rtol=1e-9)
@@ -176,7 +176,7 @@ def test_what_is_not_sure_goes_half_back_to_the_maps_and_half_to_the_start():
     """Maps of 5 µm/K over a, which has risen by 4 (1 − exp(−2.5)) K; by hand."""
     there = conditions_of(readings(), np.array([9000.0]))
     maps = ((10.0, -50.0), (20.0, 0.0), (30.0, 50.0))
-    told = responding(maps_sensor="a", maps=maps).told(there)
+    told = responding(maps_sensor="a", maps=maps).expected(there)
     said = 5.0 * 4.0 * (1.0 - math.exp(-2.5))
     variance = told.learnt[0] ** 2 + told.wander[0] ** 2
     mean = told.mean[0]
@@ -184,7 +184,7 @@ def test_what_is_not_sure_goes_half_back_to_the_maps_and_half_to_the_start():
     assert told.corrected[0] == pytest.approx(0.5 * (beside + whole - said), rel=1e-3)
     unsure = responding(
         maps_sensor="a", maps=maps, spread=written_root(1e6 * np.eye(len(told_columns())))
-    ).told(there)
+    ).expected(there)
     assert unsure.corrected[0] == pytest.approx(-0.5 * said, rel=1e-3)
 
 
@@ -196,13 +196,15 @@ def test_a_column_is_held_half_its_span_beyond_where_it_was_learnt():
     narrow = responding(ranges=tuple((-1.0, 1.0) for _ in responding().columns))
     there = conditions_of(readings(), np.array([9000.0]))
     outside = narrow.farthest(there)
-    assert narrow.told(there).is_held.all()
+    assert narrow.expected(there).is_held.all()
     assert outside.column == Column(STATE, "rpm", 3.0)
     assert outside.is_beyond.all()
     assert responding().farthest(there) is None
     assert narrow.farthest(there.take(np.empty(0, dtype=np.intp))) is None
     values = np.clip(columns_at(narrow.columns, Zero(level_c=23.0), there).values[0], -2.0, 2.0)
-    assert narrow.told(there).mean[0] == pytest.approx(values @ np.array(narrow.coefficients[0]))
+    assert narrow.expected(there).mean[0] == pytest.approx(
+        values @ np.array(narrow.coefficients[0])
+    )
 
 
 def test_of_a_record_much_longer_than_those_that_taught_it_says_nothing():

@@ -224,7 +224,7 @@ def test_variances_that_set_ups_held_out_belie_are_stated_larger():
     driver = one.rows.driver(still, one.rows.set_ups, one.doubt)
     plain = one.rows.driver(still, one.rows.set_ups)
     found = one.rows.set_ups[0]
-    told, sure = (d.told_of(found.found, found.times_s) for d in (driver, plain))
+    told, sure = (d.expected_of(found.found, found.times_s) for d in (driver, plain))
     np.testing.assert_allclose(told.learnt, np.sqrt(one.doubt) * sure.learnt, rtol=1e-5)
     np.testing.assert_allclose(told.wander, np.sqrt(one.doubt) * sure.wander)
     assert (np.abs(told.corrected) <= np.abs(sure.corrected) + 1e-9).all()
@@ -254,7 +254,7 @@ def test_what_differs_each_time_the_machine_is_switched_on_is_stated_from_the_fi
     assert 2.5 < jumping.average.noise.jump < 10.0
     one = jumping.rows.set_ups[0]
     driver = jumping.rows.driver(jumping.average, jumping.rows.set_ups, jumping.doubt)
-    told = driver.told_of(one.found, one.times_s, one.maps)
+    told = driver.expected_of(one.found, one.times_s, one.maps)
     assert told.wander[0] == 0.0  # it reads zero there
     assert told.wander[1] > 0.8 * jumping.average.noise.jump
 
@@ -281,7 +281,7 @@ def test_what_is_judged_of_maps_is_what_a_live_table_makes_of_them():
     conditions = residuals_of(asked).projection.conditions
     live = dict(zip(conditions.times_s.tolist(), driver.at(conditions).tolist(), strict=True))
     for one in rows.set_ups:
-        told = driver.told_of(one.found, one.times_s, one.maps)
+        told = driver.expected_of(one.found, one.times_s, one.maps)
         np.testing.assert_allclose(told.corrected, [live[t] for t in one.times_s], atol=1e-6)
         said = one.measured - one.values
         np.testing.assert_allclose(one.maps - one.maps[0], said - said[0], atol=1e-3)

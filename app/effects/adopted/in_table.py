@@ -147,8 +147,8 @@ def sureness(effect: Effect, moment: Conditions) -> list[Sureness]:
     found = []
     for term in effect.terms:
         if isinstance(term.driver, Responding):
-            told = term.driver.told(moment)
-            parts = (told.mean, told.learnt, told.wander, told.corrected)
+            expected = term.driver.expected(moment)
+            parts = (expected.mean, expected.learnt, expected.wander, expected.corrected)
             found.append(Sureness(term.component, *(float(part[0]) for part in parts)))
     return found
 

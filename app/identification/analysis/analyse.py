@@ -118,7 +118,7 @@ def analyse(
     seed
         Of all draws: the same campaign and seed give the same answer.
     progress
-        Told the share done, 0 to 1, never falling, and what is being done.
+        Called with the share done, 0 to 1, never falling, and what is being done.
 
     Raises
     ------

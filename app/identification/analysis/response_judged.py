@@ -221,12 +221,12 @@ def _judged(
         counted = care * _usual(without) / doubt
         driver = replace(rows, set_ups=others).driver(learnt[i], others, doubt, counted)
         maps = None if spares_maps else held_out.maps
-        told = driver.told_of(held_out.found, held_out.times_s, maps)
+        expected = driver.expected_of(held_out.found, held_out.times_s, maps)
         values = held_out.from_zero(held_out.values)
         own = slice(1 if held_out.is_zeroed else 0, None)
         uncompensated.append(held_out.from_zero(held_out.measured)[own])
         before.append(values[own])
-        after.append((values - held_out.from_zero(told.corrected))[own])
+        after.append((values - held_out.from_zero(expected.corrected))[own])
     doubt, usual = _doubt(surprises), _usual(surprises)
     return Judged(
         rows, average, doubt, usual, care, spares_maps, np.nan, uncompensated, before, after

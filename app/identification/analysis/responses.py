@@ -176,7 +176,7 @@ def find_responses(campaign: Campaign, progress: Progress | None = None) -> Resp
     campaign
         The campaign.
     progress
-        Told the share done and what is being done.
+        Called with the share done and what is being done.
     """
     plain = replace(campaign, effects=[e for e in campaign.effects if e.kind != Response.kind])
     residuals = residuals_of(plain)
