@@ -180,7 +180,7 @@ class Settings(BaseSettings):
     @field_validator("opcua_endpoint")
     @classmethod
     def _is_endpoint(cls, stated: str) -> str:
-        """Refuse an endpoint that is none."""
+        """Refuse what is not an endpoint."""
         if not stated:
             return stated
         host = port = None

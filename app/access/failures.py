@@ -1,4 +1,4 @@
-"""How often an address may come with a key that is none."""
+"""How often an address may come with a wrong key."""
 
 from __future__ import annotations
 

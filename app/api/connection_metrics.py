@@ -16,7 +16,7 @@ from app.connections.running import ConnectionsNow
 from app.errors import StorageUnavailable
 
 MOST_CONNECTIONS: Final = 1000
-"""Connections that are told of, the first by name: each is some eight time series."""
+"""Connections whose values are given, the first by name: each is some eight time series."""
 
 LABELS: Final = ("connection", "kind")
 

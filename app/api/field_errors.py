@@ -30,7 +30,7 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     if path and path[0] in _WHERE:
         del path[0]
     if error["type"] == "json_invalid":
-        return FieldError("body", f"expected JSON, got text that is none: {_reason(error)}")
+        return FieldError("body", f"expected JSON, got text that is not JSON: {_reason(error)}")
     if error["type"] == "extra_forbidden":
         return FieldError(".".join(path), f"unknown field; expected {_known(error)}")
     field = ".".join(path) or "body"

@@ -52,7 +52,7 @@ PROBLEMS = {
     "409": "What is stored contradicts it",
     "413": "The body is too large",
     "415": "The body is no JSON by its header",
-    "421": "The host is none of this service",
+    "421": "The host is not one of this service's names",
     "401": "A key is needed, and none came or a wrong one",
     "403": "The key does not allow it, or another web page sent it",
     "429": "Wrong keys came too often from this address, or too many analyses wait",

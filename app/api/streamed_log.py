@@ -1,9 +1,9 @@
-"""What streams tell of the event log, of watches and of analyses.
+"""What streams send of the event log, of watches and of analyses.
 
-The log is read once for all who follow it, and its end is kept in memory, written as it is told.
-Each follower knows the number of the entry that it had last: what is behind that in memory it is
-told next, and what is not in memory any more it is told the count of. So a follower that reads
-slowly, or comes back late, costs nothing that grows.
+The log is read once for all who follow it, and its end is kept in memory, written as it is sent.
+Each follower knows the number of the entry that it had last: it is sent next what comes after that
+in memory, and of what is in memory no more the count. So a follower that reads slowly, or comes
+back late, costs nothing that grows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from app.services.context import Context
 from app.services.log_tail import LogNow, count_log, read_log_now
 
 NewsKind: TypeAlias = Literal["event", "watch", "analysis"]
-"""Names of events by which entries of the log are told; each entry is told by one of them."""
+"""Names of events under which entries of the log are sent; each entry is sent under one of them."""
 
 NEWS: Final[frozenset[str]] = frozenset(("event", "watch", "analysis"))
 
@@ -35,7 +35,7 @@ KEPT: Final = 1000
 """Entries in memory, of all machines: for those who come back, and for those who read slowly."""
 
 AT_ONCE: Final = 100
-"""Entries that a follower is told before its tables have their turn again."""
+"""Entries that a follower is sent before its tables have their turn again."""
 
 ASK_EVERY_S: Final = 2.0
 """How often the log is read although nobody said that it has changed [s]."""
@@ -44,7 +44,7 @@ ASK_FILE_EVERY_S: Final = 0.4
 """The same of a SQLite file: of what another process wrote nobody says anything [s]."""
 
 PROGRESS_EVERY_S: Final = 2.0
-"""How far an analysis is, is told no more often [s]."""
+"""Progress of an analysis is sent no more often [s]."""
 
 _EVENT: Final = TypeAdapter(Event)
 _WATCH: Final = TypeAdapter(WatchChange)
@@ -55,7 +55,7 @@ Sees: TypeAlias = Callable[[str], bool]
 
 
 class Entry(NamedTuple):
-    """An entry as it is told: its number, whose it is, and the event's name and JSON."""
+    """An entry as it is sent: its number, whose it is, and the event's name and JSON."""
 
     number: int
     machine: str | None
@@ -64,7 +64,7 @@ class Entry(NamedTuple):
 
 
 class News(NamedTuple):
-    """An event that a follower is told: whose it is, its name and its JSON."""
+    """An event that a follower is sent: whose it is, its name and its JSON."""
 
     machine: str
     name: str
@@ -73,7 +73,7 @@ class News(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """How far an analysis is, as it is told, and when that was read."""
+    """How far an analysis is, as it is sent, and when that was read."""
 
     news: AnalysisNews
     content: bytes
@@ -181,16 +181,16 @@ class StreamedLog:
 
 
 class LogFollower:
-    """What one follower was told of the log last, and what it is to be told next.
+    """What one follower was last sent of the log, and what it is to be sent next.
 
     Parameters
     ----------
     kinds
-        By which names it wants to be told; none of `NEWS` for nothing.
+        Names of the events that it wants, of `NEWS`; without any of them nothing is sent.
     sees
-        Of which machines it may be told; "" stands for what is about none.
+        Whose events it may have; "" stands for what is about no machine.
     machine_id
-        Of which it wants to be told; None for all.
+        Whose events it wants; None for all.
     last
         Number of the entry that it had last; None: what comes from now on.
     """
@@ -265,19 +265,19 @@ class LogFollower:
         return None
 
     def _missed(self, count: int | None) -> News:
-        words = "entries of the event log cannot be told any more; the log itself has them"
+        words = "entries of the event log cannot be sent any more; the log itself has them"
         how_many = "an unknown number of" if count is None else f"{count}"
         missed = MissedEntries(count, f"{how_many} {words}")
         return News(self._machine_id or "", "missed", _MISSED.dump_json(missed))
 
 
 def _name_of(kind: EventKind) -> str:
-    """Say by which name entries of a kind are told."""
+    """Say under which name entries of a kind are sent."""
     return str(kind) if kind in (EventKind.WATCH, EventKind.ANALYSIS) else "event"
 
 
 def _entry(number: int, event: Event) -> Entry:
-    """Write an entry of the log as it is told."""
+    """Write an entry of the log as it is sent."""
     name, details = _name_of(event.kind), event.details
     if name == "watch" and event.machine is not None:
         since = details.get("since")

@@ -16,7 +16,7 @@ TIME_COLUMNS: Final = "time,after_min"
 
 
 def expect_few_returns(minutes: Sequence[float], every_min: float) -> None:
-    """Refuse steps that would be read too often, or a pause that is none.
+    """Refuse steps that would be read too often, or a pause that is not positive or too long.
 
     Parameters
     ----------

@@ -228,7 +228,7 @@ def _draft(
 
 
 def _check_effect(machine: Machine, effect: Effect) -> None:
-    """Refuse an effect that could not be read or told of again, or never be evaluated."""
+    """Refuse an effect that could not be read or described again, or never be evaluated."""
     explain(effect_from_json(effect.to_json()))
     unknown = sorted(sensors_of([effect]) - set(machine.sensors))
     if unknown:

@@ -22,7 +22,7 @@ from app.errors import ThermapError
 log = logging.getLogger("thermap")
 
 PROGRESS_EVERY_S: Final = 0.2
-"""Progress is told no more often [s]."""
+"""Progress is reported no more often [s]."""
 
 BEHIND_TABLES: Final = 5
 """How much the system favours other processes, the service's live tables among them."""

@@ -1,4 +1,4 @@
-"""The end of the event log and the analyses that run: what those are told who follow both."""
+"""The end of the event log and the analyses that run: what those who follow both are sent."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read_log_now(context: Context, after: int | None, most: int) -> LogNow | Non
     try:
         with context.database.reading(QUESTION) as session:
             tail = read_tail(session, after, most)
-            # The log first: of an analysis that it says is done nothing is told any more.
+            # The log first: of an analysis that it says is done nothing more is sent.
             jobs = analyses_at_work(session)
     except StorageUnavailable:
         return None

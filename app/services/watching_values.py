@@ -17,7 +17,7 @@ from app.storage.limits import QUESTION
 from app.storage.watches import watch_figures
 
 MOST_MACHINES: Final = 1000
-"""Machines whose values are told: each one is some twenty time series to whoever stores them."""
+"""Machines whose values are given: each one is some twenty time series to whoever stores them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,8 +40,8 @@ async def get_readyz(request: Request, context: ContextDep, response: Response) 
 async def get_metrics(request: Request) -> Response:
     """Write counters, latencies and machines' values in Prometheus' text format.
 
-    A verdict is judged when it is asked for. Of more than 1000 machines the first by id are told.
-    Where the database is slow the machines' values may be left out, which
+    A verdict is judged when it is asked for. Of more than 1000 machines only the first 1000 by id
+    are included. Where the database is slow the machines' values may be left out, which
     `thermap_machine_values_missing` says.
     """
     state = request.app.state

@@ -44,7 +44,7 @@ _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "`watch`, a `WatchChange`; `analysis`, an `AnalysisNews`; `event`, every other one as `GET "
         "…/events` has it, an alarm again when it goes or comes again. Between them `analysis` "
         "says, about every 2 s, how far those are that run. `missed`, a `MissedEntries`: how many "
-        "entries came that cannot be told any more, because one came back late or reads slowly; "
+        "entries came that cannot be sent any more, because one came back late or reads slowly; "
         "those after them follow.\n\n"
         "A comment every 15 s without an event",
         "content": {
@@ -92,7 +92,7 @@ Kinds = Annotated[
     list[Literal["table", "status", "event", "watch", "analysis"]] | None,
     Query(
         alias="kind",
-        description="What is told; may be repeated. `table` brings `state` with it. Without it "
+        description="What is sent; may be repeated. `table` brings `state` with it. If left out, "
         "`table` and `status`",
     ),
 ]
@@ -100,7 +100,7 @@ LastEventId = Annotated[
     str,
     Header(
         description="`id` of the last event that came: the table comes again only if it has "
-        "changed since, and the event log is told from there on"
+        "changed since, and the event log continues from there"
     ),
 ]
 
@@ -126,7 +126,7 @@ async def get_table_stream(
 ) -> Response:
     """Send the table at the latest reading at once, and whenever it has changed.
 
-    A follower that reads slowly gets the newest table, not all between. With `kind` it is told
+    A follower that reads slowly gets the newest table, not all between. With `kind` it also gets
     what comes into the event log from now on: alarms, changes, what the watch says, analyses.
     The stream ends when the machine is deleted or the service ends.
     """
@@ -153,7 +153,7 @@ async def get_stream(
 ) -> Response:
     """Send the same of every machine; each event's JSON names its `machine`.
 
-    A key for some machines is told of these alone.
+    A key for some machines gets the events of these alone.
     """
     table, entry = _numbers(last_event_id)
     kinds = TABLES if kind is None else frozenset(kind)
@@ -184,7 +184,7 @@ async def while_welcome(
 def _numbers(last_event_id: str) -> tuple[int | None, int | None]:
     """Read the id of an event: the last table's number, and the last entry's of the log.
 
-    None where it is none of ours: the table is told then, and the log from now on.
+    None where it is not one of ours: the table is sent then, and the log from now on.
     """
     found = _ID.fullmatch(last_event_id)
     table, entry = (None, None) if found is None else found.groups()
