@@ -27,6 +27,7 @@ from app.effects.adopted.held import (
     positions_beyond,
     unknown_range,
 )
+from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.map_tables import MapReading
 from app.effects.projection import Projection, View
@@ -86,66 +87,38 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     """
     n = len(projection.rows)
     aside = set_faulty_aside(projection.model, effects, projection.conditions)
-    takes_part = [
-        ~np.broadcast_to(aside.effects.get(number, np.zeros(n, dtype=np.bool_)), n)
-        for number in range(len(effects))
-    ]
     parts = [
         _Part(number, term, projection.view(term.component), *_evaluated(projection, term, effect))
         for number, effect in enumerate(effects)
         for term in effect.terms
     ]
-    lacking = np.zeros(n, dtype=np.bool_)
-    missing: list[Missing] = []
-    for number, effect in enumerate(effects):
-        is_unknown = np.zeros(n, dtype=np.bool_)
-        for part in parts:
-            if part.number == number:
-                is_unknown[part.view.rows[~np.isfinite(part.one_each)]] = True
-        unknown = np.flatnonzero(is_unknown & takes_part[number])
-        if unknown.size:
-            there = projection.conditions.take(unknown)
-            reasons = (t.why_missing(projection.model, there) for t in effect.terms)
-            reason = next(filter(None, reasons), NO_NUMBER)
-            missing.append(Missing(number, effect.kind, f"{reason} ({unknown.size} values)"))
-            lacking[unknown] = True
-            takes_part[number] = takes_part[number] & ~is_unknown
-    of_maps = {code: parts_of for code, parts_of in _by_component(parts).items() if parts_of}
-    plain = {
-        code: maps_at(
-            projection.model,
-            _found(projection.model, code)[0],
-            aside.conditions.take(parts_of[0].view.rows).temperatures_c,
-            parts_of[0].view.rows.size,
-        ).weights
-        for code, parts_of in of_maps.items()
-    }
-    while apart := _without_common_range(projection.model, of_maps, plain, takes_part):
+    use = _Use(effects, aside.effects, n)
+    _leave_out_unknown(projection, parts, use)
+    of_maps = _by_component(parts)
+    plain = _plain_weights(projection.model, of_maps, aside.conditions)
+    while apart := _without_common_range(projection.model, of_maps, plain, use.takes_part):
         for number, rows in apart.items():
-            reason = f"{NOT_COMMON} ({rows.size} values)"
-            missing.append(Missing(number, effects[number].kind, reason))
-            lacking[rows] = True
-            takes_part[number] = takes_part[number].copy()
-            takes_part[number][rows] = False
-    total = np.zeros(n)
+            use.leave_out(number, rows, NOT_COMMON)
+    errors = np.zeros(n)
     for part in parts:
         if part.reading is None:
-            view = part.view
-            values = np.where(takes_part[part.number][view.rows], part.one_each, 0.0)
-            total[view.rows] += view.gains * values
+            rows = part.view.rows
+            values = np.where(use.takes_part[part.number][rows], part.one_each, 0.0)
+            errors[rows] += part.view.gains * values
     beyond = {}
     for code, parts_of in of_maps.items():
         view = parts_of[0].view
         found = _found(projection.model, code)
-        weights = _with_readings(plain[code], parts_of, takes_part)
+        weights = _with_readings(plain[code], parts_of, use.takes_part)
         change = read_maps(*found, weights, *view.places)
         change = change - read_maps(*found, plain[code], *view.places)
-        total[view.rows] += view.gains * np.where(np.isfinite(change), change, 0.0)
+        errors[view.rows] += view.gains * np.where(np.isfinite(change), change, 0.0)
         beyond[code] = beyond_tables(found[1], weights, view.places.positions_mm)
-    is_held, held = _said(projection, effects, takes_part)
-    status, moved = _statuses(projection.model, parts, takes_part, n)
+    is_held, held = _said(projection, effects, use.takes_part)
+    status, moved = _statuses(projection.model, parts, use.takes_part, n)
     held += beyond_maps_sentences(effects, moved)
-    return Contributions(total, lacking, tuple(missing), is_held, tuple(held), status, beyond)
+    missing = tuple(use.missing)
+    return Contributions(errors, use.is_lacking, missing, is_held, tuple(held), status, beyond)
 
 
 class _Part(NamedTuple):
@@ -159,6 +132,50 @@ class _Part(NamedTuple):
     view: View
     reading: MapReading | None
     one_each: FloatArray
+
+
+class _Use:
+    """In which of n rows each effect takes part, and which were left out and why."""
+
+    def __init__(self, effects: Sequence[Effect], aside: Mapping[int, BoolArray], n: int) -> None:
+        self._effects = effects
+        nowhere = np.zeros(n, dtype=np.bool_)
+        self.takes_part = [~aside.get(number, nowhere) for number in range(len(effects))]
+        self.is_lacking = np.zeros(n, dtype=np.bool_)
+        self.missing: list[Missing] = []
+
+    def leave_out(self, number: int, rows: IntArray, reason: str) -> None:
+        """Leave an effect out of some rows."""
+        said = f"{reason} ({rows.size} values)"
+        self.missing.append(Missing(number, self._effects[number].kind, said))
+        self.is_lacking[rows] = True
+        self.takes_part[number][rows] = False
+
+
+def _leave_out_unknown(projection: Projection, parts: Sequence[_Part], use: _Use) -> None:
+    """Leave each effect out, with all of its terms, where one of its conditions is not known."""
+    for number, takes_part in enumerate(use.takes_part):
+        own = [part for part in parts if part.number == number]
+        is_unknown = np.zeros(len(takes_part), dtype=np.bool_)
+        for part in own:
+            is_unknown[part.view.rows[~np.isfinite(part.one_each)]] = True
+        unknown = np.flatnonzero(is_unknown & takes_part)
+        if unknown.size:
+            there = projection.conditions.take(unknown)
+            reasons = (part.term.why_missing(projection.model, there) for part in own)
+            use.leave_out(number, unknown, next(filter(None, reasons), NO_NUMBER))
+
+
+def _plain_weights(
+    model: CompiledModel, of_maps: Mapping[str, Sequence[_Part]], conditions: Conditions
+) -> dict[str, FloatArray]:
+    """Give how much of each map enters components without effects, shape (m, M) each."""
+    found = {}
+    for code, parts in of_maps.items():
+        rows = parts[0].view.rows
+        temperatures_c = conditions.take(rows).temperatures_c
+        found[code] = maps_at(model, _found(model, code)[0], temperatures_c, rows.size).weights
+    return found
 
 
 def _evaluated(
