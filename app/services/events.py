@@ -8,8 +8,6 @@ from collections import deque
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from threading import Event as Signal
-from threading import Thread
 from time import monotonic
 from typing import Final, NamedTuple, TypeAlias
 
@@ -18,6 +16,7 @@ from sqlalchemy.orm import Session
 from app.errors import StorageUnavailable
 from app.events.event import Event, EventKind, Events
 from app.live.registry import LiveMachine
+from app.services.background import Background
 from app.services.context import Context
 from app.services.status import status_of, stored_of_machines
 from app.status.machine_status import MachineStatus, SensorNow, Verdict
@@ -147,7 +146,7 @@ def _key_of(details: Iterable[Mapping[str, str]]) -> _Key:
     return frozenset(tuple(sorted(one.items())) for one in details)
 
 
-class AlarmLog:
+class AlarmLog(Background):
     """Looks at every machine, and writes into the log what comes and goes.
 
     A state has to be there at two looks in a row; how long it stays after its cause is gone, the
@@ -156,27 +155,13 @@ class AlarmLog:
     """
 
     def __init__(self, context: Context) -> None:
+        super().__init__("alarm-log", context.database.duty(ALARM_DUTY))
         self._context = context
-        self._duty = context.database.duty(ALARM_DUTY)
-        self._stop = Signal()
-        self._thread = Thread(target=self._run, name="alarm-log", daemon=True)
         self._written: dict[str, _Key] = {}
         self._seen: dict[str, _Key] = {}
         self._judged: dict[str, tuple[object, float]] = {}
         self._waiting: deque[str] = deque()
         self._tidied_s: float | None = None
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self, patience_s: float = 10.0) -> None:
-        """End, and wait for the end; not for ever, since the database may hang."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(patience_s)
-        if self._duty is not None:
-            self._duty.lay_down()
 
     def _run(self) -> None:
         while not self._stop.wait(LOOK_EVERY_S):
@@ -189,7 +174,7 @@ class AlarmLog:
 
     def look_if_ours(self) -> None:
         """Look once where it is for this process to write; later it begins with what is written."""
-        if self._duty is None or self._duty.is_ours():
+        if self._is_ours():
             self.look()
         else:
             self._written.clear()

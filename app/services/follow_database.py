@@ -14,7 +14,6 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
 from datetime import datetime
-from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Final
 
@@ -22,6 +21,7 @@ from app.errors import StorageUnavailable, UnknownThing
 from app.live.database_watch import TroubleKind
 from app.live.registry import Arrived, LiveMachine
 from app.live.unseen_numbers import UnseenNumbers
+from app.services.background import Background
 from app.services.context import Context
 from app.services.load_machine import load_machine, restore_past
 from app.storage.limits import QUESTION
@@ -57,7 +57,7 @@ Stamp = tuple[datetime, int, int]
 """Birth, revision and withdrawals of a machine."""
 
 
-class DatabaseFollower:
+class DatabaseFollower(Background):
     """Looks whether the database is there and what is new in it: when it is told, or regularly.
 
     Loads all machines at the start, so that their tables go on when the database
@@ -74,25 +74,15 @@ class DatabaseFollower:
     def __init__(
         self, context: Context, every_s: float, refresh_keys: Callable[[], None] = lambda: None
     ) -> None:
+        super().__init__("database-follower")
         self._context = context
         self._every_s = every_s
         self._refresh_keys = refresh_keys
-        self._stop = Event()
-        self._thread = Thread(target=self._run, name="database-follower", daemon=True)
         self._sum: object = None
         self._unseen: UnseenNumbers | None = None
         self._broken: dict[str, Stamp] = {}
         self._written_s = monotonic()
         self._writable_at: datetime | None = None
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self, patience_s: float = 10.0) -> None:
-        """End, and wait for the end; not for ever, since the database may hang."""
-        self._stop.set()
-        self._thread.join(patience_s)
 
     def look(self, news: Collection[News] | None = None) -> bool:
         """Look once: note whether the database is there, and load what has changed.

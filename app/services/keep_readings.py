@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 from contextlib import suppress
 from datetime import datetime, timedelta
-from threading import Event, Thread
 from typing import Final
 
 from app.errors import StorageUnavailable, UnknownThing
+from app.services.background import Background
 from app.services.context import Context
 from app.services.thin_readings import LOOKED_BACK_ON, ReadingThinner
 from app.storage.limits import LONG
@@ -31,7 +31,7 @@ KEEPER_DUTY: Final = 7_483_623
 """PostgreSQL advisory lock: of several services one does this."""
 
 
-class ReadingKeeper:
+class ReadingKeeper(Background):
     """Makes months of readings ahead, and deletes or thins what is old.
 
     Nothing is deleted that a stored verification needs: of each machine all stays from
@@ -54,26 +54,12 @@ class ReadingKeeper:
         thin_after_days: int | None = None,
         thin_to_s: float = 60.0,
     ) -> None:
+        super().__init__("reading-keeper", context.database.duty(KEEPER_DUTY))
         self._context = context
         self._keep_days = keep_days
         self._thinner = (
             None if thin_after_days is None else ReadingThinner(context, thin_after_days, thin_to_s)
         )
-        self._duty = context.database.duty(KEEPER_DUTY)
-        self._stop = Event()
-        self._thread = Thread(target=self._run, name="reading-keeper", daemon=True)
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self, patience_s: float = 10.0) -> None:
-        """End, and wait for the end; not for ever, since the database may hang."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(patience_s)
-        if self._duty is not None:
-            self._duty.lay_down()
 
     def look(self) -> int:
         """Do once what is due; return how many readings were deleted one by one."""
@@ -149,7 +135,7 @@ class ReadingKeeper:
     def _run(self) -> None:
         while not self._stop.is_set():
             try:
-                if self._duty is None or self._duty.is_ours():
+                if self._is_ours():
                     self.look()
             except StorageUnavailable:
                 pass  # at the next look
