@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -72,6 +72,7 @@ from app.identification.analysis.responses import (
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import comparisons, doubts, trusted_readings
 from app.identification.residuals.inexact_sensors import (
+    Inexact,
     error_columns,
     inexact_sensors,
     read_inexactly,
@@ -187,22 +188,7 @@ def analyse(
     answer = withhold(
         answer, not_judged(found, of_maps), stays_large(found, of_maps), judged_channels(found)
     )
-    doubted = doubts(campaign.model, campaign.readings)
-    misstated = zeroed(campaign.verifications, residuals.rows.verifications)
-    upcoming = propose_visit(campaign, answer.effects, answer.unexplained)
-    steps = [
-        *mistakes_first(answer.effects),
-        *to_state(misstated),
-        *comparisons(doubted),
-        *(() if upcoming is None else (upcoming.sentence,)),
-        *answer.what_next,
-    ]
-    answer = replace(
-        answer,
-        not_testable=(*misstated, *doubted, *read_inexactly(inexact), *answer.not_testable),
-        next_visit=upcoming,
-        what_next=tuple(dict.fromkeys(steps)),
-    )
+    answer = _with_next_steps(answer, campaign, residuals, inexact)
     return said_first(answer, tried, campaign.model.machine.id)
 
 
@@ -339,6 +325,28 @@ def _answer(
             times_s=found.residuals.rows.times_s[found.use],
         ),
         plots=plots(found, [*effects, *(offered.effect for offered in responses.offered)]),
+    )
+
+
+def _with_next_steps(
+    answer: Analysis, campaign: Campaign, residuals: Residuals, inexact: Mapping[str, Inexact]
+) -> Analysis:
+    """Add what sensors and zeros leave in doubt, and what to measure next."""
+    doubted = doubts(campaign.model, campaign.readings)
+    misstated = zeroed(campaign.verifications, residuals.rows.verifications)
+    upcoming = propose_visit(campaign, answer.effects, answer.unexplained)
+    steps = [
+        *mistakes_first(answer.effects),
+        *to_state(misstated),
+        *comparisons(doubted),
+        *(() if upcoming is None else (upcoming.sentence,)),
+        *answer.what_next,
+    ]
+    return replace(
+        answer,
+        not_testable=(*misstated, *doubted, *read_inexactly(inexact), *answer.not_testable),
+        next_visit=upcoming,
+        what_next=tuple(dict.fromkeys(steps)),
     )
 
 
