@@ -140,7 +140,7 @@ class _Collected:
         return Reading(self.time, dict(self.temperatures_c), dict(self.state))
 
     def tell(self, fate: Fate) -> None:
-        """Say what became of it; a sender of whose sensors one was refused is told that."""
+        """Report what became of it; a sender of a sensor that was refused gets that instead."""
         for sensors, waiting in self.asked:
             if not waiting.done():
                 waiting.set_result(Fate.REFUSED if sensors & self.refused else fate)
@@ -177,18 +177,18 @@ class Sender:
         state: Mapping[str, float] | None = None,
     ) -> asyncio.Future[Fate]:
         """Take values of one machine."""
-        told = self._intake.offer(machine, temperatures_c, time, state)
-        told.add_done_callback(self._count)
-        return told
+        fate = self._intake.offer(machine, temperatures_c, time, state)
+        fate.add_done_callback(self._count)
+        return fate
 
     def refuse(self, where: str, reason: str) -> None:
         """Count what cannot be used."""
         self.fates[Fate.REFUSED] += 1
         self._intake.refuse(where, reason)
 
-    def _count(self, told: asyncio.Future[Fate]) -> None:
-        if not told.cancelled():
-            self.fates[told.result()] += 1
+    def _count(self, fate: asyncio.Future[Fate]) -> None:
+        if not fate.cancelled():
+            self.fates[fate.result()] += 1
 
 
 class Intake:
@@ -241,17 +241,17 @@ class Intake:
         Future of Fate
             Done when it is known what became of the values.
         """
-        told: asyncio.Future[Fate] = asyncio.get_running_loop().create_future()
+        fate: asyncio.Future[Fate] = asyncio.get_running_loop().create_future()
         state = state or {}
         wrong = _not_usable(temperatures_c, state, time)
         if wrong:
             self.refuse(f"machine {machine!r}", wrong)
-            told.set_result(Fate.REFUSED)
-            return told
+            fate.set_result(Fate.REFUSED)
+            return fate
         if self._is_over:
             self.counts.dropped += 1
-            told.set_result(Fate.DROPPED)
-            return told
+            fate.set_result(Fate.DROPPED)
+            return fate
         now = self._context().now()
         if time is not None:
             self._judge_clock(machine, time, now)
@@ -275,13 +275,13 @@ class Intake:
             collected.time = self._own_time(machine, now)
         collected.temperatures_c.update(temperatures_c)
         collected.state.update(state)
-        collected.asked.append((frozenset(temperatures_c), told))
+        collected.asked.append((frozenset(temperatures_c), fate))
         if len(collected.asked) >= MOST_ASKED:
             self._close(key)
-            return told
+            return fate
         if machine in self._usual and collected.names >= self._usual[machine]:
             self._close(key)
-        return told
+        return fate
 
     @property
     def machines_with_wrong_clocks(self) -> tuple[str, ...]:
