@@ -6,7 +6,7 @@ import re
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any, Final, Literal
 
-from fastapi import Header, Query, Request
+from fastapi import Depends, Header, Query, Request
 from starlette.responses import Response, StreamingResponse
 
 from app.api.access import sees, stays_welcome
@@ -108,6 +108,22 @@ _ID: Final = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18})?)?")
 """The last table's number, and the last entry's of the log where that is followed."""
 
 
+async def _wanted(
+    min_change_um: MinChange = 0.1,
+    max_step_um: MaxStep = None,
+    heartbeat_s: Heartbeat = None,
+    kind: Kinds = None,
+    last_event_id: LastEventId = "",
+) -> Wanted:
+    """Read what a follower wants to be sent."""
+    table, entry = _numbers(last_event_id)
+    kinds = TABLES if kind is None else frozenset(kind)
+    return Wanted(min_change_um, max_step_um, table, heartbeat_s, kinds, entry)
+
+
+WantedDep = Annotated[Wanted, Depends(_wanted)]
+
+
 @router.get(
     "/machines/{machine}/compensation/stream",
     summary="The compensation table whenever it changes",
@@ -118,11 +134,7 @@ async def get_table_stream(
     request: Request,
     context: ContextDep,
     machine: MachinePath,
-    min_change_um: MinChange = 0.1,
-    max_step_um: MaxStep = None,
-    heartbeat_s: Heartbeat = None,
-    kind: Kinds = None,
-    last_event_id: LastEventId = "",
+    wanted: WantedDep,
 ) -> Response:
     """Send the table at the latest reading at once, and whenever it has changed.
 
@@ -131,9 +143,6 @@ async def get_table_stream(
     The stream ends when the machine is deleted or the service ends.
     """
     await machine_with_readings(request, context, machine)
-    table, entry = _numbers(last_event_id)
-    kinds = TABLES if kind is None else frozenset(kind)
-    wanted = Wanted(min_change_um, max_step_um, table, heartbeat_s, kinds, entry)
     return _stream(request, machine, wanted)
 
 
@@ -145,19 +154,12 @@ async def get_table_stream(
 )
 async def get_stream(
     request: Request,
-    min_change_um: MinChange = 0.1,
-    max_step_um: MaxStep = None,
-    heartbeat_s: Heartbeat = None,
-    kind: Kinds = None,
-    last_event_id: LastEventId = "",
+    wanted: WantedDep,
 ) -> Response:
     """Send the same of every machine; each event's JSON names its `machine`.
 
     A key for some machines gets the events of these alone.
     """
-    table, entry = _numbers(last_event_id)
-    kinds = TABLES if kind is None else frozenset(kind)
-    wanted = Wanted(min_change_um, max_step_um, table, heartbeat_s, kinds, entry)
     return _stream(request, None, wanted)
 
 
