@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -66,7 +66,7 @@ from app.services.watching_values import shop_values
 from app.settings import Settings, is_postgresql, make_own_folder
 from app.storage.database import Database
 from app.storage.limits import Limits
-from app.storage.migrate import upgrade
+from app.storage.migrate import Upgraded, upgrade
 
 ROOMS = (
     compensation,
@@ -126,15 +126,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     settings = settings or Settings()
     stated = ConnectionsFile() if settings.config is None else read_connections(settings.config)
     expect_servable(settings.opcua_endpoint, stated.opcua_server, insecure=settings.insecure)
-    make_own_folder(settings.database_url)
-    limits = Limits(lock_s=settings.lock_limit_s, statement_s=settings.statement_limit_s)
-    waiting = QueueLimits(settings.waiting_analyses_of_machine, settings.waiting_analyses)
-    context = Context(Database(settings.database_url, limits), queue_limits=waiting)
-    try:
-        upgraded = upgrade(context.database)
-    except BaseException:
-        context.database.close()
-        raise
+    context, upgraded = _open_database(settings)
     # The context as it is then: whoever makes the service may give it another clock.
     ring = KeyRing(lambda: service.state.context, settings.refresh_s)
     follower = DatabaseFollower(
@@ -185,6 +177,35 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.context = context
     service.state.runner = runner
     service.state.database_is_new = upgraded.was_empty
+    _set_state(service, settings, stated, ring)
+    service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
+    _allow_other_sites(service, settings.cors_origins)
+    install_error_responses(service)
+    for room in ROOMS:
+        room.router.serve_by(service)
+    document_problems(service)
+    _add_documentation(service)
+    return service
+
+
+def _open_database(settings: Settings) -> tuple[Context, Upgraded]:
+    """Open the database, and bring it up to date."""
+    make_own_folder(settings.database_url)
+    limits = Limits(lock_s=settings.lock_limit_s, statement_s=settings.statement_limit_s)
+    waiting = QueueLimits(settings.waiting_analyses_of_machine, settings.waiting_analyses)
+    context = Context(Database(settings.database_url, limits), queue_limits=waiting)
+    try:
+        upgraded = upgrade(context.database)
+    except BaseException:
+        context.database.close()
+        raise
+    return context, upgraded
+
+
+def _set_state(
+    service: ThermapService, settings: Settings, stated: ConnectionsFile, ring: KeyRing
+) -> None:
+    """Put what requests share into the service's state, which has its context already."""
     service.state.streams = TableStreams(lambda: service.state.context)
     service.state.turns = Turns(settings.waiting_requests, settings.waiting_limit_s)
     service.state.readiness = SharedQuestion(
@@ -197,7 +218,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         ),
         METRICS_S,
     )
-    service.state.metrics = Metrics(context.live, settings.worker)
+    service.state.metrics = Metrics(service.state.context.live, settings.worker)
     service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)
     service.state.connections = Connections(
         stated, lambda: service.state.context, service.state.streams.all_tables
@@ -212,21 +233,18 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     )
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
-    service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
-    if settings.cors_origins:
+
+
+def _allow_other_sites(service: ThermapService, origins: Sequence[str]) -> None:
+    """Let pages of other sites read and write, where some are named."""
+    if origins:
         service.add_middleware(
             CORSMiddleware,
-            allow_origins=settings.cors_origins,
+            allow_origins=origins,
             allow_methods=["GET", "POST", "PUT", "PATCH", "DELETE"],
             allow_headers=["Authorization", "Content-Type", "If-None-Match", "Last-Event-ID"],
             expose_headers=["ETag", "Location", "Retry-After"],
         )
-    install_error_responses(service)
-    for room in ROOMS:
-        room.router.serve_by(service)
-    document_problems(service)
-    _add_documentation(service)
-    return service
 
 
 def _name_of_process(settings: Settings) -> str:
