@@ -110,10 +110,9 @@ class Selector:
         candidates = self.library.candidates
         self.groups = self.library.groups
         self.families = self.library.families
-        self.is_expected = np.array([c.expected is not None for c in candidates])[self.groups]
-        self.is_sampled = np.array([c.bounds is not None for c in candidates])[self.groups]
-        of_setups = (self.library.candidates[e.candidate].of_setups for e in self.library.entries)
-        self.are_of_setups = np.array([*of_setups], dtype=np.bool_)
+        flags = [(c.expected is not None, c.bounds is not None, c.of_setups) for c in candidates]
+        of_entries = np.array(flags, dtype=np.bool_).reshape(-1, 3)[self.groups]
+        self.is_expected, self.is_sampled, self.are_of_setups = of_entries.T
         self.penalty = penalties(self.library, sum(s.count for s in self.states.values()))
 
     def select(self, draws: Draws | None, known: Sequence[Stage] = ()) -> Selection:
