@@ -69,14 +69,13 @@ class Alike:
     ----------
     probability : ndarray, shape (g,)
         Of each memory and size, in the order of `set_ups_seen`.
+    is_likely
+        Whether they more probably remember than not, whichever channel is left out: what one alone
+        shows may be an effect in it.
     """
 
     probability: FloatArray
-
-    @property
-    def is_likely(self) -> bool:
-        """Whether they more probably remember than not."""
-        return bool(self.probability[_MEMORY > 0.0].sum() > HALF)
+    is_likely: bool
 
     def drawn(
         self,
@@ -120,8 +119,9 @@ class Alike:
 
 def how_alike(seen: Sequence[FloatArray]) -> Alike:
     """Put together what channels show (`set_ups_seen`)."""
-    told = _together(seen)
-    return Alike(np.exp(told - logsumexp(told)))
+    without = (_together([*seen[:i], *seen[i + 1 :]]) for i in range(len(seen)))
+    remember = [_probability(told)[_MEMORY > 0.0].sum() for told in without]
+    return Alike(_probability(_together(seen)), min(remember, default=0.0) > HALF)
 
 
 def set_ups_seen(left: FloatArray, visit: IntArray) -> FloatArray:
@@ -245,6 +245,10 @@ def _expected(others: Sequence[FloatArray]) -> FloatArray:
         np.log1p(-ODD) + told - logsumexp(told), np.log(ODD) + AS_LIKELY_NONE
     )
     return found
+
+
+def _probability(log: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(log - logsumexp(log)))
 
 
 def _together(seen: Sequence[FloatArray]) -> FloatArray:

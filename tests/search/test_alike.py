@@ -110,6 +110,12 @@ def test_channels_together_tell_whether_set_ups_resemble_each_other():
     assert not seen_by(8, size=1.0, memory=0.0).is_likely
 
 
+def test_no_channel_alone_tells_that_set_ups_resemble_each_other():
+    """Its own set-ups may drift for a cause of its own."""
+    assert not seen_by(1, size=3.0, memory=0.97).is_likely
+    assert how_alike([]).is_likely is False
+
+
 def drawn(alike, variance, numbers=(0, 1, 9, 3), times=4000):
     """Draw two shapes of set-ups with these numbers, and give the covariance of the first."""
     rng = np.random.default_rng(1)
