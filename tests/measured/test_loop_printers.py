@@ -58,9 +58,13 @@ def test_that_z_follows_the_bed_late_is_named_whatever_is_left_out(part):
     """Some three minutes: until shorter ones than five were tried, it was another sensor's."""
     printer = PRINTERS["annex"]
     known, _ = campaign(printer, read_homings(data_folder(), printer), part)
-    strongest = analyse(known, kinds=MAY_BE_ADOPTED).effects[0].effect
-    assert (strongest.kind, strongest.sensors) == ("additional-sensor", ("bed",))
-    assert 1.0 < strongest.parameters["time_constant_min"] < 5.0
+    strongest = analyse(known, kinds=MAY_BE_ADOPTED).effects[0]
+    # The nozzle hardly moves: what the bed does, and what it does less the nozzle, is the same.
+    either = {(strongest.kind, strongest.effect.sensors)}
+    either |= {(a.kind, a.sensors) for a in strongest.alternatives if a.tied}
+    assert ("additional-sensor", ("bed",)) in either
+    assert "bed" in strongest.effect.sensors
+    assert 1.0 < strongest.effect.parameters["time_constant_min"] < 5.0
 
 
 @pytest.mark.slow

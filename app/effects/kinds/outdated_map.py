@@ -1,4 +1,4 @@
-"""The tables no longer hold: a shift, a slope, both, a bow or a profile, constant in time."""
+"""The tables no longer hold: a shift, a slope, both, or a profile, constant in time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class OutdatedMap(EffectKind):
     """The same deviation from all maps, whatever the temperatures and the time."""
 
     kind: ClassVar[str] = "outdated-map"
-    text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, a bow or a profile"
+    text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, or a profile"
     drawn_over: ClassVar[DrawnOver] = "position"
     remedy: ClassVar[str] = (
         "Measure a new map of {components}; until then the correction may be adopted."
@@ -40,12 +40,13 @@ class OutdatedMap(EffectKind):
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component in all forms."""
+        """Every component in all forms but the bow: all visits tell of its profile."""
         return Proposals(
             [
                 _hypothesis(code, form)
                 for code in view.components
                 for form in forms_of(view, code, view.shapes(code))
+                if form.name != BOW
             ]
         )
 
