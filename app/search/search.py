@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.search.adequacy import adequacy
-from app.search.candidate import Candidate, Known
+from app.search.candidate import Candidate, Known, KnownTerm
 from app.search.detectability import smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
@@ -125,60 +125,24 @@ def search(
     """
     _refuse(candidates, holdout_fraction, false_alarm)
     report = _ProgressReport(progress)
-    report(0.0, "screening rows")
-
-    def choose(use: BoolArray) -> tuple[Splits, Draws, Selector, Selection]:
-        draws = Draws(seed, DRAWS)
-        splits = split(rows, use, holdout_fraction)
-        made = make_problem(rows, nuisance, use, splits.cell_of, splits.cells)
-        problem = with_expected_wander(made)
-        library = read_library(
-            *(problem, candidates, draws),
-            lambda s: report(0.02 + 0.33 * s, "reading candidates"),
-            by_cell=False,  # parts of the visits see few of them (`Library.take`)
-        )
-        everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
-        selector = Selector(
-            *(library, everything, allowed, false_alarm, most_terms),
-            known=[
-                replace(problem.term(one.candidate, one.theta), origin=number)
-                for number, one in enumerate(known.terms if known else ())
-            ],
-            step=lambda: report(0.35, "searching"),
-        )
-        main = selector.select(draws)
-        if refuted := not_shared(selector, main.terms):
-            own = [library.candidates[e.candidate].family in refuted for e in library.entries]
-            selector.allowed = selector.allowed & ~np.array(own)
-            main = selector.select(draws)
-        alike = set_ups_alike(selector, main.terms)
-        if alike.is_likely:
-            draws, selector.made_anew = draws.with_alike(alike), main.stages[0].limit
-            main = selector.select(draws)
-        return splits, draws, selector, main
-
-    screened = screen(rows, nuisance)
     residuals = rows
     if known is not None:
         rows = replace(rows, values=rows.values + known.explained)
-
-    def beside(selector: Selector, terms: Sequence[Term]) -> Screened:
-        return screen(replace(rows, values=rows.values - _explained(selector, terms)), nuisance)
-
-    doubtful = screened.doubtful(rows)
-    if doubtful.any():
-        # An effect that acts seldom looks like slips, until it is known.
-        *_, selector, main = choose(screened.use | doubtful)
-        explained = beside(selector, main.terms) if main.terms else screened
-        del selector, main  # all their products, before others take as much
-        screened = explained if screened.is_explained_by(explained, rows) else screened
-    splits, draws, selector, main = choose(screened.use)
-    # What an effect had hidden, by making all values scatter, shows beside it.
-    closer = beside(selector, main.terms) if main.terms else screened
-    if (screened.use & ~closer.use).any():
-        screened = closer
-        del splits, draws, selector, main
-        splits, draws, selector, main = choose(screened.use)
+    chooser = _Chooser(
+        rows=rows,
+        nuisance=nuisance,
+        candidates=candidates,
+        known=() if known is None else known.terms,
+        holdout_fraction=holdout_fraction,
+        seed=seed,
+        false_alarm=false_alarm,
+        most_terms=most_terms,
+        report=report,
+    )
+    report(0.0, "screening rows")
+    screened, (splits, draws, selector, main) = chooser.screen_and_choose(
+        screen(residuals, nuisance)
+    )
     use, excluded = screened.use, screened.excluded
     library, allowed, problem = selector.library, selector.allowed, selector.library.problem
     report(0.55, "comparing rivals")
@@ -222,6 +186,91 @@ def search(
     answer = _answer(outcome, use, excluded, held_out, remains)
     report(1.0, "done")
     return _beyond(answer, residuals.values - rows.values)
+
+
+class _Chosen(NamedTuple):
+    """Terms chosen on some rows, and what they were chosen by."""
+
+    splits: Splits
+    draws: Draws
+    selector: Selector
+    main: Selection
+
+
+@dataclass(frozen=True, eq=False)
+class _Chooser:
+    """Chooses terms on all visits, as often as rows are screened anew."""
+
+    rows: Rows
+    nuisance: Sequence[Nuisance]
+    candidates: Sequence[Candidate]
+    known: Sequence[KnownTerm]
+    holdout_fraction: float
+    seed: int
+    false_alarm: float
+    most_terms: int
+    report: Progress
+
+    def screen_and_choose(self, screened: Screened) -> tuple[Screened, _Chosen]:
+        """Choose terms, and look for outliers again beside what is found.
+
+        Parameters
+        ----------
+        screened
+            What was found before anything was explained.
+        """
+        doubtful = screened.doubtful(self.rows)
+        if doubtful.any():
+            # An effect that acts seldom looks like slips, until it is known.
+            explained = self._beside(self._choose(screened.use | doubtful), screened)
+            if screened.is_explained_by(explained, self.rows):
+                screened = explained
+        chosen = self._choose(screened.use)
+        # What an effect had hidden, by making all values scatter, shows beside it.
+        closer = self._beside(chosen, screened)
+        if (screened.use & ~closer.use).any():
+            screened = closer
+            del chosen  # all its products, before others take as much
+            chosen = self._choose(screened.use)
+        return screened, chosen
+
+    def _beside(self, chosen: _Chosen, screened: Screened) -> Screened:
+        """Screen what the chosen terms leave."""
+        terms = chosen.main.terms
+        if not terms:
+            return screened
+        left = self.rows.values - _explained(chosen.selector, terms)
+        return screen(replace(self.rows, values=left), self.nuisance)
+
+    def _choose(self, use: BoolArray) -> _Chosen:
+        draws = Draws(self.seed, DRAWS)
+        splits = split(self.rows, use, self.holdout_fraction)
+        made = make_problem(self.rows, self.nuisance, use, splits.cell_of, splits.cells)
+        problem = with_expected_wander(made)
+        library = read_library(
+            *(problem, self.candidates, draws),
+            lambda s: self.report(0.02 + 0.33 * s, "reading candidates"),
+            by_cell=False,  # parts of the visits see few of them (`Library.take`)
+        )
+        everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
+        selector = Selector(
+            *(library, everything, allowed, self.false_alarm, self.most_terms),
+            known=[
+                replace(problem.term(one.candidate, one.theta), origin=number)
+                for number, one in enumerate(self.known)
+            ],
+            step=lambda: self.report(0.35, "searching"),
+        )
+        main = selector.select(draws)
+        if refuted := not_shared(selector, main.terms):
+            own = [library.candidates[e.candidate].family in refuted for e in library.entries]
+            selector.allowed = selector.allowed & ~np.array(own)
+            main = selector.select(draws)
+        alike = set_ups_alike(selector, main.terms)
+        if alike.is_likely:
+            draws, selector.made_anew = draws.with_alike(alike), main.stages[0].limit
+            main = selector.select(draws)
+        return _Chosen(splits, draws, selector, main)
 
 
 def _explained(selector: Selector, terms: Sequence[Term]) -> FloatArray:
