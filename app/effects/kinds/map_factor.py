@@ -38,6 +38,10 @@ NOT_TOO_LARGE: Final = Expected(tuple(v for v in EXPECTED.values if abs(v) > 1.0
 """Amplitudes of the other tables. Their own errors are in the residuals too: minus a share of what
 they say is there, as if they were too large by a factor."""
 
+OF_ITS_FACTOR: Final = 0.5
+"""A table of one map that is so many times too large is at least half as many times as large as in
+the other maps. Else whatever was wrong only while it was measured is as likely: another kind."""
+
 MULTIPLY: Final = "to_multiply_by"
 
 SURELY: Final = 3.0
@@ -155,6 +159,28 @@ def _is_above_errors(view: CampaignView, codes: tuple[str, ...], label: str) -> 
     return bool(squares) and bool(np.mean(squares) > ABOVE_ITS_ERRORS**2)
 
 
+def _expected(view: CampaignView, codes: tuple[str, ...], label: str) -> Expected:
+    """Say by which factors tables may be wrong, by what they say."""
+    if not _is_above_errors(view, codes, label):
+        return NOT_TOO_LARGE
+    largest = _times_others(view, codes, label) / OF_ITS_FACTOR
+    possible = (v for v in EXPECTED.values if not -1.0 < v < 0.0 or 1.0 / (1.0 + v) <= largest)
+    return Expected(tuple(possible), EXPECTED.spread)
+
+
+def _times_others(view: CampaignView, codes: tuple[str, ...], label: str) -> float:
+    """Say how many times as large a map's tables are as those of the same components elsewhere."""
+    if not label:
+        return np.inf
+    of_label = {id(one) for one in maps_of_label(view.maps, label)}
+    squares: dict[bool, list[float]] = {True: [], False: []}
+    for one in view.maps:
+        tables = (one.tables[code] for code in codes if code in one.tables)
+        squares[id(one) in of_label] += [float(np.mean(table.errors**2)) for table in tables]
+    own, others = (float(np.mean(squares[which] or [0.0])) for which in (True, False))
+    return float(np.sqrt(own / others)) if others > 0.0 else np.inf
+
+
 def _square_over_error(error_map: ErrorMap, table: ComponentTable) -> float:
     unstated = max(error_map.repeatability_um or 0.0, UNSTATED)
     error = unstated if table.standard_errors is None else table.standard_errors
@@ -170,7 +196,7 @@ def _hypothesis(view: CampaignView, codes: tuple[str, ...], label: str) -> Hypot
         adopted_terms=no_terms,
         amplitudes=(Amplitude(MULTIPLY),),
         supposed=partial(_supposed, codes, label),
-        expected=EXPECTED if _is_above_errors(view, codes, label) else NOT_TOO_LARGE,
+        expected=_expected(view, codes, label),
         report=_reported,
         is_within_visit=any(COMPONENTS[code].is_table for code in codes),
     )
