@@ -22,7 +22,7 @@ from app.geometry.components import COMPONENTS, ORDER, Component, Kind
 from app.search.noise import deviations
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
-from app.thermal.machine import Machine, Travel
+from app.thermal.machine import Machine, OutOfRange, Travel
 from app.units import SECONDS_PER_MIN
 
 KNOWN_SHARE: Final = 0.95
@@ -311,7 +311,8 @@ def beyond_maps(
         return None
     there = [stated[label] - (less[label] if minus else 0.0) for label in labels]
     points = tuple(zip(scale.temperatures_c, there, strict=True))
-    return BeyondMaps(sensor, minus, scale.sensor, points)
+    goes_on = model.machine.out_of_range is OutOfRange.EXTRAPOLATE
+    return BeyondMaps(sensor, minus, scale.sensor, points, goes_on=goes_on)
 
 
 def travel_of(

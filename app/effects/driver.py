@@ -216,8 +216,7 @@ class BeyondMaps(Driver):
     """How far a temperature, or a difference of two, is from what it was in the maps [K].
 
     What a second sensor did while the maps were measured is inside them: at any temperature of
-    the component's own sensor the model interpolates it along, and extrapolates it along beyond
-    the maps. Only the rest is lacking.
+    the component's own sensor the model interpolates it along. Only the rest is lacking.
 
     Parameters
     ----------
@@ -229,6 +228,9 @@ class BeyondMaps(Driver):
     time_constant_s
         Of what follows the sensor or the difference late; None: at once. `in_maps_c` then has
         what was followed when the maps were measured: what they state, where it had settled.
+    goes_on
+        Whether the machine extrapolates its maps: what they have of the second sensor then goes on
+        beyond them too; else it stays as it was in the outermost.
     """
 
     name: ClassVar[str] = "beyond-maps"
@@ -237,15 +239,19 @@ class BeyondMaps(Driver):
     own: str
     in_maps_c: tuple[tuple[float, float], ...]
     time_constant_s: float | None = None
+    goes_on: bool = False
 
     def at(self, conditions: Conditions) -> FloatArray:
         """Give T, or T_lag, less T in the maps at the own sensor's temperature [K]."""
         value = _read(conditions, self.sensor, self.time_constant_s)
         if self.minus:
             value = value - _read(conditions, self.minus, self.time_constant_s)
-        scale, there = zip(*self.in_maps_c, strict=True)
-        found: FloatArray = value - _along(conditions.temperature(self.own), scale, there)
+        found: FloatArray = value - self._in_maps(conditions.temperature(self.own))
         return found
+
+    def _in_maps(self, own_c: FloatArray) -> FloatArray:
+        scale, there = zip(*self.in_maps_c, strict=True)
+        return _along(own_c if self.goes_on else np.clip(own_c, scale[0], scale[-1]), scale, there)
 
     @property
     def signals(self) -> tuple[tuple[Signal, float | None], ...]:
@@ -270,8 +276,7 @@ class BeyondMaps(Driver):
         Both are straight between their nodes, so their difference is largest at one of them.
         """
         at = np.unique([t for one in (self, other) for t, _ in one.in_maps_c])
-        own, there = (_along(at, *zip(*one.in_maps_c, strict=True)) for one in (self, other))
-        by = own - there
+        by = self._in_maps(at) - other._in_maps(at)
         return learnt[0] + float(by.min()), learnt[1] + float(by.max())
 
 

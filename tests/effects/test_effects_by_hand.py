@@ -40,7 +40,7 @@ from tests.effects.example_campaign_view import START_S, example_view, machine, 
 
 HALF = Rising(250.0, 250.0)
 IN_MAPS = ((20.0, 30.0), (24.0, 38.0), (30.0, 50.0))
-COLDER = ((15.0, 24.0), (18.0, 30.0))
+EXTRAPOLATED = BeyondMaps("spindle", "", "x-middle", ((15.0, 24.0), (18.0, 30.0)), goes_on=True)
 APART = ((20.0, 10.0), (24.0, 14.0), (30.0, 20.0))
 SCALE = (20.0, 24.0, 30.0)
 MODEL = compile_model(machine(), maps(), dict.fromkeys(("EXX", "EYX", "EYY"), "x-middle"))
@@ -131,7 +131,9 @@ def test_another_sensor_reads_the_same_maps():
         # Beyond the maps what the line of the last two lacks: (22 − 15)(22 − 18) = 28 K².
         (Term("EXX", Curvature("x-middle", (12.0, 15.0, 18.0)), Everywhere(), 0.1), {}, 0.0, 2.8),
         # There the maps' spindle goes on by 2 K/K, from 30 °C at 18 °C to 38 °C: 2 K are lacking.
-        (Term("EXX", BeyondMaps("spindle", "", "x-middle", COLDER), Everywhere(), 0.5), {}, 0, 1.0),
+        # If the machine does not extrapolate, it stays at 30 °C.
+        (Term("EXX", EXTRAPOLATED, Everywhere(), 0.5), {}, 0, 1.0),
+        (Term("EXX", replace(EXTRAPOLATED, goes_on=False), Everywhere(), 0.5), {}, 0, 5.0),
         # Half way from the map of 20 °C to that of 24 °C; a third beyond the last two.
         (Term("EXX", ShareOfMap("x-middle", SCALE, 20.0), Everywhere(), 3.0), {}, 0.0, 1.5),
         (Term("EXX", ShareOfMap("x-middle", SCALE, 24.0), Everywhere(), 3.0), {}, 0.0, 1.5),
