@@ -69,9 +69,10 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
         [] if term.origin is not None or odd.isdisjoint(term.channels) else [WANDERS_ALONE]
         for term in terms
     ]
-    for number in _walking(selector, terms):
+    beside = _Beside.of(selector, terms)
+    for number in _walking(beside):
         said[number].append(WALKS)
-    for number in _alike(selector, terms):
+    for number in _alike(selector, beside):
         said[number].append(ALIKE)
     if not candidates:
         return [tuple(words) for words in said]
@@ -112,50 +113,17 @@ def _odd_wanderers(selector: Selector, terms: Sequence[Term]) -> set[int]:
     return found
 
 
-def _walking(selector: Selector, terms: Sequence[Term]) -> list[int]:
-    """Name the terms that grow or begin with time but may be zeros that walk at random.
-
-    Zeros of different channels walk independently: one channel that rules it out is enough.
-    """
-    trends = [n for n, t in enumerate(terms) if t.origin is None and t.candidate.trending]
-    if not trends:
-        return []
-    learned = learn(selector.states, terms)
-    channels = {c: state.fixed.channel for c, state in selector.states.items()}
-    visit = {c: selector.library.problem.rows.visit[one.rows] for c, one in channels.items()}
-    left = {c: one.values - learned.effect(c) for c, one in channels.items()}
-    seen = {c: walk_seen(left[c], visit[c]) for c in channels}
-    starts = np.cumsum([0, *(term.size for term in terms)])
-    found = []
-    for number in trends:
-        amplitudes = learned.fit.amplitudes[starts[number] : starts[number + 1]]
-        judged = []
-        for c, columns in terms[number].columns.items():
-            own = columns @ amplitudes
-            others = [w for other, w in seen.items() if other != c and w is not None]
-            judged.append(may_be_walk(left[c] + own, own, visit[c], others))
-        if True in judged and False not in judged:
-            found.append(number)
-    return found
-
-
-def set_ups_alike(selector: Selector, terms: Sequence[Term]) -> Alike:
-    """Say how much set-ups resemble each other beside terms."""
-    return how_alike(list(_Beside.of(selector, terms).seen.values()))
-
-
 class _Beside(NamedTuple):
-    """What is left beside terms: by channel, residuals, their set-ups, and what these show.
+    """What is left beside terms: by channel, residuals, their set-ups, and what terms explain.
 
-    `is_free` says for each row whether the zero of its set-up is not known; of a channel that has
-    such rows nothing is `seen`.
+    `is_free` says for each row whether the zero of its set-up is not known.
     """
 
+    terms: Sequence[Term]
     learned: Learned
     left: dict[int, FloatArray]
     visit: dict[int, IntArray]
     is_free: dict[int, BoolArray]
-    seen: dict[int, FloatArray]
 
     @classmethod
     def of(cls, selector: Selector, terms: Sequence[Term]) -> _Beside:
@@ -170,37 +138,72 @@ class _Beside(NamedTuple):
             for c, own in visit.items()
         }
         left = {c: one.values - learned.effect(c) for c, one in channels.items()}
-        seen = {c: set_ups_seen(left[c], visit[c]) for c in channels if not free[c].any()}
-        return cls(learned, left, visit, free, seen)
+        return cls(terms, learned, left, visit, free)
+
+    @property
+    def seen(self) -> dict[int, FloatArray]:
+        """What set-ups show of the channels whose every zero is known."""
+        return {
+            c: set_ups_seen(self.left[c], self.visit[c])
+            for c, free in self.is_free.items()
+            if not free.any()
+        }
+
+    def explained(self, number: int) -> dict[int, FloatArray]:
+        """Say what one of the terms explains of each channel that it acts on."""
+        first = sum(term.size for term in self.terms[:number])
+        term = self.terms[number]
+        amplitudes = self.learned.fit.amplitudes[first : first + term.size]
+        return {c: columns @ amplitudes for c, columns in term.columns.items()}
 
 
-def _alike(selector: Selector, terms: Sequence[Term]) -> list[int]:
-    """Name the terms that stand still but may be mostly what set-ups have in common."""
-    standing = [n for n, t in enumerate(terms) if t.origin is None and t.candidate.standing]
-    if not standing:
-        return []
-    beside = _Beside.of(selector, terms)
-    tilt = selector.library.problem.rows.tilt
-    starts = np.cumsum([0, *(term.size for term in terms)])
+def _walking(beside: _Beside) -> list[int]:
+    """Name the terms that grow or begin with time but may be zeros that walk at random.
+
+    Zeros of different channels walk independently: one channel that rules it out is enough.
+    """
+    seen = {c: walk_seen(left, beside.visit[c]) for c, left in beside.left.items()}
     found = []
-    for number in standing:
-        amplitudes = beside.learned.fit.amplitudes[starts[number] : starts[number + 1]]
+    for number, term in enumerate(beside.terms):
+        if term.origin is not None or not term.candidate.trending:
+            continue
+        judged = []
+        for c, own in beside.explained(number).items():
+            others = [w for other, w in seen.items() if other != c and w is not None]
+            judged.append(may_be_walk(beside.left[c] + own, own, beside.visit[c], others))
+        if True in judged and False not in judged:
+            found.append(number)
+    return found
+
+
+def set_ups_alike(selector: Selector, terms: Sequence[Term]) -> Alike:
+    """Say how much set-ups resemble each other beside terms."""
+    return how_alike(list(_Beside.of(selector, terms).seen.values()))
+
+
+def _alike(selector: Selector, beside: _Beside) -> list[int]:
+    """Name the terms that stand still but may be mostly what set-ups have in common."""
+    tilt, seen = selector.library.problem.rows.tilt, beside.seen
+    found = []
+    for number, term in enumerate(beside.terms):
+        if term.origin is not None or not term.candidate.standing:
+            continue
         evidence = [
             evidence_beside_alike(
                 beside.left[c],
-                columns @ amplitudes,
+                own,
                 tilt[selector.states[c].fixed.channel.rows],
                 beside.visit[c],
                 beside.is_free[c],
-                [told for other, told in beside.seen.items() if other != c],
+                [told for other, told in seen.items() if other != c],
             )
-            for c, columns in terms[number].columns.items()
+            for c, own in beside.explained(number).items()
         ]
         known = [one for one in evidence if one is not None]
-        setups = max(np.unique(beside.visit[c]).size for c in terms[number].columns)
+        setups = max(np.unique(beside.visit[c]).size for c in term.columns)
         # What all set-ups have in common is one number, known by as many values as there are
         # set-ups.
-        cost = selector.odds_of_family(terms[number]) + np.log(setups)
+        cost = selector.odds_of_family(term) + np.log(setups)
         if known and sum(known) < cost:
             found.append(number)
     return found
