@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -412,18 +413,43 @@ def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     console = Console(stderr=True)
     hidden = not console.is_terminal
-    try:
-        with Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as progress:
-            task = progress.add_task("waiting", total=1.0)
-            while (job := thermap.analysis(machine, analysis_id)).status in _GOING_ON:
-                words = job.message or str(job.status)
-                progress.update(task, completed=job.progress, description=words)
-                time.sleep(POLL_S)
-            progress.update(task, completed=job.progress)
-    except KeyboardInterrupt:
-        _cancel(thermap, machine, analysis_id)
-        raise typer.Exit(130) from None
+    with (
+        _CtrlC() as ctrl_c,
+        Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as progress,
+    ):
+        task = progress.add_task("waiting", total=1.0)
+        while (job := thermap.analysis(machine, analysis_id)).status in _GOING_ON:
+            words = job.message or str(job.status)
+            progress.update(task, completed=job.progress, description=words)
+            time.sleep(POLL_S)
+            if ctrl_c.is_pressed:
+                progress.stop()
+                _cancel(thermap, machine, analysis_id)
+                raise typer.Exit(130)
+        progress.update(task, completed=job.progress)
     _expect_done(job)
+
+
+class _CtrlC:
+    """Notes that Ctrl-C was pressed; pressed again it interrupts as ever.
+
+    Raised where an answer's shape is compiled, at the first answer, the interrupt would come out as
+    an error of the shape.
+    """
+
+    def __init__(self) -> None:
+        self.is_pressed = False
+
+    def __enter__(self) -> _CtrlC:
+        self._before = signal.signal(signal.SIGINT, self._press)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _press(self, *_: object) -> None:
+        self.is_pressed = True
+        signal.signal(signal.SIGINT, self._before)
 
 
 def _cancel(thermap: ThermapClient, machine: str, analysis_id: int) -> None:

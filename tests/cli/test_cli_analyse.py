@@ -25,6 +25,7 @@ from tests.cli.conftest import ended
 from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, MOVED, NOTHING, UNEXPLAINED
 from tests.service_examples import MACHINE, Clock, error_map, running
+from thermap import ThermapClient
 
 QUICK = ("--effects", "backlash")
 """One kind of effect: the whole library takes longer than a test should."""
@@ -362,6 +363,25 @@ def test_ctrl_c_cancels_it(client, start, service_url):
     assert code == 130, err
     assert "cancelled" in err
     assert client.analysis(MACHINE_ID, jobs[0].id).status == "cancelled"
+
+
+def test_ctrl_c_while_an_answers_shape_is_compiled_cancels_it_too(thermap, client, monkeypatch):
+    """Compiled code turns an interrupt into an error of its own."""
+    client.store_verification(MACHINE_ID, small_campaign().verifications[0])
+    follow = ThermapClient.analysis
+
+    def pressed_meanwhile(self, machine, analysis):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("the shape cannot be compiled") from None
+        return follow(self, machine, analysis)
+
+    monkeypatch.setattr(ThermapClient, "analysis", pressed_meanwhile)
+    monkeypatch.setattr("app.cli.analyse._GOING_ON", {"queued", "running", "done"})
+    found = thermap("analyse", MACHINE_ID)
+    assert found.exit_code == 130, found.output
+    assert "analysis 1" in found.stderr
 
 
 @pytest.mark.slow
