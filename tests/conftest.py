@@ -42,6 +42,11 @@ def pytest_collection():
         gc.enable()
 
 
+def pytest_collection_modifyitems(items):
+    """Begin with what waits longest: at the end, nothing else would be left to run beside it."""
+    items.sort(key=lambda item: item.get_closest_marker("begin") is None)
+
+
 class Doctests:
     """For every folder that is collected: modules are asked for doctests where they have any."""
 

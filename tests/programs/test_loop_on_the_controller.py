@@ -15,6 +15,7 @@ from examples.linuxcnc.plant import LASER_UM, LATE_S
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.begin,  # LinuxCNC moves in real time: 7 min
     pytest.mark.skipif(
         LINUXCNC is None and "THERMAP_REQUIRE_SERVICES" not in os.environ,
         reason="LinuxCNC is not installed (Debian: linuxcnc-uspace)",
@@ -22,29 +23,29 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def closed(tmp_path_factory):
-    return close_the_loop(tmp_path_factory.mktemp("shop"))
+def test_the_loop_is_closed(tmp_path):
+    """One test, since the walk takes minutes: on another worker it would be walked again."""
+    exported, before, found, after = close_the_loop(tmp_path)
+    expect_what_was_measured_to_be_taken_away(exported)
+    expect_what_nobody_declared_to_be_named(found)
+    expect_the_motors_to_follow_what_was_adopted(before, after)
 
 
-def test_what_the_program_measured_the_controller_takes_away(closed):
-    exported, *_ = closed
+def expect_what_was_measured_to_be_taken_away(exported):
     assert [one.name for one in exported] == ["x", "z"]
     for one in exported:
         assert one.before_um > 15.0
         assert one.after_um < 0.1
 
 
-def test_what_nobody_declared_is_named(closed):
-    *_, found, _ = closed
+def expect_what_nobody_declared_to_be_named(found):
     assert "EZZ follows z-column" in found.summary
     assert found.status == "confirmed"
     assert found.late_min == pytest.approx(LATE_S / 60.0, rel=0.1)
 
 
-def test_the_motors_follow_what_was_adopted_through_a_warm_up(closed):
-    """The maps alone are wrong by what the column is behind its sensor."""
-    _, before, _, after = closed
+def expect_the_motors_to_follow_what_was_adopted(before, after):
+    """Through a warm-up. The maps alone are wrong by what the column is behind its sensor."""
     assert [one.minutes for one in after[:-1]] == [one.minutes for one in before[:-1]]
     assert after[-1].minutes >= before[-1].minutes
     late = max(before, key=lambda one: abs(one.late_c))
