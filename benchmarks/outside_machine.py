@@ -42,6 +42,9 @@ EVERY_MIN: Final = 4
 DAYS: Final = 10
 MAP_NOISE_UM: Final = 0.3
 
+DOOR: Final = "door in the afternoon"
+"""Where it stood open beside a map, that map is wrong, and the cause has a name for once."""
+
 CAUSES: Final[Mapping[str, frozenset[str]]] = {
     "nothing": frozenset(),
     "play of a bolted joint": frozenset(),
@@ -50,7 +53,7 @@ CAUSES: Final[Mapping[str, frozenset[str]]] = {
     "sensor placed between bodies": frozenset(
         {"other-sensor", "additional-sensor", "sensor-gradient", "detached-sensor"}
     ),
-    "door in the afternoon": frozenset(),
+    DOOR: frozenset(),
     "flow on a relay": frozenset(),
     "relaxing after a crash": frozenset({"step", "drift"}),
     "plugs exchanged": frozenset({"exchanged-sensors"}),
@@ -134,10 +137,13 @@ def make_outside(
         return np.asarray(found)
 
     sensors = _sensors(rng, cause, struck, truth)
-    maps, kept = _maps(rng, cause, struck, error, sensors, truth, size_um)
+    maps, mapped_at = _maps(rng, cause, struck, error, sensors, truth, size_um)
+    right = CAUSES[cause]
+    if cause == DOOR and extra is not None and extra[mapped_at].max() > extra.max() / 2.0:
+        right |= {"wrong-map"}  # it stood open there
     starts = _starts(rng, visits + later)
     walk, settles = np.cumsum(rng.normal(0.0, 0.7, (visits + later, len(FOLLOWS))), axis=0), 8.0
-    bodies = []
+    bodies: list[dict[str, Any]] = []
     for number, start in enumerate(starts):
         is_later = number >= visits
         rows: list[dict[str, Any]] = []
@@ -177,11 +183,11 @@ def make_outside(
     return OutsideCampaign(
         _machine(seed),
         maps,
-        {code: body for code, body in FOLLOWS.items() if code in kept},
+        dict(FOLLOWS),
         readings,
         bodies[:visits],
         {"label": "later", "datum": "absolute", "observations": together},
-        CAUSES[cause],
+        right,
         frozenset() if all_struck else frozenset({struck.lower()}),
         FORMS.get(cause),
     )
@@ -249,7 +255,7 @@ def _extra(
     makers: dict[str, Callable[[], FloatArray]] = {
         "play of a bolted joint": lambda: _play(own, 2.5),
         "product of temperatures": lambda: (truth["headstock"] - 24.0) * (truth["room"] - 20.5),
-        "door in the afternoon": lambda: _door(rng, minutes),
+        DOOR: lambda: _door(rng, minutes),
         "flow on a relay": lambda: _relay(truth["headstock"]),
         "relaxing after a crash": lambda: _crash(rng, minutes),
     }
@@ -332,8 +338,8 @@ def _maps(
     sensors: Mapping[str, FloatArray],
     truth: Mapping[str, FloatArray],
     size_um: float,
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """Three maps over the range; plugs were still right then."""
+) -> tuple[list[dict[str, Any]], list[int]]:
+    """Three maps over the range; plugs were still right then. And when the struck one was made."""
     u = np.linspace(-1.0, 1.0, POSITIONS)
     own = truth["headstock"]
     moments = [
@@ -342,7 +348,7 @@ def _maps(
         int(np.argmax(own)),
     ]
     wrong = int(rng.integers(len(moments))) if cause == "door open beside one map" else None
-    found = []
+    found, mapped_at = [], []
     for number, minute in enumerate(moments):
         plugged = truth if cause == "plugs exchanged" else sensors
         temperatures = {name: float(plugged[name][minute]) for name in BODIES}
@@ -355,6 +361,8 @@ def _maps(
             is_line = code[0] == "E"
             errors = error(code, u if is_line else np.zeros(1), nearest)
             errors = errors + rng.normal(0.0, MAP_NOISE_UM, errors.size)
+            if code == struck:
+                mapped_at.append(nearest)
             if cause == "one table with the wrong sign" and code == struck:
                 errors = -errors
             if number == wrong and code == struck:
@@ -372,7 +380,7 @@ def _maps(
                 "repeatability_um": MAP_NOISE_UM,
             }
         )
-    return found, list(FOLLOWS)
+    return found, mapped_at
 
 
 def _table(code: str, u: FloatArray, errors: FloatArray) -> dict[str, Any]:
