@@ -317,6 +317,7 @@ class Fault:
         return term
 
 
+@pytest.mark.slow
 def test_what_came_and_stays_shows_on_the_last_visits_by_the_zero_they_share():
     """Of a change that is the same ever after, the last third alone shows nothing: no zero."""
     anew, same = (Fault().found(keeps_zero) for keeps_zero in (False, True))
@@ -325,6 +326,7 @@ def test_what_came_and_stays_shows_on_the_last_visits_by_the_zero_they_share():
     assert same.forward_slope.error < 0.15
 
 
+@pytest.mark.slow
 def test_what_came_and_went_does_not_hold_on_the_last_visits():
     found = Fault(until_min=1080.0).found(keeps_zero=True)
     assert abs(found.forward_slope.value) < 3.0 * found.forward_slope.error
