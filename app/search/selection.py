@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.search.base_grams import BaseGrams
+from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
 from app.search.joint_fit import Fit, fit_terms, unexpected
 from app.search.library import Library
@@ -24,7 +26,7 @@ from app.search.refinement import refine
 from app.search.same_course import second_late, taken_back
 from app.search.scan import Scan, scan
 from app.search.state import Given, State
-from app.search.threshold import Threshold, threshold
+from app.search.threshold import Threshold, threshold, upper_tail
 
 WORTH_A_SWAP: Final = 2.0
 """Twice the log evidence that a rival must be better by to take a term's place."""
@@ -34,6 +36,10 @@ NEAR: Final = 0.1
 
 CLOSE: Final = 3.0
 """Reduced surprise below the threshold from which an entry makes a probability below 0.2 or so."""
+
+CHANCE_COURSE: Final = 0.05
+"""Probability by which noise shows a course beside a constant. What resembling set-ups have in
+common passes the threshold in one campaign of several: so it is named in one of a hundred."""
 
 EXCHANGES: Final = 3
 FINALISTS: Final = 6
@@ -49,12 +55,19 @@ of the rows have the whole effect where there is none."""
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One scan's threshold, what it found, and which entries it could test."""
+    """One scan's threshold, what it found, and which entries it could test.
+
+    `alike` is the threshold where set-ups resemble each other, if `limit` judges what set-ups do
+    themselves as if they were made anew; `is_level` says which of these may be no more than what
+    set-ups that resemble each other have in common.
+    """
 
     limit: Threshold
     global_p: float
     ratio: FloatArray
     rank: FloatArray
+    is_level: BoolArray
+    alike: Threshold | None = None
 
 
 @dataclass(eq=False)
@@ -88,7 +101,7 @@ class Selector:
         out where they no longer pay.
     made_anew
         The threshold where set-ups are made anew each time: it goes on to judge what set-ups do
-        themselves. None: it judges everything.
+        themselves, of which then more than a constant must be seen. None: it judges everything.
     step
         Called between parts of the work; may raise to stop.
     """
@@ -130,7 +143,7 @@ class Selector:
         while True:
             self.step()
             found = self.scan(chosen.terms, None if chosen.stages else draws)
-            stage = self._stage(found, [*chosen.stages, *known])
+            stage = self._stage(found, [*chosen.stages, *known], chosen.terms)
             chosen.stages.append(stage)
             term = self._best(found, stage, chosen.terms)
             if term is None:
@@ -205,17 +218,20 @@ class Selector:
         """Refine a term's nonlinear parameter on these cells."""
         return refine(self.library.problem, self.states, term, others)
 
-    def _stage(self, found: Scan, known: Sequence[Stage]) -> Stage:
+    def _stage(self, found: Scan, known: Sequence[Stage], others: Sequence[Term]) -> Stage:
+        alike = None
         if found.noise.shape[1]:  # draws, even where the library is empty
             tested = _only(found, self.allowed)
             halves = self.library.problem.has_expected_wander
             limit = threshold(tested, self.groups, self.families, self.false_alarm, halves)
             if self.made_anew is not None:
-                limit = limit.except_for(self.are_of_setups, self.made_anew)
+                alike, limit = limit, limit.except_for(self.are_of_setups, self.made_anew)
         else:
-            limit = known[0].limit
+            limit, alike = known[0].limit, known[0].alike
         allowed = self.allowed & ~self._unexpected(found, limit) if not known else self.allowed
-        return Stage(limit, limit.global_p(_only(found, allowed)), found.ratio, found.rank)
+        is_level = self._are_levels(found, limit, alike, others)
+        p = limit.global_p(_only(found, allowed & ~is_level))
+        return Stage(limit, p, found.ratio, found.rank, is_level, alike)
 
     def _unexpected(self, found: Scan, limit: Threshold) -> BoolArray:
         """Say which entries stand out by an amplitude other than the one that they should have.
@@ -240,13 +256,49 @@ class Selector:
         # The correction may lower the evidence, never raise it: it comes from few draws.
         factor = np.minimum(stage.limit.bartlett, 1.0)
         score = found.ratio * factor - self.penalty
-        passed = self.beside(others) & (stage.limit.excess(found) >= 0)
+        passed = self.beside(others) & ~stage.is_level & (stage.limit.excess(found) >= 0)
         best = self._best_beside(np.where(passed & (score > 0), score, -np.inf), others)
         if best is None:
             return None
         # A scan does not see whether an amplitude is what it is expected to be.
         is_right = best.candidate.expected is None or self.evidence(best, others) > 0
         return best if is_right else None
+
+    def _are_levels(
+        self, found: Scan, limit: Threshold, alike: Threshold | None, others: Sequence[Term]
+    ) -> BoolArray:
+        """Say which entries may be what set-ups that resemble each other have in common.
+
+        They have it without any cause, and what settles within minutes is nearly a constant: its
+        course within the set-ups must show too. One instrument measures all channels, so one that
+        shows it is enough.
+        """
+        if alike is None or any(term.candidate.of_setups for term in others):
+            return np.zeros_like(self.allowed)
+        passed = self.beside(others) & (limit.excess(found) >= 0)
+        is_open = np.asarray(passed & self.are_of_setups & (alike.excess(found) < 0))
+        is_known = any(
+            self._has_course(self.library.term(entry), others)
+            for entry in np.flatnonzero(is_open).tolist()
+        )
+        return np.zeros_like(is_open) if is_known else is_open
+
+    def _has_course(self, term: Term, others: Sequence[Term]) -> bool:
+        """Whether a term is seen beside a constant of its channels, and as it is without one."""
+        beside = [*others, *self._constants(term)]
+        known, alone, both = (self.fit(t) for t in (beside, [*others, term], [*beside, term]))
+        is_same = alone.amplitudes[-term.size :] @ both.amplitudes[-term.size :] > 0.0
+        rise = 2.0 * (both.log_likelihood - known.log_likelihood)
+        return bool(is_same and 0.5 * upper_tail(rise, term.size) < CHANCE_COURSE)
+
+    def _constants(self, term: Term) -> list[Term]:
+        """Make a constant for each channel in which a term acts."""
+        problem = self.library.problem
+        rows = {c: problem.fixed[c].channel.rows for c in term.channels}
+        parts = [Part(c, own, np.ones((len(own), 1))) for c, own in rows.items()]
+        return [
+            problem.term(Candidate(OFFSET, OFFSET, partial(_columns, part)), None) for part in parts
+        ]
 
     def beside(self, others: Sequence[Term]) -> BoolArray:
         """Say which entries may be chosen beside others, shape (entries,)."""
@@ -363,6 +415,10 @@ class Selector:
         touched = correlation[:, np.isin(of_term, moved)].max(axis=1) > NEAR
         near = np.unique(of_term[touched])
         return [i for i in near.tolist() if i < len(terms) - 1 or i not in moved]
+
+
+def _columns(part: Part, _: float | None) -> list[Part]:
+    return [part]
 
 
 def _new(terms: Sequence[Term]) -> int:

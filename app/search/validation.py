@@ -248,7 +248,11 @@ def _learned(
     known = [term for term in main.terms if term.origin is not None]
     count = len(main.terms) - len(known)
     selector = Selector(library, train, allowed, 0.0, count, known)
-    terms = selector.select(None, main.stages).terms
+    stages = main.stages
+    if any(term.candidate.of_setups for term in main.terms):
+        # What all visits show of the instrument need not show in a part of them again.
+        stages = [replace(stage, alike=None) for stage in stages]
+    terms = selector.select(None, stages).terms
     return learn(selector.states, _as_stated(library.problem, terms, main.terms, rivals))
 
 

@@ -1,5 +1,7 @@
 """What set-ups have in common because they resemble each other is not taken for a map's."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,9 @@ from app.search.alike import (
     how_alike,
     set_ups_seen,
 )
+from app.search.candidate import Candidate, Part
+from app.search.rows import DeclaredNoise, Rows
+from app.search.search import search
 
 SURE = 10.0
 """About what one of 80 candidates of a family costs in eight set-ups."""
@@ -163,3 +168,44 @@ def test_signs_and_the_order_of_rows_change_nothing():
     assert evidence_beside_alike(left[order], own[order], tilt[order], visit[order] + 3, known) == (
         expected
     )
+
+
+SINCE_MIN = np.linspace(4.0, 13.0, 14)
+
+
+def warm_up_in(settles, shift=0.0, channels=6, count=12):
+    """Search set-ups that resemble each other; one channel settles, or all of it is shifted."""
+    rng = np.random.default_rng(4)
+    each = len(SINCE_MIN)
+    visit = np.tile(np.repeat(np.arange(count), each), channels)
+    channel = np.repeat(np.arange(channels), count * each)
+    since_min = np.tile(SINCE_MIN, channels * count)
+    levels = np.array([setups(rng, count, 1.0, 0.85) for _ in range(channels)])
+    values = levels[channel, visit] + rng.normal(size=len(visit))
+    values[channel == 0] += shift - settles * np.expm1(-since_min[channel == 0] / 4.0)
+    of_channel = {c: np.flatnonzero(channel == c) for c in range(channels)}
+
+    def settling(c, tau_min):
+        own = of_channel[c]
+        return [Part(c, own, -np.expm1(-since_min[own] / tau_min)[:, None])]
+
+    rows = Rows(
+        values, visit, channel, np.zeros((len(visit), 0)), np.full(len(visit), -1),
+        dict.fromkeys(of_channel, DeclaredNoise(1.0, None, None)), {},
+    )  # fmt: skip
+    candidates = [
+        Candidate(
+            f"{c}", "warm-up", partial(settling, c), (2.0, 4.0, 8.0, 16.0), (2.0, 16.0),
+            within_visit=True, of_setups=True,
+        )
+        for c in range(channels)
+    ]  # fmt: skip
+    return [term.channels for term in search(rows, [], candidates, holdout_fraction=0.3).terms]
+
+
+def test_a_shift_that_set_ups_share_is_nothing_that_settles_within_minutes():
+    assert warm_up_in(0.0, shift=2.0) == []
+
+
+def test_what_settles_in_set_ups_that_resemble_each_other_is_found_by_its_course():
+    assert (0,) in warm_up_in(4.0)
