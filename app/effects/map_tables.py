@@ -191,6 +191,13 @@ def maps_of_label(maps: Sequence[ErrorMap], label: str) -> list[ErrorMap]:
     return exact or [m for m in maps if m.label in label.split(TOGETHER)]
 
 
+def times_of_maps(model: CompiledModel, maps: Sequence[ErrorMap], code: str) -> list[float]:
+    """Say when the maps of a component were measured [s since 1970]."""
+    found = model.find(code)
+    labels = found[0].labels if found else ()
+    return [m.measured_at.timestamp() for label in labels for m in maps_of_label(maps, label)]
+
+
 def scale_by(group: Group, sensor: str, map_temperatures_c: Mapping[str, float]) -> Scale | None:
     """Put a group's maps on any sensor's scale.
 

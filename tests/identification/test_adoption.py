@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
 from app.effects.flexible import OVER_TIME
 from app.effects.observations import Observation, Verification, observation_rows
@@ -18,16 +19,19 @@ from app.identification.analysis.adoption import (
     OF_A_WALK,
     OF_ALIKE_SET_UPS,
     OF_EITHER,
+    OF_ONE_HOUR,
     ONCE_AS_WELL,
     is_refit_better,
     judge_help,
 )
+from app.identification.analysis.analyse import analyse
 from app.identification.analysis.finished_search import FinishedSearch
 from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
 from app.search.names import ALIKE, WALKS
 from app.search.rows import Datum
+from app.simulation.undeclared import make_campaign
 
-DAY_S = 86400.0
+DAY_S, HOUR_S = 86400.0, 3600.0
 VISITS, EACH = 20, 6
 SURE = Slope(1.0, 0.05, 400.0)
 
@@ -85,6 +89,7 @@ def stated_search(
     sensors=(),
     variant="",
     components=("EXX",),
+    mapped_s=(),
 ):
     """Make a search that has found effects that claim what they say of rows."""
     rows = campaign() if rows is None else rows
@@ -104,6 +109,9 @@ def stated_search(
 
         def explained(self, effect):
             return explained(effect)
+
+        def mapped_s(self, effect):
+            return mapped_s
 
         def is_slowest(self, term):
             return is_slowest
@@ -378,6 +386,29 @@ def test_a_map_is_not_adopted_where_set_ups_that_resemble_each_other_would_do_th
     assert judged(shift, shift, kinds=("outdated-map",)) == [(True, None)]
 
 
+@pytest.mark.parametrize(
+    ("kind", "maps_h", "another_h", "helps"),
+    [
+        ("outdated-map", 8.0, 0.0, False),
+        ("outdated-map", 1.0, 0.0, True),
+        ("outdated-map", 8.0, 6.0, True),
+        ("backlash", 8.0, 0.0, True),
+    ],
+)
+def test_a_map_of_another_hour_than_all_visits_may_differ_by_the_hour(
+    kind, maps_h, another_h, helps
+):
+    """The last visit is so many hours later in the day than the others."""
+    rows = campaign()
+    rows.times_s[rows.visit == VISITS - 1] += another_h * HOUR_S
+    shift = np.full(len(rows), 3.0)
+    said = judgement(
+        shift, shift, rows=rows, kinds=(kind,), mapped_s=[-9 * DAY_S + maps_h * HOUR_S]
+    )
+    assert said.helps == [(helps, None if helps else OF_ONE_HOUR)]
+    assert said.unsure == (set() if helps else {0})
+
+
 def test_what_is_as_late_as_can_be_tried_is_not_adopted_beside_what_nobody_knows():
     right = swinging(campaign())
     for left, is_slowest in (((), True), ((0,), False), ((1,), True)):
@@ -579,3 +610,26 @@ def test_a_refit_holds_only_where_held_out_setups_agree(was, becomes, visits, is
     found = stated_search(right, right, predicted=becomes * right, rows=rows)
     assert is_refit_better(found, [0], was * right) is is_better
     assert not is_refit_better(found, [0], becomes * right)
+
+
+@pytest.mark.parametrize(("maps_at", "helps"), [("12:00", False), ("09:00", True)])
+def test_maps_say_when_they_were_measured(maps_at, helps):
+    """All visits begin between a quarter past eight and a quarter to ten."""
+    made = make_campaign(
+        5, "outdated-map:shift", 4.0, visits=130, days=21, observations_per_visit=24
+    )
+    visits = [
+        body
+        for body in made.verifications
+        if "08:15" <= body["observations"][0]["time"][11:16] < "09:45"
+    ]
+    maps = [
+        body | {"measured_at": f"{body['measured_at'][:10]}T{maps_at}:00Z"}
+        for body in made.error_maps
+    ]
+    found = analyse(
+        campaign_of_bodies(made.machine, maps, made.readings, visits), kinds=("outdated-map",)
+    )
+    (one,) = found.effects
+    assert (one.kind, one.helps) == ("outdated-map", helps)
+    assert any("other hours of the day" in words for words in found.what_next)

@@ -20,7 +20,7 @@ from app.effects.kind import (
     amplitudes_of,
     by_comparable_shapes,
 )
-from app.effects.map_tables import maps_of_label
+from app.effects.map_tables import times_of_maps
 from app.effects.shape import Shape
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
@@ -61,11 +61,7 @@ class Drift(EffectKind):
 
 def beginnings_s(view: CampaignView, code: str) -> dict[str, float]:
     """Say from when a drift may count: it was not there yet in the maps, or not at first."""
-    found = view.model.find(code)
-    labels = found[0].labels if found else ()
-    measured = [
-        m.measured_at.timestamp() for label in labels for m in maps_of_label(view.maps, label)
-    ]
+    measured = times_of_maps(view.model, view.maps, code)
     return {
         SINCE_MAPS: float(np.mean(measured or [view.moments_s[0]])),
         SINCE_FIRST: float(view.moments_s[0]),

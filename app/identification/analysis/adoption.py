@@ -30,7 +30,12 @@ from app.identification.analysis.held_out_visits import (
     size_left,
     worse_words,
 )
-from app.identification.analysis.shown_by_few import ITSELF, is_of_few_places, is_of_one_setup
+from app.identification.analysis.shown_by_few import (
+    ITSELF,
+    is_of_few_places,
+    is_of_one_hour,
+    is_of_one_setup,
+)
 from app.search.findings import FLEXIBLE, FoundTerm
 from app.search.names import ALIKE, WALKS
 from app.search.validation import ABOVE_ZERO, OFTEN_FOUND, holds
@@ -88,6 +93,10 @@ OF_ALIKE_SET_UPS: Final = (
     "these set-ups resemble each other, so what they have in common may be the instrument's or its "
     "mounting's and not the machine's"
 )
+OF_ONE_HOUR: Final = (
+    "all visits were at one hour of the day and its maps at others, so it may go with the hour: "
+    "measure at another hour too"
+)
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
 )
@@ -106,7 +115,8 @@ class Judged(NamedTuple):
 
     Nobody is sure of the names of those that are `unsure`: a mistake that was found beside them may
     have made them, with them a visit that was held out gets markedly worse, one set-up alone shows
-    what an instrument does as well as a machine, or they never change at any of a few places.
+    what an instrument does as well as a machine, they never change at any of a few places, or the
+    hour of the day may do the same.
     """
 
     helps: list[Help]
@@ -145,6 +155,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         or i in shaken
         or _why_not_lasting(found, effect, term) is not None
         or is_of_few_places(found, effect, term)
+        or _is_of_one_hour(found, effect, term)
     }
     while chosen := [i for i, words in enumerate(said) if words is None]:
         dropped = [
@@ -383,6 +394,8 @@ def _why_not(
         return not_lasting
     if ALIKE in term.doubts:
         return OF_ALIKE_SET_UPS
+    if _is_of_one_hour(found, effect, term):
+        return OF_ONE_HOUR
     if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
     if OVER_TIME in term.doubts and (not_now := _why_not_any_more(found, effect, term)):
@@ -443,6 +456,11 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
     if WALKS in term.doubts:
         return OF_A_WALK
     return BESIDE_WHAT_NOBODY_KNOWS if is_open else None
+
+
+def _is_of_one_hour(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether the hour of the day may be all that a map is said to be off by."""
+    return effect.kind == OutdatedMap.kind and is_of_one_hour(found, effect, term)
 
 
 def _is_bias_of_one(effect: Effect) -> bool:

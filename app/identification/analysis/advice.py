@@ -6,8 +6,6 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Final
 
-import numpy as np
-
 from app.arrays import FloatArray
 from app.effects.kind import Named, NotTested
 from app.effects.registry import do_the_same, kind_of
@@ -16,17 +14,13 @@ from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import FarValue, asked_again
 from app.identification.analysis.figures import Figures
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
+from app.identification.analysis.shown_by_few import hours_of_day
 from app.search.findings import Status
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import MOST_TERMS
-from app.units import SECONDS_PER_DAY, SECONDS_PER_H
 
 ENOUGH_VISITS: Final = 20
 """From so many visits on no more are asked for."""
-
-FEWEST_DAYS: Final = 4
-ONE_HOUR_S: Final = 2.0 * SECONDS_PER_H
-"""Within so much of every day, on so many days: then nothing is known of other hours."""
 
 MOST_NAMED: Final = 3
 """So many effects the summary names; the answer lists all."""
@@ -160,7 +154,7 @@ def what_next(
             f"Add visits at other temperatures: {visits} took part, but effects that change from "
             f"visit to visit need at least {FEWEST_BLOCKS}, preferably {ENOUGH_VISITS}."
         )
-    if times_s is not None and (hours := _hours_of_day(times_s)):
+    if times_s is not None and (hours := hours_of_day(times_s)):
         found.append(
             f"Measure at other hours of the day too: all observations were between {hours} UTC, "
             "and what changes with the hour looks there as if it were always so."
@@ -168,30 +162,6 @@ def what_next(
     if not found:
         found.append("Nothing needs to be done. Measure again once the machine may have worn.")
     return tuple(dict.fromkeys(found))
-
-
-def _hours_of_day(times_s: FloatArray) -> str:
-    """Say between which hours of the day all times lie; empty if they tell of other hours too.
-
-    >>> days = 86400.0 * np.arange(6.0)
-    >>> _hours_of_day(days + 34200.0 + 600.0 * np.arange(6.0))
-    '09:30 and 10:20'
-    >>> _hours_of_day(days + 86000.0 - 500.0 * np.arange(6.0))
-    '23:11 and 23:53'
-    >>> _hours_of_day(days + 7200.0 * np.arange(6.0)), _hours_of_day(days[:3])
-    ('', '')
-    """
-    if np.unique(times_s // SECONDS_PER_DAY).size < FEWEST_DAYS:
-        return ""
-    of_day = np.unique(times_s % SECONDS_PER_DAY)
-    gaps = np.diff(np.append(of_day, of_day[0] + SECONDS_PER_DAY))
-    widest = int(np.argmax(gaps))
-    if SECONDS_PER_DAY - gaps[widest] > ONE_HOUR_S:
-        return ""
-    ends = of_day[(widest + 1) % of_day.size], of_day[widest]
-    return " and ".join(
-        f"{s // SECONDS_PER_H:02.0f}:{s % SECONDS_PER_H // 60.0:02.0f}" for s in ends
-    )
 
 
 def _look_at(unexplained: Sequence[UnexplainedPart]) -> list[str]:

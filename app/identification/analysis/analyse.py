@@ -164,7 +164,8 @@ def analyse(
                 progress=progress,
             )
             use = used_rows(findings, len(rows.values))
-            return FinishedSearch(residuals, rows, findings, use, library.with_forms, of_maps)
+            of_rows = (residuals, rows, findings, use)
+            return FinishedSearch(*of_rows, library.with_forms, of_maps, campaign.maps)
 
         found = look(
             library.candidates,

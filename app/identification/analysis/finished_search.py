@@ -16,6 +16,7 @@ from app.effects.hypothesis import Estimate, Hypothesis, key_of
 from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.drift import Drift
 from app.effects.kinds.step import Step
+from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
 from app.effects.registry import do_the_same, kind_of
 from app.identification.analysis.before_after import UnknownZero, unknown_zeros
@@ -24,6 +25,7 @@ from app.search.findings import Findings, FoundTerm, Status
 from app.search.rows import Datum, Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.validation import holds
+from app.thermal.error_map import ErrorMap
 
 GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
 """What grows with time."""
@@ -42,6 +44,8 @@ class FinishedSearch:
         Which rows took part.
     of_maps
         The maps' own uncertainty, as columns of each channel.
+    maps
+        What the model's tables were made of.
     """
 
     residuals: Residuals
@@ -50,6 +54,7 @@ class FinishedSearch:
     use: BoolArray
     hypotheses: Mapping[str, Hypothesis]
     of_maps: Sequence[Nuisance] = ()
+    maps: Sequence[ErrorMap] = ()
 
     @cached_property
     def zeros(self) -> list[UnknownZero]:
@@ -146,6 +151,12 @@ class FinishedSearch:
                 known=None,
             ),
         )
+
+    def mapped_s(self, effect: Effect) -> list[float]:
+        """Say when the maps of an effect's components were measured [s since 1970]."""
+        model = self.residuals.projection.model
+        each = (times_of_maps(model, self.maps, code) for code in effect.components)
+        return [time_s for times_s in each for time_s in times_s]
 
     def with_ranges(self, effect: Effect) -> Effect:
         """Set beside an effect where these rows show it."""

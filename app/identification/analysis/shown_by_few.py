@@ -1,4 +1,4 @@
-"""Whether so few set-ups or places show an effect that it may be anything else."""
+"""Whether so few set-ups, places or hours show an effect that it may be anything else."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from app.identification.analysis.finished_search import GROWING, FinishedSearch
 from app.search.findings import FoundTerm
 from app.search.rows import Datum
 from app.search.scatter import FEWEST_SETUPS
+from app.units import SECONDS_PER_DAY, SECONDS_PER_H
 
 SHOWN: Final = 0.05
 """Share of its largest size from which an effect shows in a visit."""
@@ -31,6 +32,10 @@ CHANGES: Final = 0.1
 
 SPARE_PLACES: Final = 2
 """So many more places than unknowns."""
+
+FEWEST_DAYS: Final = 4
+ONE_HOUR_S: Final = 2.0 * SECONDS_PER_H
+"""Within so much of every day, on so many days: then nothing is known of other hours."""
 
 
 def is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
@@ -62,6 +67,42 @@ def is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
         if len(counts) >= unknown + SPARE_PLACES:
             return False
     return bool(term.channels)
+
+
+def is_of_one_hour(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether what differs from a component's maps may be the hour of the day.
+
+    Visits at one hour differ from maps of another by what has changed since, and by what goes with
+    the hour. Where the maps were measured at that hour too, only the first is left.
+    """
+    shown = found.use & np.isin(found.rows.channel, term.channels)
+    visited_s = found.residuals.rows.times_s[shown]
+    both_s = np.append(visited_s, found.mapped_s(effect))
+    return bool(hours_of_day(visited_s)) and not hours_of_day(both_s)
+
+
+def hours_of_day(times_s: FloatArray) -> str:
+    """Say between which hours of the day all times lie; empty if they tell of other hours too.
+
+    >>> days = 86400.0 * np.arange(6.0)
+    >>> hours_of_day(days + 34200.0 + 600.0 * np.arange(6.0))
+    '09:30 and 10:20'
+    >>> hours_of_day(days + 86000.0 - 500.0 * np.arange(6.0))
+    '23:11 and 23:53'
+    >>> hours_of_day(days + 7200.0 * np.arange(6.0)), hours_of_day(days[:3])
+    ('', '')
+    """
+    if np.unique(times_s // SECONDS_PER_DAY).size < FEWEST_DAYS:
+        return ""
+    of_day = np.unique(times_s % SECONDS_PER_DAY)
+    gaps = np.diff(np.append(of_day, of_day[0] + SECONDS_PER_DAY))
+    widest = int(np.argmax(gaps))
+    if SECONDS_PER_DAY - gaps[widest] > ONE_HOUR_S:
+        return ""
+    ends = of_day[(widest + 1) % of_day.size], of_day[widest]
+    return " and ".join(
+        f"{s // SECONDS_PER_H:02.0f}:{s % SECONDS_PER_H // 60.0:02.0f}" for s in ends
+    )
 
 
 def is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
