@@ -25,7 +25,7 @@ from app.effects.low_pass import (
 from app.effects.play import play, play_at
 from app.errors import list_names
 from app.thermal.machine import Sensor
-from app.thermal.temperature_history import TemperatureHistory
+from app.thermal.temperature_history import TemperatureHistory, between_readings
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
 RATE_OVER_S: Final = 600.0
@@ -105,6 +105,13 @@ class Signal(NamedTuple):
         1.0
         """
         return reading**self.power if self.power else (reading != 0.0) * 1.0
+
+
+class Drives(Protocol):
+    """Something that changes with the conditions."""
+
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give its value at n moments, shape (n,)."""
 
 
 class Lags(Protocol):
@@ -234,8 +241,7 @@ class RecordedLags:
             return np.full(times_s.shape, np.nan)
         if signal.kind == "state":
             return signal.of(recording.at(times_s))
-        record = TemperatureHistory(recording.times_s, {signal.name: recording.values})
-        return record.at(signal.name, times_s, recording.max_gap_s)
+        return between_readings(recording.times_s, recording.values, times_s, recording.max_gap_s)
 
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say how much history is needed, and how much there is."""
@@ -316,6 +322,7 @@ class Conditions:
     rates_c_per_h: Mapping[str, FloatArray] = field(default_factory=dict)
     late: Mapping[tuple[Signal, float], FloatArray] = field(default_factory=dict)
     _lagged: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
+    _driven: tuple[Drives, FloatArray] | None = field(default=None, init=False)
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -367,6 +374,14 @@ class Conditions:
                 self._lagged.clear()
             self._lagged[signal, time_constant_s] = found
         return found
+
+    def driven(self, driver: Drives) -> FloatArray:
+        """Give a driver, shape (n,); the last one is kept, as one shape asks after the other."""
+        last = self._driven
+        if last is None or last[0] is not driver:
+            last = (driver, driver.at(self))
+            object.__setattr__(self, "_driven", last)
+        return last[1]
 
     def temperature_later(self, sensor: str, by_s: float | FloatArray) -> FloatArray:
         """Give what a sensor read some time later, or earlier, shape (n,) [°C], NaN: not known.

@@ -18,7 +18,7 @@ from app.thermal.bracket import Brackets, StatusArray
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.group import Group, Member, Scale
-from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS, added, weights_of
+from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS, added, of_two_maps, weights_of
 
 UNSTATED: Final = 0.5
 """Standard error where a map states none, in the component's unit."""
@@ -120,11 +120,10 @@ def slope(
     scale = group.scales[0]
     found = model.brackets(group, scale, temperatures_c)
     spans = np.diff(scale.temperatures_c)[found.lower]
-    upper = weights_of(scale, found._replace(weight=np.where(np.isnan(found.weight), np.nan, 1.0)))
-    lower = weights_of(scale, found._replace(weight=np.where(np.isnan(found.weight), np.nan, 0.0)))
     is_known = ~np.isnan(found.weight)
+    share = np.where(is_known, by_k / spans, np.nan)
     return MapReading(
-        (upper - lower) * np.reshape(by_k / spans, (-1, 1)),
+        of_two_maps(scale, found.lower, -share, share),
         scale.sensor,
         temperatures_c,
         found,

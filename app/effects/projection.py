@@ -7,7 +7,7 @@ gain is what the rule makes of one unit of it there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -28,6 +28,7 @@ from app.geometry.needed_components import needed_components
 from app.geometry.volumetric_error import volumetric_error
 from app.search.candidate import Part
 from app.thermal.compiled_model import CompiledModel
+from app.thermal.map_weights import maps_at_places, read_maps, weights_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """The rows in which any of some components shows, channel by channel.
+    """The rows in which any of some components shows.
 
     Parameters
     ----------
@@ -63,23 +64,21 @@ class Shown:
         Component to where the rows of its view are among these.
     """
 
-    channels: Sequence[tuple[int, IntArray, slice]]
-    places: Mapping[str, IntArray]
+    channels: Sequence[tuple[int, IntArray, IntArray]]
+    places: Mapping[str, IntArray | slice]
     count: int
 
     @classmethod
     def of_views(cls, views: Mapping[str, View], channel: IntArray) -> Shown:
         """Gather the rows of views; `channel` is that of each of all rows."""
         rows = np.unique(np.concatenate([np.empty(0, np.intp), *(v.rows for v in views.values())]))
-        order = np.argsort(channel[rows], kind="stable")
-        rank = np.empty(len(rows), dtype=np.intp)
-        rank[order] = np.arange(len(rows))
-        places = {code: rank[np.searchsorted(rows, view.rows)] for code, view in views.items()}
-        rows = rows[order]
-        numbers, starts = np.unique(channel[rows], return_index=True)
-        parts = map(slice, starts.tolist(), [*starts[1:].tolist(), len(rows)])
-        channels = [(n, rows[own], own) for n, own in zip(numbers.tolist(), parts, strict=True)]
-        return cls(channels, places, len(rows))
+        whole = slice(None)  # of what has all of these: an index would copy
+        places = {
+            code: whole if len(view.rows) == len(rows) else np.searchsorted(rows, view.rows)
+            for code, view in views.items()
+        }
+        own = [(n, np.flatnonzero(channel[rows] == n)) for n in np.unique(channel[rows]).tolist()]
+        return cls([(n, rows[index], index) for n, index in own], places, len(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +96,7 @@ class Projection:
     conditions: Conditions
     _views: dict[str, View] = field(default_factory=dict)
     _shown: dict[frozenset[str], Shown] = field(default_factory=dict)
+    _maps: dict[str, FloatArray | None] = field(default_factory=dict)
 
     @cached_property
     def _rows_of_channels(self) -> list[IntArray]:
@@ -125,7 +125,65 @@ class Projection:
             In the rows' unit: µm for points.
         """
         view = self.view(term.component)
+        reading = term.reading(self.model, view.conditions, valid)
+        if reading is not None:
+            return view, view.gains * self.of_maps(term.component, reading.weights)
         return view, view.gains * term.at(self.model, view.places, view.conditions, valid)
+
+    def of_maps(self, code: str, weights: FloatArray) -> FloatArray:
+        """Add up the maps of a component that has some, where it shows.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (m, M)
+            How much of each map in each of the m rows of its view.
+
+        Returns
+        -------
+        ndarray, shape (m,) [the component's unit]
+            As `read_maps`.
+        """
+        found, places = self.model.find(code), self.view(code).places
+        if found is None:
+            raise KeyError(code)
+        if code not in self._maps:
+            self._maps[code] = maps_at_places(*found, *places)
+        known = self._maps[code]
+        if known is None:
+            return read_maps(*found, weights, *places)
+        return np.asarray(np.einsum("nm,nm->n", weights, known))
+
+    @cached_property
+    def said(self) -> FloatArray:
+        """What all maps say of each row by the assigned sensors, shape (n,) [the rows' units]."""
+        return self.said_by()
+
+    def said_by(self, codes: Collection[str] | None = None, label: str | None = None) -> FloatArray:
+        """Give what maps say of each row by the assigned sensors.
+
+        Parameters
+        ----------
+        codes
+            Components whose tables count; None: all.
+        label
+            The only map that counts; None: all.
+
+        Returns
+        -------
+        ndarray, shape (n,) [the rows' units]
+        """
+        found = np.zeros(len(self.rows))
+        for group in self.model.groups:
+            counts = np.array([label in (None, own) for own in group.labels])
+            own = [code for code in group.codes if codes is None or code in codes]
+            if not own or not counts.any():
+                continue
+            scale, now_c = group.scales[0], self.conditions.temperature(group.sensor)
+            weights = weights_of(scale, self.model.brackets(group, scale, now_c)) * counts
+            for code in own:
+                view = self.view(code)
+                found[view.rows] += view.gains * self.of_maps(code, weights[view.rows])
+        return found
 
     def columns(
         self, amplitudes: Sequence[Sequence[Term]], valid: Valid | None = None
@@ -159,12 +217,14 @@ class Projection:
             missing count as not moved.
         """
         shown = self._where(frozenset(term.component for terms in amplitudes for term in terms))
-        found = np.zeros((shown.count, len(amplitudes)))
-        for j, terms in enumerate(amplitudes):
+        found = np.zeros((len(amplitudes), shown.count))
+        for own, terms in zip(found, amplitudes, strict=True):
             for term in terms:
-                found[shown.places[term.component], j] += self.errors(term)[1]
-        found[np.isnan(found)] = 0.0
-        parts = (Part(number, rows, found[own]) for number, rows, own in shown.channels)
+                own[shown.places[term.component]] += self.errors(term)[1]
+        np.copyto(found, 0.0, where=np.isnan(found))
+        parts = (
+            Part(number, rows, found.take(at, axis=1).T) for number, rows, at in shown.channels
+        )
         return [part for part in parts if part.columns.any()]
 
     def parts_of(self, columns: FloatArray) -> list[Part]:

@@ -16,7 +16,6 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.map_tables import moved
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
-from app.thermal.map_weights import read_maps, weights_of
 
 Supposed: TypeAlias = Callable[[Projection, float | None], FloatArray]
 """Gives for a value of the nonlinear parameter what measured minus predicted would be, (n,)."""
@@ -53,10 +52,9 @@ def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray])
             continue
         now_c = projection.conditions.temperature(group.sensor)
         weights = moved(model, group, now_c, by_k[group.sensor]).weights
-        for member in group.members:
-            view = projection.view(member.component.code)
-            said = read_maps(group, member, weights[view.rows], *view.places)
-            found[view.rows] += view.gains * said
+        for code in group.codes:
+            view = projection.view(code)
+            found[view.rows] += view.gains * projection.of_maps(code, weights[view.rows])
     return found
 
 
@@ -76,7 +74,7 @@ def left_by_maps(
     -------
     ndarray, shape (n,) [the rows' units]
     """
-    return _said(projection, codes, label)
+    return projection.said_by(codes, label)
 
 
 def left_by_places(
@@ -100,25 +98,5 @@ def left_by_places(
     conditions = projection.conditions.take(np.flatnonzero(which))
     really = Projection(projection.model, rows.take(which), conditions)
     found = np.zeros(len(projection.rows))
-    found[which] = sign * _said(really) - _said(projection)[which]
-    return found
-
-
-def _said(
-    projection: Projection, codes: Collection[str] | None = None, label: str | None = None
-) -> FloatArray:
-    """Give what the maps say of each row by the assigned sensors, shape (n,)."""
-    model, found = projection.model, np.zeros(len(projection.rows))
-    for group in model.groups:
-        scale = group.scales[0]
-        counts = np.array([label in (None, own) for own in group.labels])
-        members = [m for m in group.members if codes is None or m.component.code in codes]
-        if not members or not counts.any():
-            continue
-        now_c = projection.conditions.temperature(group.sensor)
-        weights = weights_of(scale, model.brackets(group, scale, now_c)) * counts
-        for member in members:
-            view = projection.view(member.component.code)
-            said = read_maps(group, member, weights[view.rows], *view.places)
-            found[view.rows] += view.gains * said
+    found[which] = sign * really.said - projection.said[which]
     return found

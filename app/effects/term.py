@@ -112,7 +112,7 @@ class Term:
     def _held(self, conditions: Conditions, valid: Valid | None) -> tuple[FloatArray, Conditions]:
         """Give the driver and the conditions of the shape, at the edge where they lie outside."""
         if valid is None:
-            return self.driver.at(conditions), conditions
+            return conditions.driven(self.driver), conditions
         held = valid.held(conditions)
         driver = self.driver.at(valid.for_driver(self.driver, conditions, held))
         return driver if self.learnt is None else np.clip(driver, *self.learnt), held

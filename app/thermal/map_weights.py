@@ -81,12 +81,34 @@ def weights_of(scale: Scale, brackets: Brackets) -> FloatArray:
     ndarray, shape (n, M)
         Rows sum to 1; NaN where the temperature is not known.
     """
+    return of_two_maps(scale, brackets.lower, 1.0 - brackets.weight, brackets.weight)
+
+
+def of_two_maps(
+    scale: Scale, lower: IntArray, of_lower: FloatArray, of_upper: FloatArray
+) -> FloatArray:
+    """Lay out how much of two neighbours on a scale enters as weights of the group's maps.
+
+    Parameters
+    ----------
+    lower : ndarray, shape (n,)
+        Place of the lower one on the scale.
+    of_lower, of_upper : ndarray, shape (n,)
+        How much of each; NaN where that is not known.
+
+    Returns
+    -------
+    ndarray, shape (n, M)
+        NaN in all of a row where it is not known.
+    """
     rows = np.array(scale.rows, dtype=np.intp)
-    weights = np.zeros((len(brackets.lower), rows.size))
-    each = np.arange(len(brackets.lower))
-    weights[each, rows[brackets.lower]] = 1.0 - brackets.weight
-    weights[each, rows[brackets.lower + 1]] = brackets.weight
-    weights[np.isnan(brackets.weight)] = np.nan
+    weights = np.zeros((len(lower), rows.size))
+    each = np.arange(len(lower))
+    weights[each, rows[lower]] = of_lower
+    weights[each, rows[lower + 1]] = of_upper
+    unknown = np.isnan(of_upper)
+    if unknown.any():
+        weights[unknown] = np.nan
     return weights
 
 
@@ -157,20 +179,57 @@ def read_maps(
     low, high = common_ranges(member, weights)
     weights = np.broadcast_to(weights, (len(positions_mm), weights.shape[1]))
     left, right, share = hat_weights(member.positions_mm, np.clip(positions_mm, low, high))
-    forward = group.nodes[:, member.forward]
-    backward = None if member.backward is None else group.nodes[:, member.backward]
     found = np.zeros(len(positions_mm))
     for row in range(weights.shape[1]):
         own = np.flatnonzero(weights[:, row])
         if not own.size:
             continue
         at = (left[own], right[own], share[own])
-        values = _between(forward[row], *at)
-        if backward is not None:
-            back, side = _between(backward[row], *at), directions[own]
-            values = np.where(side > 0, values, np.where(side < 0, back, (values + back) / 2))
-        found[own] += weights[own, row] * values
+        found[own] += weights[own, row] * _of_map(group, member, row, at, directions[own])
     return np.where(low < high, found, np.nan)
+
+
+def maps_at_places(
+    group: Group, member: Member, positions_mm: FloatArray, directions: FloatArray
+) -> FloatArray | None:
+    """Read each map of one component at positions: what `read_maps` adds up.
+
+    Who reads the same places with many weights reads them once.
+
+    Parameters
+    ----------
+    positions_mm, directions
+        As for `read_maps`.
+
+    Returns
+    -------
+    ndarray, shape (n, M) [the component's unit], or None
+        None where that depends on the weights: on which maps enter, where they cover different
+        ranges, or on whether any does, where a position is not known.
+    """
+    low, high = member.ranges_mm.T
+    if (low != low[0]).any() or (high != high[0]).any() or low[0] >= high[0]:
+        return None
+    beside = hat_weights(member.positions_mm, np.clip(positions_mm, low[0], high[0]))
+    found = [_of_map(group, member, row, beside, directions) for row in range(len(low))]
+    values = np.stack(found, axis=1)
+    return values if np.isfinite(values).all() else None
+
+
+def _of_map(
+    group: Group,
+    member: Member,
+    row: int,
+    beside: tuple[IntArray, IntArray, FloatArray],
+    directions: FloatArray,
+) -> FloatArray:
+    """Read one map between nodes (`hat_weights`), on the side that was come from."""
+    values = _between(group.nodes[row, member.forward], *beside)
+    if member.backward is None:
+        return values
+    back = _between(group.nodes[row, member.backward], *beside)
+    both = np.where(directions < 0, back, (values + back) / 2)
+    return np.where(directions > 0, values, both)
 
 
 def _between(nodes: FloatArray, left: IntArray, right: IntArray, share: FloatArray) -> FloatArray:

@@ -68,15 +68,33 @@ class TemperatureHistory:
         >>> history.at("a", [20.0, 300.0], max_gap_s=120.0).tolist()
         [21.0, nan]
         """
-        wanted = np.atleast_1d(np.asarray(times_s, dtype=float))
-        times, values = self.known(sensor)
-        if times.size == 0:
-            return np.full(wanted.shape, np.nan)
-        # One search serves for all that is asked of the two neighbours.
-        before = np.maximum(np.searchsorted(times, wanted, side="right") - 1, 0)
-        elapsed = wanted - times[before]
-        after = np.where(elapsed > 0.0, np.minimum(before + 1, times.size - 1), before)
-        span, rise = times[after] - times[before], values[after] - values[before]
-        found = values[before] + rise / np.where(span > 0.0, span, 1.0) * elapsed
-        too_wide, too_late, too_early = span > max_gap_s, elapsed > max_gap_s, elapsed < 0.0
-        return np.where(too_wide | too_late | too_early, np.nan, found)
+        return between_readings(*self.known(sensor), times_s, max_gap_s)
+
+
+def between_readings(
+    times_s: FloatArray, values: FloatArray, wanted_s: ArrayLike, max_gap_s: float
+) -> FloatArray:
+    """Interpolate readings linearly in time, as `TemperatureHistory.at`.
+
+    Parameters
+    ----------
+    times_s, values : ndarray, shape (n,) [s], [°C]
+        Readings in order of time, none of them NaN.
+    wanted_s : array-like, shape (m,) [s]
+        When.
+
+    Returns
+    -------
+    ndarray, shape (m,) [°C]
+    """
+    wanted = np.atleast_1d(np.asarray(wanted_s, dtype=float))
+    if times_s.size == 0:
+        return np.full(wanted.shape, np.nan)
+    # One search serves for all that is asked of the two neighbours.
+    before = np.maximum(np.searchsorted(times_s, wanted, side="right") - 1, 0)
+    elapsed = wanted - times_s[before]
+    after = np.where(elapsed > 0.0, np.minimum(before + 1, times_s.size - 1), before)
+    span, rise = times_s[after] - times_s[before], values[after] - values[before]
+    found = values[before] + rise / np.where(span > 0.0, span, 1.0) * elapsed
+    too_wide, too_late, too_early = span > max_gap_s, elapsed > max_gap_s, elapsed < 0.0
+    return np.where(too_wide | too_late | too_early, np.nan, found)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from app.errors import OutsideMaps
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange, Sensor
-from app.thermal.map_weights import added, common_ranges, weights_of
+from app.thermal.map_weights import added, common_ranges, maps_at_places, read_maps, weights_of
 from tests.thermal.example_maps import error_map, machine, table
 
 SCALE = [20.0, 24.0, 24.9, 31.0]
@@ -88,3 +88,32 @@ def test_a_component_by_itself_has_limits_of_its_own_that_others_do_not_see():
     model.group_at(alone, alone.scales[0], 32.0)
     assert len(alone.limits) == 1
     assert not group.limits
+
+
+@pytest.mark.parametrize("backward", [None, [1.0, 5.0, 2.0]])
+def test_maps_read_at_places_once_give_what_is_read_with_any_weights(backward):
+    maps = [
+        error_map(
+            f"{t:g}",
+            {"x-middle": t},
+            table("EXX", [t, 2 * t, -t], [0.0, 4.0, 9.0], backward),
+        )
+        for t in (20.0, 24.0, 31.0)
+    ]
+    ((group,),) = (compile_model(machine(Sensor("x-middle")), maps, {}).groups,)
+    (member,) = group.members
+    random = np.random.default_rng(2)
+    at, sides = random.uniform(-2.0, 11.0, 40), random.integers(-1, 2, 40).astype(float)
+    weights = random.normal(size=(40, 3))
+    weights[::5], weights[3] = 0.0, np.nan
+    known = maps_at_places(group, member, at, sides)
+    assert known.shape == (40, 3)
+    np.testing.assert_allclose(
+        (weights * known).sum(axis=1), read_maps(group, member, weights, at, sides), rtol=1e-12
+    )
+
+
+def test_maps_of_different_ranges_are_not_read_before_it_is_known_which_enter():
+    (group,) = model_of(OutOfRange.CLAMP).groups
+    (member,) = group.members
+    assert maps_at_places(group, member, np.array([4.0]), np.zeros(1)) is None
