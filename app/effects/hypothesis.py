@@ -15,7 +15,7 @@ from app.effects.flexible import flexible_versions
 from app.effects.projection import Projection
 from app.effects.supposition import Supposed
 from app.effects.term import Term
-from app.search.candidate import Candidate, Expected, Flexible, Part
+from app.search.candidate import Candidate, Expected, Flexible, Layout, Part
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""
@@ -172,6 +172,9 @@ class Hypothesis:
             within_visit=self.is_within_visit,
             of_setups=self.is_of_setups,
             only_once=self.is_only_once,
+            layout=None
+            if self.supposed
+            else Layout(self.components, self.unit_terms, projection.parts),
             about=partial(self._about, projection) if self._is_bent else None,
             expected=self.expected,
             flexible=None if self.supposed else partial(self._flexible, projection),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -81,6 +81,24 @@ class Flexible(NamedTuple):
     parts: Sequence[Part]
 
 
+class Layout(NamedTuple):
+    """How candidates are laid out together: many columns take hardly longer than one.
+
+    Parameters
+    ----------
+    where
+        Equal for candidates that show in the same rows.
+    amplitudes
+        Gives for a value of the nonlinear parameter what is laid out, one for each amplitude.
+    parts
+        Lays amplitudes out, also those of several candidates, their columns side by side.
+    """
+
+    where: Hashable
+    amplitudes: Callable[[float | None], Sequence[Any]]
+    parts: Callable[[Sequence[Any]], Sequence[Part]]
+
+
 class Form(NamedTuple):
     """Another form of a candidate's cause, and what is said of it where the values prefer it."""
 
@@ -123,6 +141,8 @@ class Candidate:
     generic
         Whether it is a smooth shape without a physical meaning: it is never found, but
         says that something is left.
+    layout
+        How several values, and several candidates, are laid out at once; None: each is by itself.
     about
         Of an effect that is not proportional to its one amplitude: its parts for each unit, where
         the amplitude is about as large as stated. `columns` are its parts where it is small.
@@ -158,6 +178,7 @@ class Candidate:
     of_setups: bool = False
     only_once: bool = False
     generic: bool = False
+    layout: Layout | None = None
     about: Callable[[float | None, float], Sequence[Part]] | None = None
     expected: Expected | None = None
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None

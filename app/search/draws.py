@@ -89,7 +89,9 @@ class Draws:
         -------
         ndarray, shape (m, B)
         """
-        return np.asarray(columns.T.astype(np.float32) @ self.noise(fixed), dtype=np.float64)
+        # Laid out in one way: sums of short numbers differ by the order in which they are added.
+        short = columns.astype(np.float32, order="C")
+        return np.asarray(short.T @ self.noise(fixed), dtype=np.float64)
 
     def response(self, state: State) -> Response:
         """Scale the unit draws to what the null model says of a channel.

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby, islice
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,9 @@ WIDTH: Final = 256
 
 FINGERPRINT_WIDTH: Final = 192
 """Columns of a batch over several channels: each channel keeps its products."""
+
+TOGETHER: Final = 400_000
+"""Numbers, at one for each row and entry, that are laid out at once at most."""
 
 KEPT_BYTES: Final = 300_000_000
 """Columns are kept up to this size, and evaluated again beyond it."""
@@ -219,11 +223,24 @@ def read_library(
 def _terms(
     problem: Problem, library: Library, candidates: Sequence[Candidate]
 ) -> Iterator[tuple[float, int, Term]]:
-    for number, candidate in enumerate(candidates):
-        for theta in candidate.thetas:
-            term = problem.term(candidate, theta)
-            library.entries.append(Entry(number, theta, term.norms))
-            yield number / len(candidates), len(library.entries) - 1, term
+    size = max(1, TOGETHER // max(problem.count, 1))
+    every = (
+        (n, candidate, theta)
+        for n, candidate in enumerate(candidates)
+        for theta in candidate.thetas
+    )
+    for _, alike in groupby(every, key=lambda one: _laid_out_by(one[1])):
+        while some := list(islice(alike, size)):
+            terms = problem.terms([(candidate, theta) for _, candidate, theta in some])
+            for (number, _, theta), term in zip(some, terms, strict=True):
+                library.entries.append(Entry(number, theta, term.norms))
+                yield number / len(candidates), len(library.entries) - 1, term
+
+
+def _laid_out_by(candidate: Candidate) -> object:
+    """Give what is equal for candidates that are laid out together."""
+    layout = candidate.layout
+    return candidate.key if layout is None else (layout.where, layout.parts)
 
 
 @dataclass(eq=False)

@@ -115,21 +115,62 @@ class Problem:
 
     def term(self, candidate: Candidate, theta: float | None, about: float | None = None) -> Term:
         """Evaluate a candidate on all rows that take part, about an amplitude where stated."""
-        columns: dict[int, FloatArray] = {}
         if about is None or candidate.about is None:
             about, parts = None, candidate.columns(theta)
         else:
             parts = candidate.about(theta, about)
+        columns = self._columns(candidate, parts)
+        norms = np.sqrt(sum(self._squares(columns).values(), np.zeros(_width(columns))))
+        self._divide(columns, norms)
+        return Term(candidate, theta, columns, norms, about=about)
+
+    def terms(self, wanted: Sequence[tuple[Candidate, float | None]]) -> list[Term]:
+        """Evaluate candidates of one layout, each at a value of its nonlinear parameter."""
+        layout = wanted[0][0].layout
+        if layout is None or len(wanted) == 1:
+            return [self.term(candidate, theta) for candidate, theta in wanted]
+        each = [c.layout.amplitudes(theta) for c, theta in wanted if c.layout is not None]
+        ends = np.cumsum([len(own) for own in each]).tolist()
+        columns = self._columns(wanted[0][0], layout.parts([one for own in each for one in own]))
+        squares = self._squares(columns)
+        norms = np.sqrt(sum(squares.values(), np.zeros(ends[-1])))
+        self._divide(columns, norms)
+        found = []
+        for (candidate, theta), first, end in zip(wanted, [0, *ends], ends, strict=False):
+            # One may leave channels alone in which others show. Copies do not keep all alive.
+            own = {
+                c: columns[c][:, first:end].copy(order="K")
+                for c in columns
+                if squares[c][first:end].any()
+            }
+            found.append(Term(candidate, theta, own, norms[first:end] if own else np.zeros(1)))
+        return found
+
+    def _columns(self, candidate: Candidate, parts: Sequence[Part]) -> dict[int, FloatArray]:
+        """Lay parts out over the rows of their channels, by number."""
+        columns: dict[int, FloatArray] = {}
         for part in parts:
             if part.channel not in self.fixed:
                 continue
             own, known = self._laid_out(candidate, part), columns.get(part.channel)
             columns[part.channel] = own if known is None else known + own
-        scales = {c: self.fixed[c].channel.scale for c in sorted(columns)}
-        norms = _norms(candidate, columns, scales)
+        sizes = {own.shape[1] for own in columns.values()}
+        if len(sizes) > 1:
+            raise InvalidContent.of_field(
+                candidate.key, f"expected equally many columns in all channels, got {sorted(sizes)}"
+            )
+        return dict(sorted(columns.items()))
+
+    def _squares(self, columns: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
+        """Give the columns' sums of squares in each channel, in its repeatabilities."""
+        scales = {c: self.fixed[c].channel.scale for c in columns}
+        return {c: np.einsum("nk,nk->k", own, own) / scales[c] ** 2 for c, own in columns.items()}
+
+    def _divide(self, columns: Mapping[int, FloatArray], norms: FloatArray) -> None:
+        """Bring columns to repeatabilities and to unit length, where they stand."""
         safe = np.where(norms > 0, norms, 1.0)
-        unit = {c: columns[c] / (scale * safe) for c, scale in scales.items()}
-        return Term(candidate, theta, unit, norms, about=about)
+        for number, own in columns.items():
+            own /= self.fixed[number].channel.scale * safe
 
     def _laid_out(self, candidate: Candidate, part: Part) -> FloatArray:
         """Put a part's rows where they stand in its channel; most parts have the same rows."""
@@ -138,9 +179,10 @@ class Problem:
             origin = self._origin(candidate, part)
             self._origins[part.channel] = part.rows, origin
         absent = len(part.rows)
-        if origin.max(initial=0) < absent:
-            return part.columns[origin]
-        return np.vstack([part.columns, np.zeros((1, part.columns.shape[1]))])[origin]
+        columns = part.columns.T  # each of them is picked from where its numbers stand in a row
+        if origin.max(initial=0) >= absent:
+            columns = np.hstack([columns, np.zeros((len(columns), 1))])
+        return columns.take(origin, axis=1).T
 
     def _origin(self, candidate: Candidate, part: Part) -> IntArray:
         """Say which row of a part each row of its channel is; the one after its last: none."""
@@ -221,16 +263,6 @@ def prepared(
     return prepare(rows, nuisance, number, least.value, least.weight, use, cell_of)
 
 
-def _norms(
-    candidate: Candidate, columns: Mapping[int, FloatArray], scales: Mapping[int, float]
-) -> FloatArray:
-    """Give the lengths of columns over all channels, each in its repeatabilities, shape (k,)."""
-    sizes = {c.shape[1] for c in columns.values()}
-    if len(sizes) > 1:
-        raise InvalidContent.of_field(
-            candidate.key, f"expected equally many columns in all channels, got {sorted(sizes)}"
-        )
-    squares = np.zeros(min(sizes, default=1))
-    for number, own in columns.items():
-        squares += (own.T @ own).diagonal() / scales[number] ** 2
-    return np.sqrt(squares)
+def _width(columns: Mapping[int, FloatArray]) -> int:
+    """Say how many columns there are; one where no channel has any."""
+    return next((own.shape[1] for own in columns.values()), 1)
