@@ -10,7 +10,6 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.search.library import Batch, Library
-from app.search.moments import blocks
 from app.search.state import State
 
 NOTHING_LEFT: Final = 1e-5
@@ -80,9 +79,7 @@ def _base_gram(batch: Batch, state: State) -> BaseGram:
     gram = np.empty((len(state.rss), *own.shape))
     floor = np.empty(gram.shape[:2])
     for some in state.levels:
-        mine = some.shadow(with_nuisance.T, reduced)
-        first = some.turned.shape[1]
-        of_visits, of_nuisance = blocks(mine[:, :first], k), blocks(mine[:, first:], k)
+        of_visits, of_nuisance = some.taken(with_nuisance.T, reduced, k)
         seen = np.trace(own - of_visits, axis1=2, axis2=3)
         floor[some.which] = np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN)
         gram[some.which] = own - of_visits - of_nuisance

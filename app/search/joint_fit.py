@@ -16,7 +16,7 @@ from app.arrays import FloatArray, IntArray
 from app.search.channel import shared_errors, unit_prior_columns
 from app.search.problem import Term
 from app.search.rows import Nuisance
-from app.search.state import State
+from app.search.state import LEAST_SQUARES, State
 
 ROUNDS: Final = 25
 REST: Final = 1e-7
@@ -60,13 +60,6 @@ class Share:
     gram: FloatArray
     slope: FloatArray
 
-    def best(self, amplitudes: FloatArray) -> tuple[float, int, float]:
-        """Profile visit variances and repeatability at given amplitudes."""
-        a = amplitudes[self.index]
-        rss = self.state.rss - 2.0 * self.slope @ a + (self.gram @ a) @ a
-        found, level = self.state.profile(rss)
-        return float(found), int(level), float(self.state.scatter(rss[level]))
-
     def alone(self) -> tuple[int, float]:
         """Profile with this channel's own amplitudes."""
         gains = np.einsum("li,lij,lj->l", self.slope, inverse(self.gram), self.slope)
@@ -102,7 +95,8 @@ def fit_terms(states: Mapping[int, State], terms: Sequence[Term]) -> Fit:
     starts = [alone]
     if any(len(t.columns) > 1 for t in terms):
         starts.append({c: null[c][1:] for c in shares})
-    fits = [_rest(shares, width, s) for s in starts]
+    together = _Shares.of(shares, width)
+    fits = [together.rest(s) for s in starts]
     best = max(fits, key=lambda f: f.log_likelihood)
     rest = {c: n for c, n in null.items() if c not in shares}
     return Fit(
@@ -237,27 +231,81 @@ def inverse(gram: FloatArray) -> FloatArray:
     return found
 
 
-def _rest(shares: Mapping[int, Share], width: int, start: Mapping[int, tuple[int, float]]) -> Fit:
-    """Alternate until the likelihood rests."""
-    setting, before = dict(start), -np.inf
-    for _ in range(ROUNDS):
-        information, slope = np.zeros((width, width)), np.zeros(width)
-        for c, share in shares.items():
-            level, scatter = setting[c]
-            information[np.ix_(share.index, share.index)] += share.gram[level] / scatter
-            slope[share.index] += share.slope[level] / scatter
-        covariance = inverse(information) if width else information
-        amplitudes = covariance @ slope
-        found = {c: s.best(amplitudes) for c, s in shares.items()}
-        total = sum(f[0] for f in found.values())
-        setting = {c: f[1:] for c, f in found.items()}
-        if total - before < REST:
-            break
-        before = total
-    return Fit(
-        total,
-        amplitudes,
-        covariance,
-        {c: s[0] for c, s in setting.items()},
-        {c: s[1] for c, s in setting.items()},
-    )
+@dataclass(frozen=True, eq=False)
+class _Shares:
+    """Shares of c channels side by side, over all k amplitudes.
+
+    What all of them say in each round is then one product: of small channels most of the work
+    would else be calls. Where a channel has fewer levels than others, the rest are never best.
+
+    Parameters
+    ----------
+    channels
+        Their numbers.
+    gram, slope : ndarray, shape (c, L, k, k) and (c, L, k)
+        As `Share` has them; 0 for amplitudes of which a channel shows nothing.
+    rss, handicap : ndarray, shape (c, L)
+        Squares without any term, and levels' handicaps (`State.handicap`).
+    weight, freedom, constant : ndarray, shape (c, 1)
+        As `State` has them; the constant is the largest of its levels'.
+    """
+
+    channels: Sequence[int]
+    gram: FloatArray
+    slope: FloatArray
+    rss: FloatArray
+    handicap: FloatArray
+    weight: FloatArray
+    freedom: FloatArray
+    constant: FloatArray
+
+    @classmethod
+    def of(cls, shares: Mapping[int, Share], width: int) -> _Shares:
+        """Set shares side by side."""
+        states = [share.state for share in shares.values()]
+        count, levels = len(shares), max((len(s.rss) for s in states), default=1)
+        gram, slope = np.zeros((count, levels, width, width)), np.zeros((count, levels, width))
+        rss, handicap = np.zeros((count, levels)), np.full((count, levels), np.inf)
+        for i, share in enumerate(shares.values()):
+            own, at = slice(len(share.state.rss)), share.index
+            # Picked out by arrays on either side of the levels, amplitudes come before these.
+            gram[i, own, at[:, None], at] = share.gram.transpose(1, 2, 0)
+            slope[i, own, at] = share.slope.T
+            rss[i, own], handicap[i, own] = share.state.rss, share.state.handicap
+        of_channels = [[s.fixed.channel.weight, s.freedom, s.constants.max()] for s in states]
+        weight, freedom, constant = np.array(of_channels).reshape(-1, 3, 1).transpose(1, 0, 2)
+        return cls(list(shares), gram, slope, rss, handicap, weight, freedom, constant)
+
+    def rest(self, start: Mapping[int, tuple[int, float]]) -> Fit:
+        """Alternate between amplitudes and each channel's variances until the likelihood rests.
+
+        Parameters
+        ----------
+        start
+            Channel to level and scatter.
+        """
+        each = np.arange(len(self.channels))
+        level = np.array([start[c][0] for c in self.channels], dtype=np.intp)
+        scatter = np.array([start[c][1] for c in self.channels])
+        before = -np.inf
+        for _ in range(ROUNDS):
+            information = np.sum(self.gram[each, level] / scatter[:, None, None], axis=0)
+            covariance = inverse(information)
+            amplitudes = covariance @ np.sum(self.slope[each, level] / scatter[:, None], axis=0)
+            squares = self.rss - 2.0 * self.slope @ amplitudes
+            squares += (self.gram @ amplitudes) @ amplitudes
+            every = np.maximum(squares + self.weight, LEAST_SQUARES) / self.freedom
+            scaled = every * self.handicap
+            level = scaled.argmin(axis=1)
+            scatter, best = every[each, level], scaled[each, level]
+            total = float(np.sum(self.constant[:, 0] - 0.5 * self.freedom[:, 0] * np.log(best)))
+            if total - before < REST:
+                break
+            before = total
+        return Fit(
+            total,
+            amplitudes,
+            covariance,
+            dict(zip(self.channels, level.tolist(), strict=True)),
+            dict(zip(self.channels, scatter.tolist(), strict=True)),
+        )

@@ -18,7 +18,7 @@ from app.search.base_grams import BaseGrams
 from app.search.draws import Draws, Response
 from app.search.library import Batch, Library
 from app.search.moments import blocks
-from app.search.small_inverse import inverse_roots
+from app.search.small_inverse import inverse_roots, solutions
 from app.search.state import Levels, State
 
 ROUNDS: Final = 3
@@ -63,7 +63,8 @@ class Target:
 
     What is left of X'V⁻¹y beside visits, maps and given terms is
     X'y − (Z'X)'`on_visits` − (J'X)'`on_nuisance`: the weights say how much of y the visits
-    and the nuisance have taken up.
+    and the nuisance have taken up. Of draws y is their repeatability alone: how much of them
+    are the visits' shifts and the maps' errors is in the weights too.
 
     Parameters
     ----------
@@ -97,6 +98,10 @@ class Target:
     def profile(self, squares: FloatArray) -> tuple[FloatArray, IntArray]:
         """Profile visit variances and repeatability; squares of shape (l, ..., m)."""
         return self.state.profile(squares, self.levels)
+
+    def largest(self, squares: FloatArray) -> FloatArray:
+        """Profile them likewise, without asking which level it is."""
+        return self.state.largest(squares, self.levels)
 
 
 def scan(
@@ -184,6 +189,10 @@ def _weighed(
     count = 0 if state.given is None else state.given.columns.shape[1]
     last = [some.rows_of_last(count) for some in levels]
     visits, nuisance = (np.concatenate(each)[order] for each in zip(*pairs, strict=True))
+    if draws is not None:
+        # Products with the shifts and map errors that draws contain have the same two factors.
+        visits -= (draws.shift * draws.size).reshape(visits.shape[1:])
+        nuisance[:, : len(draws.maps)] -= draws.maps * draws.size
     of_visits, of_nuisance = (np.concatenate(each)[order] for each in zip(*last, strict=True))
     return Target(
         state,
@@ -219,9 +228,11 @@ def _products(library: Library, base: BaseGrams, number: int, target: Target) ->
     if with_given is not None:
         with_nuisance = np.hstack([with_nuisance, with_given])
         gram = gram - _taken(target, reduced, with_nuisance, k)
-    taken = reduced.T @ target.on_visits + with_nuisance @ target.on_nuisance
+    taken = reduced.T @ target.on_visits
+    taken += with_nuisance @ target.on_nuisance
     count = len(target.levels)
-    slope = with_values[:, None, :] - taken.reshape(len(taken), count, -1)
+    slope = taken.reshape(len(taken), count, -1)
+    np.subtract(with_values[:, None, :], slope, out=slope)
     shaped = slope.transpose(1, 0, 2).reshape(count, -1, k, slope.shape[2])
     return _Products(gram, shaped, floor, target)
 
@@ -242,10 +253,7 @@ def _given_products(
         with_given, values = products[:, :-1], values - products[:, -1:]
     if target.draws is None:
         return with_given, values
-    drawn = target.draws
-    noise = sheet.noise + np.tensordot(sheet.moments.reduced, drawn.shift, ((0, 1), (0, 1)))
-    noise += sheet.moments.nuisance.sum(axis=0) @ drawn.maps
-    return with_given, noise * drawn.size
+    return with_given, sheet.noise * target.draws.size
 
 
 def _taken(target: Target, reduced: FloatArray, with_nuisance: FloatArray, k: int) -> FloatArray:
@@ -268,7 +276,7 @@ def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
         taken = back[:, part] @ products.slope[:, part]
         squares = target.squares[:, None] - np.einsum("lgkm,lgkm->lgm", taken, taken)
         # Each hypothesis has its own best visit variances: both maxima are over all levels.
-        best[part] = target.profile(squares)[0]
+        best[part] = target.largest(squares)
     return 2.0 * (best - target.null[0]), ranks.reshape(levels, g).max(axis=0)
 
 
@@ -283,13 +291,15 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
         p.target.state.scatter(np.take_along_axis(p.target.squares, at[:1], 0)) * np.ones((g, 1))
         for p, at in zip(products, level, strict=True)
     ]
-    total = np.zeros(0)
-    rank = np.zeros(g)
-    for _ in range(rounds):
-        amplitudes, rank = _amplitudes(products, level, scatter)
+    for _ in range(rounds - 1):
+        amplitudes, _ = _amplitudes(products, level, scatter)
         found = [_best(p, amplitudes) for p in products]
-        level, scatter = [f[1] for f in found], [f[2] for f in found]
-        total = np.sum([f[0] for f in found], axis=0)
+        level, scatter = [f[0] for f in found], [f[1] for f in found]
+    amplitudes, rank = _amplitudes(products, level, scatter)
+    total = np.zeros(amplitudes[:, 0].shape)
+    for p in products:
+        for part, squares in _squares(p, amplitudes):
+            total[part] += p.target.largest(squares)
     return 2.0 * (total - np.sum([n for n, _ in nulls], axis=0)), rank
 
 
@@ -307,26 +317,33 @@ def _amplitudes(
         information += p.gram[at, each] / size[..., None, None]
         floor += p.floor[at, each] / size
         slope += p.slope[at, each, :, all_m] / size[..., None]
-    root, ranks = inverse_roots(information.reshape(g * m, k, k), floor.ravel())
-    # Of matrices this small a product by BLAS is mostly its call.
-    turned = np.einsum("nij,ni->nj", root, slope.reshape(g * m, k))
-    solved = np.einsum("nij,nj->ni", root, turned)
+    solved, ranks = solutions(
+        information.reshape(g * m, k, k), floor.ravel(), slope.reshape(g * m, k)
+    )
     by_entry = solved.reshape(g, m, k).transpose(0, 2, 1)
     return np.ascontiguousarray(by_entry), ranks.reshape(g, m)[:, 0]
 
 
-def _best(p: _Products, amplitudes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Profile one channel's variances at given amplitudes; each of shape (g, m)."""
+def _best(p: _Products, amplitudes: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Give one channel's level at given amplitudes, and its scatter there; each of shape (g, m)."""
+    g, _, m = amplitudes.shape
+    level, left = np.empty((g, m), dtype=np.intp), np.empty((g, m))
+    for part, squares in _squares(p, amplitudes):
+        level[part] = p.target.profile(squares)[1]
+        left[part] = np.take_along_axis(squares, level[part][None], 0)[0]
+    return level, p.target.state.scatter(left)
+
+
+def _squares(p: _Products, amplitudes: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
+    """Give the squares that are left in one channel, shape (l, g, m), a part of the g at a time."""
     levels, g, k, m = p.slope.shape
-    found, left = np.empty((2, g, m))
-    level = np.empty((g, m), dtype=np.intp)
     for part in _portions(g, levels * k * m):
         a = amplitudes[part]
-        pull = np.einsum("lgij,gjm->lgim", p.gram[:, part], a) - 2.0 * p.slope[:, part]
-        squares = np.einsum("lgim,gim->lgm", pull, a) + p.target.squares[:, None]
-        found[part], at = p.target.profile(squares)
-        level[part], left[part] = at, np.take_along_axis(squares, at[None], 0)[0]
-    return found, level, p.target.state.scatter(left)
+        pull = p.gram[:, part] @ a
+        pull -= 2.0 * p.slope[:, part]
+        squares = np.einsum("lgim,gim->lgm", pull, a)
+        squares += p.target.squares[:, None]
+        yield part, squares
 
 
 def _portions(count: int, size: int) -> Iterator[slice]:

@@ -308,7 +308,8 @@ class Blocks:
         order = np.flatnonzero(use)
         order = order[np.argsort(self.minutes[order], kind="stable")]
         number = _joined(self.setups[order], self.minutes[order], _reach(scatter))
-        members = [order[number == n] for n in range(number.max(initial=-1) + 1)]
+        by_number = order[np.argsort(number, kind="stable")]
+        members = np.split(by_number, np.cumsum(np.bincount(number))[:-1]) if len(order) else []
         sizes = sorted({len(m) for m in members})
         return [np.stack([m for m in members if len(m) == size]) for size in sizes]
 
@@ -319,7 +320,8 @@ def _joined(setups: IntArray, minutes: FloatArray, reach: float) -> IntArray:
     number[1:] = np.cumsum(np.diff(minutes) > reach) if len(setups) else 0
     number[:1] = 0
     # Set-ups that reach over a pause tie together what lies on either side of it.
-    for setup in np.unique(setups):
+    known, counts = np.unique(setups, return_counts=True)
+    for setup in known[counts > 1]:
         own = np.unique(number[setups == setup])
         if len(own) > 1:
             number[np.isin(number, own)] = own[0]

@@ -1,4 +1,4 @@
-"""Inverse roots of very many very small matrices at once.
+"""Inverses of very many very small matrices at once.
 
 G. Golub, C. Van Loan, Matrix Computations (2013): Jacobi's rotation of a 2 × 2 matrix.
 """
@@ -39,6 +39,55 @@ def inverse_roots(gram: FloatArray, floor: FloatArray) -> tuple[FloatArray, Floa
     keep = values > floor[:, None]
     scale = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
     return vectors * scale[:, None, :], keep.sum(axis=1).astype(np.float64)
+
+
+def solutions(
+    gram: FloatArray, floor: FloatArray, right: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Solve gram x = right where gram informs: x = W W' right with `inverse_roots`' W.
+
+    Parameters
+    ----------
+    gram, floor
+        As for `inverse_roots`.
+    right : ndarray, shape (n, k)
+
+    Returns
+    -------
+    found : ndarray, shape (n, k)
+    rank : ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> gram, floor = np.array([[[4.0, 2.0], [2.0, 3.0]]]), np.array([1e-6])
+    >>> found, rank = solutions(gram, floor, np.array([[8.0, 4.0]]))
+    >>> found.round(6).tolist(), rank.tolist()
+    ([[2.0, 0.0]], [2.0])
+    """
+    if gram.shape[-1] != 2:
+        return _by_roots(gram, floor, right)
+    # By the determinant, and not by roots of which each takes an angle.
+    (a, b, c), (first, second) = (gram[:, 0, 0], gram[:, 0, 1], gram[:, 1, 1]), right.T
+    determinant = a * c - b**2
+    large = (a + c) / 2.0 + np.sqrt(((a - c) / 2.0) ** 2 + b**2)
+    informs = determinant > floor * large  # the smaller of two eigenvalues exceeds its floor
+    informs &= large > floor
+    divisor = np.where(informs, determinant, 1.0)
+    found = np.stack([(c * first - b * second) / divisor, (a * second - b * first) / divisor], -1)
+    rank = np.full(len(gram), 2.0)
+    rest = np.flatnonzero(~informs)
+    if rest.size:
+        found[rest], rank[rest] = _by_roots(gram[rest], floor[rest], right[rest])
+    return found, rank
+
+
+def _by_roots(
+    gram: FloatArray, floor: FloatArray, right: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    root, rank = inverse_roots(gram, floor)
+    # Of matrices this small a product by BLAS is mostly its call.
+    turned = np.einsum("nij,ni->nj", root, right)
+    return np.einsum("nij,nj->ni", root, turned), rank
 
 
 def _of_many(gram: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,7 @@
 """The profile likelihood against a dense computation and against statsmodels' mixed model."""
 
 from dataclasses import replace
+from functools import partial
 
 import hypothesis
 import numpy as np
@@ -10,15 +11,17 @@ from scipy.sparse import csr_array
 from scipy.stats import multivariate_normal
 
 from app.search import scan as scans
+from app.search.candidate import Candidate, Layout, Part
 from app.search.channel import prepare
 from app.search.draws import Draws
 from app.search.joint_fit import fit_terms, left_out
 from app.search.library import read_library
-from app.search.moments import fixed_of
+from app.search.moments import fixed_of, moments_of
 from app.search.problem import make_problem
 from app.search.rows import Datum, Nuisance
 from app.search.scan import scan
 from app.search.scatter import UNLIMITED
+from app.search.small_inverse import inverse_roots, solutions
 from app.search.state import Given, State
 from tests.search.search_campaigns import make_campaign, make_library
 
@@ -116,6 +119,89 @@ def test_the_profile_is_the_largest_log_likelihood(count, seed, spread):
     np.testing.assert_allclose(found, plain.max(axis=0), rtol=1e-12, atol=1e-9)
     at_best = np.take_along_axis(plain, best[None], 0)[0]
     np.testing.assert_allclose(at_best, found, rtol=1e-12, atol=1e-9)
+    assert (state.largest(squares[levels], levels) == found).all()
+
+
+@pytest.mark.parametrize("datum", [Datum.ABSOLUTE, Datum.FREE])
+def test_what_is_taken_of_entries_is_their_shadows_with_themselves(datum):
+    _, problem = make_small(datum=datum)
+    fixed, cells = problem.fixed[0], np.array([True, False])
+    columns = np.random.default_rng(4).normal(size=(len(fixed.channel.rows), 6))
+    state = State(fixed, cells, Given(columns[:, :1], np.zeros(1), np.zeros(len(columns))))
+    some = state.levels[0]
+    rest, own = columns[:, 2:], moments_of(fixed.channel, columns, fixed.cells)
+    with_given = (fixed.channel.by_cell(columns[:, :1], rest, fixed.cells))[cells].sum(axis=0)
+    with_nuisance = np.vstack([own.nuisance[cells].sum(axis=0).T[:, 2:], with_given])
+    reduced = own.reduced[state.blocks][:, :, 2:]
+    shadow, first = some.shadow(with_nuisance, reduced), some.turned.shape[1]
+    for part, found in zip(
+        (shadow[:, :first], shadow[:, first:]), some.taken(with_nuisance, reduced, 2), strict=True
+    ):
+        assert found.shape == (len(some.which), 2, 2, 2)
+        for entry in range(2):
+            mine = part[:, :, 2 * entry : 2 * entry + 2]
+            whole = mine.transpose(0, 2, 1) @ mine
+            np.testing.assert_allclose(found[:, entry], whole, rtol=1e-9, atol=1e-9)
+
+
+@hypothesis.given(st.integers(0, 2**32 - 1), st.integers(1, 3))
+def test_solutions_leave_out_what_roots_leave_out(seed, size):
+    random = np.random.default_rng(seed)
+    factors = random.normal(size=(40, size, size))
+    factors[::4, 0] = 0.0  # nothing is seen of one direction
+    factors[1::4] = 0.0  # nor of any
+    turn = np.linalg.qr(random.normal(size=(40, size, size)))[0]
+    gram = turn.transpose(0, 2, 1) @ factors.transpose(0, 2, 1) @ factors @ turn
+    gram = 0.5 * (gram + gram.transpose(0, 2, 1))
+    floor, right = np.full(40, 1e-6), random.normal(size=(40, size))
+    root, rank = inverse_roots(gram, floor)
+    found, same = solutions(gram, floor, right)
+    assert same.tolist() == rank.tolist()
+    wanted = np.einsum("nij,nkj,nk->ni", root, root, right)
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9)
+
+
+def test_candidates_of_one_layout_are_what_each_is_by_itself():
+    """Also where one acts on fewer channels than another, or at one theta only."""
+    campaign, problem = make_small()
+    here = [np.flatnonzero(campaign.on(c)) for c in range(2)]
+
+    def amplitudes(key, theta):
+        late = np.maximum(campaign.time - (theta or 0.0), 0.0)
+        return {
+            "both": [campaign.speed, late],
+            "first": [campaign.temperature * campaign.on(0)],
+            "second": [campaign.twin * campaign.on(1) * (theta == 0.5), late * campaign.on(0)],
+        }[key]
+
+    def parts(columns):
+        laid_out = [Part(c, rows, np.column_stack(columns)[rows]) for c, rows in enumerate(here)]
+        return [part for part in laid_out if part.columns.any()]
+
+    candidates = [
+        Candidate(
+            key,
+            "family",
+            lambda theta, key=key: parts(amplitudes(key, theta)),
+            (0.25, 0.5),
+            layout=Layout("here", partial(amplitudes, key), parts),
+        )
+        for key in ("both", "first", "second")
+    ]
+    wanted = [(candidate, theta) for candidate in candidates for theta in candidate.grid]
+    together = problem.terms(wanted)
+    assert [(term.candidate, term.theta) for term in together] == wanted
+    assert {term.channels for term in together} == {(0, 1), (0,)}
+    for term, one in zip(together, wanted, strict=True):
+        alone = problem.term(*one)
+        assert (term.channels, term.size) == (alone.channels, alone.size)
+        np.testing.assert_allclose(term.norms, alone.norms, rtol=1e-12)
+        for c, columns in alone.columns.items():
+            np.testing.assert_allclose(term.columns[c], columns, rtol=1e-12, atol=1e-14)
+    library = read_library(problem, candidates, None)
+    assert [(e.candidate, e.theta) for e in library.entries] == [
+        (number, theta) for number in range(3) for theta in (0.25, 0.5)
+    ]
 
 
 @pytest.mark.parametrize("portion", [1, 700])
