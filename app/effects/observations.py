@@ -18,9 +18,10 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
+from app.measurement.stated_numbers import suspiciously_small
 from app.search.rows import Datum
 from app.search.scatter import blocks_in_time
-from app.units import SECONDS_PER_MIN, iso_time
+from app.units import SECONDS_PER_MIN, Unit, iso_time
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -110,7 +111,18 @@ class Verification:
     @property
     def remarks(self) -> list[str]:
         """Say what is taken as it came although it may be a mistake."""
-        return [*self._copies(), *self._lacking_setups()]
+        return [*self._sizes(), *self._copies(), *self._lacking_setups()]
+
+    def _sizes(self) -> Iterable[str]:
+        """Note lengths so small that they may be in mm."""
+        lengths = [
+            value
+            for one in self.observations
+            if one.component is None or COMPONENTS[one.component].unit is Unit.UM
+            for value in one.measured
+        ]
+        if lengths and not self.is_planned:
+            yield from suspiciously_small("measured_um", np.array(lengths))
 
     def _copies(self) -> Iterable[str]:
         """Name lines of one time and place.

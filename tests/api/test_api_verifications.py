@@ -53,6 +53,12 @@ async def test_copied_observations_are_stored_and_said(client):
     assert (await client.post(PATH, json=apart)).json()["warnings"] == []
 
 
+async def test_lengths_that_may_be_in_mm_are_stored_and_said(client):
+    small = verification(observation(measured_um=0.012))
+    (warning,) = (await client.post(PATH, json=small)).json()["warnings"]
+    assert warning.startswith("No reading is larger than 0.012 µm (measured_um): they may be in mm")
+
+
 async def test_observations_without_a_set_up_beside_others_with_one_are_said(client):
     """As in a spreadsheet in which only the first line of each set-up is filled in."""
     first, *below = (

@@ -69,6 +69,18 @@ def test_the_documents_file_of_points(read):
     }
 
 
+def test_rotations_and_squareness_may_have_columns_of_their_own(read):
+    found = read(
+        "time;component;position_mm;measured_um;measured_urad;measured_um_per_m\n"
+        "2026-03-01T06:00:00Z;EXX;250;4,31;;\n"
+        "2026-03-01T06:01:00Z;EBX;250;;12,4;\n"
+        "2026-03-01T06:02:00Z;SXY;;;;-8,2\n"
+    )
+    length, pitch, square = found.body["observations"]
+    assert (length["measured_um"], pitch["measured_urad"]) == (4.31, 12.4)
+    assert (square["measured_um_per_m"], list(found.remarks)) == (-8.2, [])
+
+
 def test_units_are_converted_in_decimal(read):
     found = read(
         "Time;Component;Position [m];Measured [mm];Measured [arcsec]\n"
@@ -178,6 +190,15 @@ HEAD = "time,component,position_mm,direction,measured_um,state rpm\n"
             "column 5 (measured_x_um): expected a component or a point, and not both, got both",
         ),
         ("# datum: last\n" + HEAD, "expected datum among absolute, first, free, got 'last'"),
+        (
+            "time,component,measured_urad,measured_um_per_m\n2026-03-01T06:00:00Z,SXY,2,3\n",
+            "expected one measured value, in µm/m, got both",
+        ),
+        (
+            "time,component,position_mm,measured_um,measured_urad,measured_um_per_m\n"
+            "2026-03-01T06:00:00Z,EXX,5,,,3\n",
+            "expected a measured value in µm, got one in µm/m",
+        ),
         ("time,component,position_mm\n", "measured_um (or measured_urad), or at points"),
         ("time,component,measured [furlong]\n", "expected the unit of measured"),
         ("component,measured_um\n", "without time"),

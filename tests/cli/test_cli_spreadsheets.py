@@ -10,6 +10,7 @@ from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.csv_measurements import read_csv_measurement
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile, read_text
+from app.cli.analyse_files import read_verifications
 from app.cli.csv_recording import read_recording
 
 STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
@@ -174,7 +175,8 @@ def test_sizes_are_judged_in_verifications_too(tmp_path):
     file = tmp_path / "night.csv"
     head = "time,component,position_mm,measured_um\n"
     file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,0.004\n", encoding="utf-8")
-    (remark,) = read_csv_verification(file).remarks
+    (found,) = read_verifications([file], "vmc")
+    (remark,) = found.remarks
     assert remark.startswith("No reading is larger than 0.004 µm (measured_um): they may be in mm")
     file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,20000\n", encoding="utf-8")
     with pytest.raises(UnreadableFile, match=r"line 2: expected errors within ±10000 µm, got 200"):

@@ -16,15 +16,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from app.api.files.csv_columns import (
     LENGTH,
     POSITION,
     SMALL_ANGLE,
+    Column,
     Columns,
     Named,
     find_columns,
+    match_columns,
     names_after,
 )
 from app.api.files.csv_comments import Comments, Stated, Statement, read_comments
@@ -34,7 +34,6 @@ from app.api.files.delimited_text import Problems as FileProblems
 from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.errors import UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, Component, parse_component
-from app.measurement.stated_numbers import suspiciously_small
 from app.search.rows import Datum
 from app.thermal.error_map import impossible_error
 from app.units import Unit
@@ -60,6 +59,8 @@ _DIRECTION: Final = Named("direction", None)
 _SETUP: Final = Named("setup", None)
 _MEASURED: Final = Named("measured", LENGTH)
 _MEASURED_ANGLE: Final = Named("measured_angle", SMALL_ANGLE, ("measured",))
+_MEASURED_SLOPE: Final = Named("measured_slope", SMALL_ANGLE)
+"""A second column of angles in another unit: squareness in µm/m beside rotations in µrad."""
 _AT_POINTS: Final = tuple(
     tuple(Named(f"{stem}_{axis}", quantity) for axis in LINEAR_LETTERS)
     for stem, quantity in (
@@ -114,7 +115,7 @@ def parse_csv_verification(
     if not text.rows:
         text.problems.add("expected lines of observations, got none")
     observations = [_observation(columns, states, row, is_planned) for row in text.rows]
-    remarks += _check_sizes(text, observations)
+    _check_sizes(text, observations)
     text.problems.raise_if_any()
     head = _head(comments, file.stem)
     return CsvVerification(
@@ -125,9 +126,8 @@ def parse_csv_verification(
     )
 
 
-def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> list[str]:
-    """Refuse what can be no error of a machine tool; note what may be in mm."""
-    lengths: list[float] = []
+def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> None:
+    """Refuse what can be no error of a machine tool."""
     for row, observation in zip(text.rows, observations, strict=True):
         for field, stated in observation.items():
             if not field.startswith("measured_") or stated is None:
@@ -138,18 +138,11 @@ def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> list[str]
             impossible = values and impossible_error(_component_of(observation), values)
             if impossible:
                 text.problems.add(impossible, row.line)
-            lengths += values if _is_length(observation) else []
-    return suspiciously_small(_MEASURED.full, np.array(lengths)) if lengths else []
 
 
 def _component_of(observation: Body) -> Component | None:
     name = observation.get("component")
     return parse_component(name)[0] if name else None
-
-
-def _is_length(observation: Body) -> bool:
-    component = _component_of(observation)
-    return component is None or component.unit is Unit.UM
 
 
 def _head(comments: Comments, name: str) -> Body:
@@ -171,9 +164,22 @@ def _find_columns(
     others = ["" if i in states else heading for i, heading in enumerate(text.headings)]
     optional = [*(one for group in _AT_POINTS for one in group)]
     optional += [_COMPONENT, _POSITION, _DIRECTION, _MEASURED, _MEASURED_ANGLE, _SETUP]
+    second = _second_of_angles(replace(text, headings=others))
+    if second is not None:
+        others[second.index] = ""
     columns = find_columns(replace(text, headings=others), [_TIME], optional, remarks)
     _expect_kind(text, columns, is_planned)
-    return Columns(text, columns.by_field), states
+    also = {} if second is None else {_MEASURED_SLOPE.field: second}
+    return Columns(text, {**columns.by_field, **also}), states
+
+
+def _second_of_angles(text: DelimitedText) -> Column | None:
+    """Find the second column of angles where it is in another unit than the first."""
+    matches = match_columns(text, (_MEASURED, _MEASURED_ANGLE))
+    angles = [column for column in matches if column.thing is _MEASURED_ANGLE]
+    if len(angles) != 2 or angles[0].unit == angles[1].unit:
+        return None
+    return replace(angles[1], thing=_MEASURED_SLOPE)
 
 
 def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> None:
@@ -246,19 +252,22 @@ def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
 
 def _measured(columns: Columns, row: Row, unit: Unit) -> Body:
     """Read a component's value; a column in µm may hold it in the component's own unit."""
-    field = "measured_angle" if unit in _ANGLES else "measured"
-    fits = unit is Unit.UM or unit in _ANGLES
-    value = columns.number(row, field) if fits else None
-    other = _MEASURED if field == _MEASURED_ANGLE.field else _MEASURED_ANGLE
+    of_angles = (_MEASURED_ANGLE, _MEASURED_SLOPE)
+    fitting = {Unit.UM: (_MEASURED,), **dict.fromkeys(_ANGLES, of_angles)}.get(unit, ())
+    own = next((one.field for one in fitting if columns.word(row, one.field)), None)
+    value = None if own is None else columns.number(row, own)
+    others = [one for one in (_MEASURED, *of_angles) if one.field != own]
     if value is not None:
-        _expect_none(columns, row, (other,), f"one measured value, in {unit.symbol}")
+        _expect_none(columns, row, others, f"one measured value, in {unit.symbol}")
         return {f"measured_{unit}": value}
-    own = columns.by_field.get("measured")
-    if unit is not Unit.UM and own is not None and own.unit == LENGTH.unit:
+    column = columns.by_field.get("measured")
+    if unit is not Unit.UM and column is not None and column.unit == LENGTH.unit:
+        own = own or (column.thing.field if columns.word(row, "measured") else None)
         value = columns.number(row, "measured")
-    if value is None and not columns.word(row, field):
-        unit_read = columns.by_field[other.field].symbol if columns.word(row, other.field) else ""
-        got = f"one in {unit_read}" if unit_read else "none"
+    if own is None:
+        filled = [one.field for one in others if columns.word(row, one.field)]
+        got = f"one in {columns.by_field[filled[0]].symbol}" if filled else "none"
+        field = "measured_angle" if unit in _ANGLES else "measured"
         columns.complain(row, field, f"expected a measured value in {unit.symbol}, got {got}")
     return {"measured_um": value}
 
