@@ -3398,7 +3398,7 @@ class AnalysisResult(Shape):
     """Residuals of the model as it was"""
 
     after: FiguresAnswer
-    """Residuals with the effects as they would be adopted"""
+    """Residuals with all effects that were found, those that do not help included"""
 
     after_with_maps_refitted: FiguresAnswer | None
     """The same with the maps also corrected within their own uncertainty"""

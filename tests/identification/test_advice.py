@@ -58,7 +58,7 @@ def test_a_name_that_is_not_sure_says_so_in_the_answers_first_sentence():
 def test_a_summary_names_what_matters_and_counts_the_rest():
     proxy = LAG | {"is_proxy": True, "status": "suspected", "explanation": "Proxy", "helps": False}
     said = summed_up(*[proxy] * 5, LAG, EXCHANGED)
-    assert said.index("are swapped") < said.index("late; Proxy; and 4 more (4 suspected). The")
+    assert said.index("are swapped") < said.index("late; Proxy; and 4 more (4 suspected). With")
     assert said.lower().count("proxy") == 1
     assert "more" not in summed_up(LAG, LAG, LAG)
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +18,7 @@ from app.identification.analysis.before_after import (
     zero_of,
 )
 from app.identification.analysis.curves import mean_variances, of_one_unit
-from app.identification.analysis.figures import Figures
+from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
 from app.search.findings import ChannelNoise, Figure, HeldOut
@@ -194,7 +195,47 @@ def test_residuals_that_rise_are_not_said_to_fall():
         explanation="EZX has been drifting", is_proxy=False, status="confirmed", sensors=()
     )
     told = summary("effects-found", [effect], [], [], before, after, 0.3, "µm", None)
-    assert "do not fall but rise from 0.9 to 4 µm on held-out visits" in told
+    assert "The residuals do not fall but rise from 0.9 to 4 µm on held-out visits" in told
+
+
+def test_figures_of_all_effects_are_said_to_be_so_where_not_all_would_be_adopted():
+    before, after = (Figures(size, 2 * size, size, (size, size)) for size in (1.8, 6.0))
+    effects = [
+        SimpleNamespace(
+            explanation=f"{code} has been drifting",
+            is_proxy=False,
+            status="confirmed",
+            sensors=(),
+            helps=helps,
+        )
+        for code, helps in (("EZZ", True), ("EYY", False))
+    ]
+    told = summary("effects-found", effects, [], [], before, after, 0.3, "µm", None)
+    assert "With all effects the residuals do not fall but rise from 1.8 to 6 µm" in told
+
+
+def test_what_shows_in_an_angle_alone_is_said_in_its_unit():
+    size = Figures(0.484, 0.9, 0.484, (0.4, 0.6))
+    effect = SimpleNamespace(
+        explanation="the table of EBZ in map 'warm' has the wrong sign",
+        is_proxy=False,
+        status="confirmed",
+        sensors=(),
+    )
+    told_of = partial(ComponentFigures, noise_origin="declared", floor=None, setup_scatter=None)
+    components = [
+        told_of(code, unit, 20, before, after, 9.0, 9.0, before, after, noise=0.5, zero="absolute")
+        for code, unit, before, after in (
+            ("EXX", "µm", 0.484, 0.484),
+            ("EAX", "µrad", 0.6, 0.59),
+            ("EBZ", "µrad", 7.43, 0.6),
+        )
+    ]
+    told = summary("effects-found", [effect], [], [], size, size, 0.3, "µm", None, components)
+    assert (
+        "The residuals stay at 0.484 µm, and those of EBZ fall from 7.43 to 0.6 µrad on held-out "
+        "visits"
+    ) in told
 
 
 def test_the_answer_begins_as_a_sentence_does():

@@ -12,7 +12,7 @@ from app.effects.registry import do_the_same, kind_of
 from app.errors import capitalised, list_names
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import FarValue, asked_again
-from app.identification.analysis.figures import Figures
+from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.identification.analysis.shown_by_few import hours_of_day
 from app.search.findings import Status
@@ -41,6 +41,7 @@ def summary(
     noise: float | None,
     unit: str,
     kinds: Collection[str] | None,
+    components: Sequence[ComponentFigures] = (),
 ) -> str:
     """Say the answer in two or three sentences.
 
@@ -56,6 +57,8 @@ def summary(
         Of the figures and the repeatability.
     kinds
         The kinds that were looked for; None: all.
+    components
+        Figures of each: those in another unit, where an effect may show alone.
     """
     scatter = "" if noise is None else f"; one observation scatters by {noise:.2g} {unit}"
     size = before.holdout_rms or before.rms
@@ -76,11 +79,26 @@ def summary(
     moves = f"{'fall' if left < size else 'do not fall but rise'} from {size:.3g} to {left:.3g}"
     moves = f"stay at {size:.3g}" if left == size else moves
     held = "" if after.holdout_rms is None else " on held-out visits"
-    changed = f"The residuals {moves} {unit}{held}{scatter}"
+    apart = _of_another_unit(components, unit) if left == size else ""
+    # The figures are of all that was found, and that is not what adopting by default takes.
+    is_mixed = len(effects) > 1 and len({one.helps for one in effects}) > 1
+    whose = "With all effects the" if is_mixed else "The"
+    changed = f"{whose} residuals {moves} {unit}{apart}{held}{scatter}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
     sensors = [name for one in effects for name in one.sensors]
     sensors += [name for one in refitted for name in one.effect.sensors]
     return f"{capitalised(found, sensors)}. {changed}{rest}."
+
+
+def _of_another_unit(components: Sequence[ComponentFigures], unit: str) -> str:
+    """Say which component that the overall figures leave out has changed most; empty: none has."""
+    changed = [one for one in components if one.unit != unit and len({*one.shown_rms}) > 1]
+    if not changed:
+        return ""
+    one = max(changed, key=lambda it: abs(it.shown_rms[0] - it.shown_rms[1]) / it.noise)
+    before, after = one.shown_rms
+    how = "fall" if after < before else "rise"
+    return f", and those of {one.component} {how} from {before:.3g} to {after:.3g} {one.unit}"
 
 
 def _named(effects: Sequence[FoundEffect]) -> list[str]:
@@ -151,7 +169,7 @@ def what_next(
     asked = any("visits" in one.reason for one in not_testable)
     if visits < (ENOUGH_VISITS if asked else FEWEST_BLOCKS):
         found.append(
-            f"Add visits at other temperatures: {visits} took part, but effects that change from "
+            f"Add visits at other temperatures: {visits} took part, and effects that change from "
             f"visit to visit need at least {FEWEST_BLOCKS}, preferably {ENOUGH_VISITS}."
         )
     if times_s is not None and (hours := hours_of_day(times_s)):

@@ -295,7 +295,9 @@ def _answer(
     floor = _floor(components)
     unit = figures_unit(found.residuals)
     far = far_values(found)
-    told = summary(verdict, described, refitted, unexplained, size, after, noise, unit, kinds)
+    told = summary(
+        *(verdict, described, refitted, unexplained, size, after, noise, unit, kinds, components)
+    )
     return Analysis(
         verdict=verdict,
         summary=told + left_out_words(far),

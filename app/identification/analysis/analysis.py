@@ -215,7 +215,7 @@ class Analysis(Answer, published_as="AnalysisResult"):
     """Residuals of the model as it was"""
 
     after: Figures
-    """Residuals with the effects as they would be adopted"""
+    """Residuals with all effects that were found, those that do not help included"""
 
     after_with_maps_refitted: Figures | None
     """The same with the maps also corrected within their own uncertainty"""
