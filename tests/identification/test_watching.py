@@ -149,6 +149,25 @@ def test_all_at_once_and_one_by_one_give_the_same():
     assert judgement.evidence == pytest.approx(watched(campaign)[-1].evidence, rel=0.2)
 
 
+def test_a_visit_far_off_is_not_said_to_agree_though_no_change_is_proved():
+    """Visits that are off to and fro are a wide scatter of set-ups, or what the model lacks."""
+    _, campaign = verifications_of(3, visits=40)
+    of_exx = [v for v in (only(v, "EXX") for v in campaign.verifications) if v.observations]
+    state, said = WatchState(), []
+    for i, verification in enumerate(of_exx[:6]):
+        moved = shifted(verification, "EXX", (-1) ** i * (9.0 - 0.3 * i))
+        judgement, state = watch(replace(campaign, verifications=[moved]), state, 1)
+        said.append(judgement)
+    assert {one.status for one in said} == {"within"}
+    assert said[0].summary.startswith("The watch starts here")
+    assert "But the level of EXX is off by " in said[0].summary
+    assert len(said) >= 5
+    for later in said[1:]:
+        assert later.summary.startswith(
+            "No lasting change is proved, but the level of EXX is off by "
+        )
+
+
 @pytest.mark.slow
 def test_an_unknown_zero_is_no_change():
     _, campaign = verifications_of(6, datum="free")

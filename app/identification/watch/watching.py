@@ -32,6 +32,10 @@ from app.search.rows import Datum, Rows
 PLAINLY: Final = 2.0
 """A visit shows a change by itself where it is off by so many standard deviations."""
 
+FAR: Final = 5.0
+"""Off by so many standard deviations of one observation and the maps, a visit is said to be so,
+although set-ups may scatter as much: nobody is told that it agrees with the model."""
+
 FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""
 
@@ -285,18 +289,19 @@ def watch(
     """
     sheet = _Sheet.of(campaign)
     rows, times_s = sheet.rows, sheet.residuals.rows.times_s
-    judged = False
+    judged, farthest = False, None
     visits = np.unique(rows.visit).tolist()
     for visit in visits:
         here = rows.visit == visit
         for channel in np.unique(rows.channel[here]).tolist():
             state, taken = _after_channel(state, sheet, visit, channel)
-            judged |= taken
+            judged |= bool(taken)
+            farthest = max([*taken, *([farthest] if farthest else [])], key=_farness, default=None)
         if state.beyond_since_s is None and state.evidence() >= LIMIT:
             state = replace(state, beyond_since_s=float(times_s[here].min()))
     latest = latest_residuals(sheet.residuals)
     state = replace(state, figures=WatchFigures(state.evidence(), state.most_sigmas(), latest))
-    return _judgement(state, judged, len(visits), model_version), state
+    return _judgement(state, judged, farthest, len(visits), model_version), state
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,10 +333,33 @@ class _Sheet:
         return here[:, np.unique(here.indices)]
 
 
+@dataclass(frozen=True, slots=True)
+class _Away:
+    """A visit's number, and the standard deviation of one observation and the maps."""
+
+    component: str
+    what: str
+    value: float
+    sd: float
+
+    @property
+    def words(self) -> str:
+        """What it is off by, as part of a sentence."""
+        unit = channel_unit(self.component).symbol
+        return (
+            f"the {self.what} of {self.component} is off by {self.value:.2g} {unit}, where one "
+            f"observation scatters by ±{self.sd:.2g} {unit}, the maps' uncertainty included"
+        )
+
+
+def _farness(number: _Away) -> float:
+    return abs(number.value) / number.sd
+
+
 def _after_channel(
     state: WatchState, sheet: _Sheet, visit: int, channel: int
-) -> tuple[WatchState, bool]:
-    """Take one channel of one visit; also say whether enough is known to judge it."""
+) -> tuple[WatchState, list[_Away]]:
+    """Take one channel of one visit; give its numbers too, none where too little is known."""
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
     own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
     fit = _Fit.of(rows.values[own], sheet.tilt[own])
@@ -340,14 +368,15 @@ def _after_channel(
     declared = rows.noise.get(channel)
     variance = noise.variance(declared.repeatability if declared else None)
     if variance is None:
-        return state, False
+        return state, []
     is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
-    streams = dict(state.streams)
+    streams, taken = dict(state.streams), []
     for number in fit.numbers(variance, sheet.maps(channel, own), is_zeroed):
         key = f"{name}{KEY}{number.what}"
         before = streams.get(key, Stream.begin(number.maps))
         streams[key] = before.after(number, float(np.sqrt(variance)))
-    return replace(state, streams=streams), True
+        taken.append(_Away(name, number.what, number.value, float(np.sqrt(variance + number.maps))))
+    return replace(state, streams=streams), taken
 
 
 def _along_travels(residuals: Residuals) -> FloatArray:
@@ -419,7 +448,9 @@ class _Fit:
         ]
 
 
-def _judgement(state: WatchState, judged: bool, visits: int, model_version: int) -> Judgement:
+def _judgement(
+    state: WatchState, judged: bool, farthest: _Away | None, visits: int, model_version: int
+) -> Judgement:
     is_beyond = state.beyond_since_s is not None
     named = state.all_followed()[:MOST_NAMED] if is_beyond else []
     changed = [one for one in named if one.evidence >= LIMIT] or named[:1]
@@ -430,23 +461,34 @@ def _judgement(state: WatchState, judged: bool, visits: int, model_version: int)
         LIMIT,
         FALSE_ALARM,
         _sentence(
-            changed, judged, is_first=all(s.process.steps <= 1 for s in state.streams.values())
+            changed,
+            judged,
+            farthest if farthest and _farness(farthest) > FAR else None,
+            is_first=all(s.process.steps <= 1 for s in state.streams.values()),
         ),
         tuple(changed),
         visits,
     )
 
 
-def _sentence(changed: Sequence[Followed], judged: bool, *, is_first: bool) -> str:
+def _sentence(
+    changed: Sequence[Followed], judged: bool, far: _Away | None, *, is_first: bool
+) -> str:
     if not changed and not judged:
         return (
             "It could not be judged: the scatter of these measurements is not known yet. State "
             "repeatability_um, or measure more."
         )
     if not changed and is_first:
-        return (
+        starts = (
             "The watch starts here: no deviation is large enough for a first visit to show it, "
             "and there are no earlier visits to compare with."
+        )
+        return f"{starts} But {far.words}." if far else starts
+    if not changed and far:
+        return (
+            f"No lasting change is proved, but {far.words}: set-ups may scatter so much, or the "
+            "model lacks something that an analysis may find."
         )
     if not changed:
         return (
