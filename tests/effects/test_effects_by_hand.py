@@ -362,7 +362,7 @@ def test_amplitude_and_phase_of_a_sine_with_their_errors():
                 parameters={"bias_k": 0.8, "changed_at_unix_s": START_S},
                 standard_errors={"bias_k": 0.05},
             ),
-            "x-middle has read wrong by 0.80 ± 0.05 K since 2026-03-01 00:00 UTC (seen in "
+            "x-middle has read wrong by 0.80 ± 0.05 K since about 2026-03-01 00:00 UTC (seen in "
             "EXX, EYX, EYY and 1 more)",
         ),
         *(

@@ -75,7 +75,7 @@ class SensorFault(EffectKind):
         bias = parameter(effect, "bias_k", "K")
         since = date_text(effect.parameters["changed_at_unix_s"])
         return (
-            f"{effect.sensors[0]} has read wrong by {bias} since {since} (seen in "
+            f"{effect.sensors[0]} has read wrong by {bias} since about {since} (seen in "
             f"{components(effect)})"
         )
 
