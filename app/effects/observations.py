@@ -32,6 +32,9 @@ REPLICATES_WITHIN_S: Final = 120.0
 """Repeats further apart than this have lived through something else [s]: a spindle's nose moves by
 micrometres in minutes."""
 
+LIKELY_REPEATABILITY_UM: Final = (0.005, 50.0)
+"""From a good laser's to a dial gauge's with much to spare; beyond, the unit may be another."""
+
 SAME_PLACE_DECIMALS: Final = 6
 """Places that agree to a nanometre are one."""
 
@@ -111,7 +114,12 @@ class Verification:
     @property
     def remarks(self) -> list[str]:
         """Say what is taken as it came although it may be a mistake."""
-        return [*self._sizes(), *self._copies(), *self._lacking_setups()]
+        return [
+            *self._sizes(),
+            *self._unlikely_repeatability(),
+            *self._copies(),
+            *self._lacking_setups(),
+        ]
 
     def _sizes(self) -> Iterable[str]:
         """Note lengths so small that they may be in mm."""
@@ -123,6 +131,17 @@ class Verification:
         ]
         if lengths and not self.is_planned:
             yield from suspiciously_small("measured_um", np.array(lengths))
+
+    def _unlikely_repeatability(self) -> Iterable[str]:
+        """Ask about a repeatability that no instrument has: everything is judged by it."""
+        stated = self.repeatability_um
+        low, high = LIKELY_REPEATABILITY_UM
+        if stated is not None and not low <= stated <= high:
+            meant = "mm" if stated < low else "nm"
+            yield (
+                f"A repeatability of {stated:g} µm is stated (repeatability_um): is it in {meant}? "
+                f"From {low:g} to {high:g} µm is usual"
+            )
 
     def _copies(self) -> Iterable[str]:
         """Name lines of one time and place.

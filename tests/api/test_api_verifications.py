@@ -59,6 +59,14 @@ async def test_lengths_that_may_be_in_mm_are_stored_and_said(client):
     assert warning.startswith("No reading is larger than 0.012 µm (measured_um): they may be in mm")
 
 
+@pytest.mark.parametrize(("stated", "unit"), [(0.0005, "mm"), (500.0, "nm"), (0.5, None)])
+async def test_a_repeatability_in_another_unit_is_asked_about(client, stated, unit):
+    body = verification(repeatability_um=stated)
+    warnings = (await client.post(PATH, json=body)).json()["warnings"]
+    expected = f"A repeatability of {stated:g} µm is stated (repeatability_um): is it in {unit}?"
+    assert [one.startswith(expected) for one in warnings] == ([True] if unit else [])
+
+
 async def test_observations_without_a_set_up_beside_others_with_one_are_said(client):
     """As in a spreadsheet in which only the first line of each set-up is filled in."""
     first, *below = (
