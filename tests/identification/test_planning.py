@@ -199,3 +199,10 @@ def test_where_the_maps_know_nothing_only_the_instrument_can_be_seen():
     found = plan(campaign_of(visits, effects=[roll]), 3)
     assert found.values == 24
     assert [e.kind for e in found.effects] == ["instrument-warm-up"]
+
+
+def test_what_is_not_seen_of_one_map_is_said_of_that_map():
+    """Else the same components stand there again and again, beside those that are seen."""
+    found = plan(campaign_of(observations()[:1]), 1)
+    (subjects,) = (n.on for n in found.not_testable if n.kind == "map-factor")
+    assert "SXY of map 'Run #1', SXY of map 'Run #3'" in subjects

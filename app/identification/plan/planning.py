@@ -18,7 +18,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import NotTested
 from app.effects.observations import Verification
-from app.effects.registry import Repertoire, repertoire, separating_measurement
+from app.effects.registry import Repertoire, kind_of, repertoire, separating_measurement
 from app.errors import InvalidContent, counted, list_names
 from app.identification.analysis.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
@@ -180,7 +180,8 @@ def _with_declared_noise(residuals: Residuals) -> tuple[Rows, list[str]]:
     if lacking:
         names = list_names([residuals.rows.channels[c] for c in lacking], 6)
         notes.append(
-            f"a repeatability of {assumed:g} (in each component's own unit) was assumed for {names}"
+            f"a repeatability of {assumed:.3g} (in each component's own unit) was assumed for "
+            f"{names}"
         )
     return replace(rows, noise=noise), notes
 
@@ -365,9 +366,15 @@ def _not_testable(library: Repertoire, seen: Mapping[str, Detectable]) -> tuple[
     return by_reason(
         [
             *library.not_testable,
-            *(NotTested(own.kind, list_names(own.components, 3), NOT_SEEN) for own in unseen),
+            *(NotTested(own.kind, _subject(own), NOT_SEEN) for own in unseen),
         ]
     )
+
+
+def _subject(own: Hypothesis) -> str:
+    """Name the components of an effect, and the only map that it is about."""
+    label = kind_of(own.kind).which_map(own.variant)
+    return list_names(own.components, 3) + (f" of map {label!r}" if label else "")
 
 
 def _summary(
