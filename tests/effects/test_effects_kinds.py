@@ -281,6 +281,49 @@ def test_steps_are_sought_at_the_beginnings_of_visits():
     np.testing.assert_allclose(grid, begins)
 
 
+def without(code, verifications):
+    return [
+        replace(v, observations=[o for o in v.observations if o.component != code])
+        for v in verifications
+    ]
+
+
+def test_nothing_begins_before_what_it_changes_was_observed():
+    """A beginning before all of its rows is a constant: a map that no longer holds, or none."""
+    visits = observations(with_points=False)
+    where = example_view(verifications=without("EZZ", visits[:5]) + visits[5:])
+    grids = {h.components: h.nonlinear.grid for h in KINDS["step"].candidates(where).hypotheses}
+    begins = [v.observations[0].time_s for v in visits]
+    np.testing.assert_allclose(grids["EXX",], begins[1:])
+    np.testing.assert_allclose(grids["EZZ",], begins[6:])
+
+
+def test_what_the_last_visit_alone_observed_shows_no_beginning():
+    visits = observations(with_points=False)
+    only_exx = [
+        replace(v, observations=[o for o in v.observations if o.component == "EXX"])
+        for v in visits[:-1]
+    ]
+    where = example_view(verifications=[*only_exx, *without("EXX", visits[-1:])])
+    found = KINDS["step"].candidates(where)
+    assert {h.components for h in found.hypotheses} == {("EXX",)}
+    assert "last visit" in refused("step", where)["EZZ"]
+
+
+def test_a_sensor_reads_wrong_from_after_its_components_were_first_observed():
+    visits = observations(with_points=False)
+    only_ezz = [
+        replace(v, observations=[o for o in v.observations if o.component == "EZZ"])
+        for v in visits[:3]
+    ]
+    where = example_view(verifications=only_ezz + visits[3:])
+    found = KINDS["sensor-fault"].candidates(where).hypotheses
+    grids = {h.sensors: h.nonlinear.grid for h in found}
+    begins = [v.observations[0].time_s for v in only_ezz + visits[3:]]
+    np.testing.assert_allclose(grids["z-column",], begins[1:])
+    np.testing.assert_allclose(grids["x-middle",], begins[4:])
+
+
 def test_many_visits_are_thinned_and_refined():
     many = observations(with_points=False, visits_a_day=12)
     nonlinear = KINDS["step"].candidates(example_view(verifications=many)).hypotheses[0].nonlinear

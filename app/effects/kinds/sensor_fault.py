@@ -14,7 +14,7 @@ from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
-from app.effects.kinds.step import change_times
+from app.effects.kinds.step import NONE_BEFORE, times_after_first
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.effects.words import components, parameter
@@ -46,11 +46,14 @@ class SensorFault(EffectKind):
     def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor that components follow."""
         found = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
-        nonlinear = change_times(view)
         slope = Sensitivity(is_local=True)
         for sensor, codes in view.components_by_sensor.items():
             if not any(view.comparable_shapes(code, [slope]) for code in codes):
                 found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                continue
+            nonlinear = times_after_first(view, codes)
+            if nonlinear is None:
+                found.not_testable.append(self.refuse(sensor, NONE_BEFORE))
                 continue
             found.hypotheses.append(
                 Hypothesis(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Final
@@ -37,6 +37,11 @@ MOST_TIMES: Final = 40
 FEWEST_BEFORE: Final = 3
 """So many visits before it tell what begins from what has been there all the time."""
 
+NONE_BEFORE: Final = (
+    "all of its observations are in the last visit, or the last block of a long one, so nothing "
+    "shows how it was before a change"
+)
+
 
 class Step(EffectKind):
     """A component is another one from the beginning of some visit on."""
@@ -57,9 +62,19 @@ class Step(EffectKind):
     }
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every component, with a step at the beginning of any visit but the first."""
-        nonlinear = change_times(view)
-        return by_comparable_shapes(self, view, lambda c, s: [_hypothesis(c, s, nonlinear)])
+        """Every component, with a step at the beginning of any visit that is not its first."""
+        unseen: list[str] = []
+
+        def propose_of(code: str, shapes: list[Shape]) -> list[Hypothesis]:
+            nonlinear = times_after_first(view, [code])
+            if nonlinear is None:
+                unseen.append(code)
+                return []
+            return [_hypothesis(code, shapes, nonlinear)]
+
+        found = by_comparable_shapes(self, view, propose_of)
+        found.not_testable.extend(self.refuse(code, NONE_BEFORE) for code in unseen)
+        return found
 
     def explain(self, effect: Effect) -> str:
         """Say what changed when, and by how much."""
@@ -77,6 +92,21 @@ def change_times(view: CampaignView) -> Nonlinear:
     grid = tuple(np.unique(chosen).tolist())
     bounds = (grid[0], grid[-1]) if starts.size > MOST_TIMES else None
     return Nonlinear("changed_at_unix_s", 1.0, grid, bounds, log_scale=False)
+
+
+def times_after_first(view: CampaignView, codes: Iterable[str]) -> Nonlinear | None:
+    """List those before which some component was observed; None: there are none.
+
+    A beginning before all observations of what changed is a constant in every one of them: nobody
+    saw it come, and a map that no longer holds would look the same.
+    """
+    rows = np.concatenate([view.projection.view(code).rows for code in codes])
+    first_s = view.rows.times_s[rows].min()
+    times = change_times(view)
+    grid = tuple(time for time in times.grid if time > first_s)
+    if not grid:
+        return None
+    return replace(times, grid=grid, bounds=times.bounds and (grid[0], grid[-1]))
 
 
 def times_within(view: CampaignView) -> Nonlinear | None:
