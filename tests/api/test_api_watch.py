@@ -108,6 +108,7 @@ async def test_what_cannot_be_judged_is_stored_all_the_same(room, client):
     early = visit(-600)
     judgement = await judged(room, early)
     assert judgement["status"] == "not-judged"
+    assert "once that is mended, delete this one and store it again" in judgement["summary"]
     assert "before the first reading" in judgement["summary"]
     watch = (await room.get(f"{ROOM}/watch")).json()
     assert (watch["status"], watch["verifications"][0]["status"]) == (

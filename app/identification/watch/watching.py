@@ -261,7 +261,10 @@ def not_judged(model_version: int | None, reason: str) -> Judgement:
     reason
         Part of a sentence.
     """
-    summary = f"It could not be judged: {reason}."
+    summary = (
+        f"It could not be judged: {reason}. A judgement is made when a verification is stored: "
+        "once that is mended, delete this one and store it again. Analyses do without a judgement."
+    )
     return Judgement(model_version, "not-judged", None, None, None, summary, (), 0)
 
 
