@@ -423,10 +423,12 @@ def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
             progress.update(task, completed=job.progress, description=words)
             time.sleep(POLL_S)
             if ctrl_c.is_pressed:
-                progress.stop()
-                _cancel(thermap, machine, analysis_id)
-                raise typer.Exit(130)
+                break
         progress.update(task, completed=job.progress)
+    # Also where it was done meanwhile: whoever interrupts wants nothing adopted.
+    if ctrl_c.is_pressed:
+        _cancel(thermap, machine, analysis_id)
+        raise typer.Exit(130)
     _expect_done(job)
 
 

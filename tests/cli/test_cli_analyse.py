@@ -365,23 +365,29 @@ def test_ctrl_c_cancels_it(client, start, service_url):
     assert client.analysis(MACHINE_ID, jobs[0].id).status == "cancelled"
 
 
-def test_ctrl_c_while_an_answers_shape_is_compiled_cancels_it_too(thermap, client, monkeypatch):
-    """Compiled code turns an interrupt into an error of its own."""
+@pytest.mark.parametrize("is_done", [False, True])
+def test_ctrl_c_while_an_answers_shape_is_compiled_ends_it_too(
+    thermap, client, monkeypatch, is_done
+):
+    """Compiled code turns an interrupt into an error of its own. Nothing is adopted after it."""
     client.store_verification(MACHINE_ID, small_campaign().verifications[0])
+    before = client.machine(MACHINE_ID).active_model
     follow = ThermapClient.analysis
 
     def pressed_meanwhile(self, machine, analysis):
+        while (job := follow(self, machine, analysis)).status != "done" and is_done:
+            time.sleep(0.05)
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:
             raise ValueError("the shape cannot be compiled") from None
-        return follow(self, machine, analysis)
+        return job
 
     monkeypatch.setattr(ThermapClient, "analysis", pressed_meanwhile)
-    monkeypatch.setattr("app.cli.analyse._GOING_ON", {"queued", "running", "done"})
-    found = thermap("analyse", MACHINE_ID)
+    found = thermap("analyse", MACHINE_ID, "--adopt", "--effects", "backlash")
     assert found.exit_code == 130, found.output
     assert "analysis 1" in found.stderr
+    assert client.machine(MACHINE_ID).active_model == before
 
 
 @pytest.mark.slow
