@@ -22,6 +22,7 @@ PAGES = [
 RUN = re.compile(r"python -m ((?:benchmarks|examples|tests)(?:\.\w+)*)")
 NAMED = re.compile(r"`((?:app|thermap)(?:\.\w+)+)`")
 CODE = re.compile(r"```.*?```|`[^`\n]+`", re.DOTALL)
+CODE_BLOCK = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"(?<![\w./-])thermap ([a-z][a-z-]*)\b([^`\n|#]*)")
 OPTION = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
 ROOMS = ("app", "thermap", "examples", "tests")
@@ -73,6 +74,30 @@ def test_named_files_exist():
         ]
     assert len(named) > 100
     assert [str(path) for path in named if not path.exists()] == []
+
+
+def test_named_sections_exist():
+    named = [
+        (page, file, section)
+        for page in PAGES
+        for file, section in re.findall(
+            r"\]\((?!http)([^)#\s]*)#([^)]+)\)", page.read_text(encoding="utf-8")
+        )
+    ]
+    assert len(named) > 20
+    assert [
+        f"{page.name}: {file}#{section}"
+        for page, file, section in named
+        if section not in sections(page.parent / file if file else page)
+    ] == []
+
+
+def sections(page):
+    """Give the sections of a page as links name them."""
+    text = CODE_BLOCK.sub("", page.read_text(encoding="utf-8"))
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    words = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in headings]
+    return {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in words}
 
 
 def test_named_programs_exist():
