@@ -53,6 +53,9 @@ WITHIN: Final = 1.96
 STEMS: Final = ("slope", "reversal", "drift", "step", "curvature", "angle")
 """What answers call amplitudes that the simulator states in mid-travel and from there on."""
 
+OCTAVE: Final = 0.71
+"""A found pitch below so much of a planted one is its second harmonic's, which is half of it."""
+
 AT_ONCE: Final = 10_000
 LOOK_EVERY_S: Final = 1.5
 
@@ -634,9 +637,9 @@ def _intervals(
     for true in truth:
         for effect in effects:
             alone = judge({"effects": [effect], "verdict": "effects-found"}, [true])
-            if not true["in_library"] or alone != "alone":
+            if not true["in_library"] or alone != "alone" or not _is_of_form(effect, true):
                 continue
-            for name, value in _truths(true).items():
+            for name, value in _truths(true, effect).items():
                 found = {k: v for k, v in effect["parameters"].items() if _is_named(k, name)}
                 # A shape without a slope along the axis says nothing of mid-travel alone.
                 for key, estimate in found.items():
@@ -651,6 +654,12 @@ def _intervals(
                         yield f"{true['kind']} {name}", abs(z) <= WITHIN, z
 
 
+def _is_of_form(effect: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
+    """Whether sizes can be compared: that of a state's square is in another unit."""
+    is_square = true["parameters"].get("power") == 2
+    return true["kind"] != "state-variable" or is_square == ("squared" in effect["variant"])
+
+
 def _is_named(key: str, name: str) -> bool:
     stem, _, rest = key.partition("_")
     if name == "level":
@@ -660,7 +669,7 @@ def _is_named(key: str, name: str) -> bool:
     return key == name
 
 
-def _truths(true: Mapping[str, Any]) -> dict[str, float]:
+def _truths(true: Mapping[str, Any], effect: Mapping[str, Any]) -> dict[str, float]:
     """Translate the simulator's parameters into what an answer calls them."""
     own = true["parameters"]
     found: dict[str, float] = {}
@@ -671,6 +680,8 @@ def _truths(true: Mapping[str, Any]) -> dict[str, float]:
         found["bias_k"] = own["bias_c"]
     if "first_um" in own:
         found["amplitude_um"] = own["first_um"]
+        if "second_um" in own and effect["parameters"]["pitch_mm"] < OCTAVE * own["pitch_mm"]:
+            found |= {"amplitude_um": own["second_um"], "pitch_mm": 0.5 * own["pitch_mm"]}
     if true["kind"] == "backlash":
         found |= {"level": 2.0 * own["half_level_um"], "rise": 2.0 * own["half_slope_um"]}
         return found
