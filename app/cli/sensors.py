@@ -26,6 +26,7 @@ from app.cli.options import (
     command_group,
     connect,
 )
+from app.errors import list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -140,12 +141,22 @@ def correlation_view(found: CorrelationAnswer) -> RenderableType:
         for one in found.components
         if one.reason
     ]
-    proposed = [f"{code}={sensor}" for code, sensor in found.proposal.items()]
-    followed = {one.component: one.current for one in found.components}
-    differs = [text for text in proposed if followed.get(text.split("=")[0]) != text.split("=")[1]]
-    advice = f"`thermap sensors assign {shell_words(differs)}` assigns as proposed"
+    differing = [one for one in found.components if one.proposed not in (None, one.current)]
+    advice = []
+    if clear := [f"{one.component}={one.proposed}" for one in differing if not _ties(one)]:
+        advice.append(f"\n`thermap sensors assign {shell_words(clear)}` assigns as proposed")
+    if tied := [one.component for one in differing if _ties(one)]:
+        advice.append(
+            f"\nThe maps do not tell the sensors of {list_names(tied)} apart: assign the one that "
+            f"is nearest to what heats it (`thermap sensors assign {tied[0]}=SENSOR …`)"
+        )
     shown = or_nothing(table, "no error map is stored yet")
-    return Group(shown, *reasons, *([Text(f"\n{advice}")] if differs else []))
+    return Group(shown, *reasons, *map(Text, advice))
+
+
+def _ties(one: ProposalAnswer) -> bool:
+    """Whether other sensors explain a component as well as the one that is proposed."""
+    return sum(c.ties_with_best for c in one.correlations) > 1
 
 
 def _strength(one: ProposalAnswer) -> tuple[str, str]:

@@ -24,7 +24,7 @@ from app.services.residuals import load_campaign, read_verifications
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import active_version
-from app.storage.records import StoredVerification
+from app.storage.records import ModelVersion, StoredVerification
 from app.storage.verifications import (
     find_verification,
     find_verification_by_label,
@@ -36,9 +36,12 @@ from app.storage.verifications import (
 )
 from app.storage.watches import StoredWatch, find_watch, write_watch
 from app.thermal.machine import Machine
-from app.units import iso_time
+from app.units import MM_PER_M, iso_time
 
 log = logging.getLogger("thermap")
+
+ENOUGH_PLACES = 3
+"""So many positions of an axis show how much of it was measured; fewer may be one place's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +184,10 @@ def check_verification(
     return known
 
 
-def not_compared(context: Context, machine_id: str, components: Sequence[str]) -> list[str]:
-    """Say what of a verification the active model has nothing to be compared with, and why.
+def remarks_on_verification(
+    context: Context, machine_id: str, verification: Verification, components: Sequence[str]
+) -> list[str]:
+    """Say what is taken as it came although it may be a mistake, and what is not compared.
 
     Parameters
     ----------
@@ -197,8 +202,42 @@ def not_compared(context: Context, machine_id: str, components: Sequence[str]) -
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         version, machine = active_version(session, row), stored_machine(row).machine
+    return [
+        *verification.remarks,
+        *_maybe_in_metres(machine, verification.observations),
+        *_not_compared(machine, version, components),
+    ]
+
+
+def _maybe_in_metres(machine: Machine, observations: Sequence[Observation]) -> list[str]:
+    """Ask about positions that are all where they would be if metres were sent as millimetres."""
+    places: dict[str, set[float]] = {axis: set() for axis in machine.axes}
+    for o in observations:
+        for axis, place in _places(o).items():
+            places.setdefault(axis, set()).add(place)
+    found = []
+    for axis, own in places.items():
+        travel = machine.axes.get(axis)
+        if travel is None or len(own) < ENOUGH_PLACES:
+            continue
+        end = max(abs(travel.min_mm), abs(travel.max_mm))
+        if max(map(abs, own)) * MM_PER_M <= end:
+            found.append(
+                f"all positions of {axis} are from {min(own):g} to {max(own):g} mm, on an axis of "
+                f"{travel.min_mm:g} to {travel.max_mm:g} mm: are they in mm?"
+            )
+    return found
+
+
+def _not_compared(
+    machine: Machine, version: ModelVersion | None, components: Sequence[str]
+) -> list[str]:
+    """Say what of a verification a version has nothing to be compared with, and why.
+
+    `components` are what was observed: codes, and `points`.
+    """
     if version is None:
-        return [f"machine {machine_id!r} has no model yet: there is nothing to compare this with"]
+        return [f"machine {machine.id!r} has no model yet: there is nothing to compare this with"]
     found = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
     lacking = [code for code in components if code in COMPONENTS and code not in found.codes]
     omitted = found.model.omitted
@@ -246,20 +285,13 @@ def _check_times(context: Context, verification: Verification) -> None:
 
 def _check_place(machine: Machine, o: Observation, field: str) -> None:
     """Refuse what this machine cannot have: another machine's axis, a place beyond its travel."""
-    if o.point_mm is not None:
-        places = dict(zip("xyz", o.point_mm, strict=True))
-        field = f"{field}.point_mm"
-    else:
-        axis = COMPONENTS[str(o.component)].axis
-        if axis is None:
-            return
-        if axis not in machine.chain.axes:
-            raise InvalidContent.of_field(
-                f"{field}.component",
-                f"{o.component} is an error of an axis that {machine.chain.text} lacks",
-            )
-        places = {axis: o.position_mm or 0.0}
-        field = f"{field}.position_mm"
+    places = _places(o)
+    if o.point_mm is None and not places.keys() <= set(machine.chain.axes):
+        raise InvalidContent.of_field(
+            f"{field}.component",
+            f"{o.component} is an error of an axis that {machine.chain.text} lacks",
+        )
+    field = f"{field}.{'position_mm' if o.point_mm is None else 'point_mm'}"
     for axis, place in places.items():
         travel = machine.axes.get(axis)
         if travel and not travel.min_mm <= place <= travel.max_mm:
@@ -268,6 +300,14 @@ def _check_place(machine: Machine, o: Observation, field: str) -> None:
                 f"expected {axis} within the axis' travel of {travel.min_mm:.12g} to "
                 f"{travel.max_mm:.12g} mm, got {place:.12g} mm",
             )
+
+
+def _places(o: Observation) -> dict[str, float]:
+    """Say where the axes stood, as far as it is stated."""
+    if o.point_mm is not None:
+        return dict(zip("xyz", o.point_mm, strict=True))
+    axis = COMPONENTS[str(o.component)].axis
+    return {} if axis is None else {axis: o.position_mm or 0.0}
 
 
 def show_verifications(context: Context, machine_id: str) -> list[StoredVerification]:

@@ -59,6 +59,16 @@ async def test_lengths_that_may_be_in_mm_are_stored_and_said(client):
     assert warning.startswith("No reading is larger than 0.012 µm (measured_um): they may be in mm")
 
 
+@pytest.mark.parametrize(
+    ("places", "is_asked"), [([0, 0.25, 0.5], True), ([0, 0.25, 250], False), ([0, 0.25], False)]
+)
+async def test_positions_that_may_be_in_metres_are_asked_about(client, places, is_asked):
+    rows = [observation(position_mm=place, minutes=-60 + i) for i, place in enumerate(places)]
+    warnings = (await client.post(PATH, json=verification(*rows))).json()["warnings"]
+    asked = "all positions of x are from 0 to 0.5 mm, on an axis of 0 to 500 mm: are they in mm?"
+    assert warnings == [asked] * is_asked
+
+
 @pytest.mark.parametrize(("stated", "unit"), [(0.0005, "mm"), (500.0, "nm"), (0.5, None)])
 async def test_a_repeatability_in_another_unit_is_asked_about(client, stated, unit):
     body = verification(repeatability_um=stated)

@@ -280,5 +280,26 @@ def test_maps_of_a_machine_whose_sensors_nobody_assigned_are_told_of_once(therma
     assert "thermap sensors correlate" in note
     shown = thermap("sensors", "show", "--machine", "mill")
     assert shown.stdout.strip() == "no sensor is assigned to any component yet"
-    proposed = thermap("sensors", "correlate", "--machine", "mill")
-    assert '`thermap sensors assign "EXX=T1 bed" ' in " ".join(proposed.stdout.split())
+    proposed = " ".join(thermap("sensors", "correlate", "--machine", "mill").stdout.split())
+    assert "The maps do not tell the sensors of EXX, EBX, EZZ, SXY apart" in proposed
+    assert "`thermap sensors assign EXX=SENSOR …`" in proposed
+    assert "assigns as proposed" not in proposed
+
+
+def test_a_sensor_that_the_maps_tell_from_others_is_proposed_with_its_command(thermap, write):
+    """EXX moves by 1 µm/K with the bed; the column goes its own way."""
+    sensors = [{"name": "T1 bed"}, {"name": "column"}]
+    machine = write("machine.json", MACHINE | {"id": "mill", "sensors": sensors})
+    of_column = (21.0, 19.0, 22.0, 20.0, 19.5, 21.5)
+    maps = write(
+        "maps.json",
+        [
+            error_map(f"m{n}", 20.0 + n, temperatures_c={"T1 bed": 20.0 + n, "column": t})
+            for n, t in enumerate(of_column)
+        ],
+    )
+    assert thermap("import", machine, maps).exit_code == 0
+    proposed = " ".join(thermap("sensors", "correlate", "--machine", "mill").stdout.split())
+    assert '`thermap sensors assign "EXX=T1 bed" ' in proposed
+    assert "assigns as proposed" in proposed
+    assert "do not tell" not in proposed

@@ -26,7 +26,7 @@ from app.effects.observations import Verification
 from app.services.context import Context
 from app.services.verifications import (
     delete_verification,
-    not_compared,
+    remarks_on_verification,
     show_verification,
     show_verifications,
     show_watch,
@@ -116,8 +116,7 @@ def answer_to_verification(
     found = store_verification(context, machine, verification)
     response.status_code = 201 if found.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
-    lacking = not_compared(context, machine, found.stored.components)
-    warnings = [*notes, *verification.remarks, *lacking]
+    remarks = remarks_on_verification(context, machine, verification, found.stored.components)
     return StoredVerificationAnswer(
-        **VerificationAnswer.of(found.stored).model_dump(), warnings=warnings
+        **VerificationAnswer.of(found.stored).model_dump(), warnings=[*notes, *remarks]
     )
