@@ -59,7 +59,7 @@ class Entry:
     @property
     def excited(self) -> bool:
         """Whether the rows show it at all."""
-        return bool((self.norms > 0).any())
+        return bool(self.norms.any())
 
 
 @dataclass(eq=False)

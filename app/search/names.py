@@ -162,11 +162,12 @@ def _walking(beside: _Beside) -> list[int]:
 
     Zeros of different channels walk independently: one channel that rules it out is enough.
     """
+    trending = [n for n, t in enumerate(beside.terms) if t.origin is None and t.candidate.trending]
+    if not trending:
+        return []
     seen = {c: walk_seen(left, beside.visit[c]) for c, left in beside.left.items()}
     found = []
-    for number, term in enumerate(beside.terms):
-        if term.origin is not None or not term.candidate.trending:
-            continue
+    for number in trending:
         judged = []
         for c, own in beside.explained(number).items():
             others = [w for other, w in seen.items() if other != c and w is not None]
@@ -183,11 +184,13 @@ def set_ups_alike(selector: Selector, terms: Sequence[Term]) -> Alike:
 
 def _alike(selector: Selector, beside: _Beside) -> list[int]:
     """Name the terms that stand still but may be mostly what set-ups have in common."""
+    standing = [n for n, t in enumerate(beside.terms) if t.origin is None and t.candidate.standing]
+    if not standing:
+        return []
     tilt, seen = selector.library.problem.rows.tilt, beside.seen
     found = []
-    for number, term in enumerate(beside.terms):
-        if term.origin is not None or not term.candidate.standing:
-            continue
+    for number in standing:
+        term = beside.terms[number]
         evidence = [
             evidence_beside_alike(
                 beside.left[c],
