@@ -79,8 +79,9 @@ def smallest_effects(
     rivals
         Whether each is also held against its rivals, which takes much longer.
     """
-    known = informations(library, states, level, scatter)
-    chosen = [i for i in _middles(library, allowed) if i in known]
+    middles = _middles(library, allowed)
+    known = informations(library, states, level, scatter, middles)
+    chosen = [i for i in middles if i in known]
     overlaps: dict[int, Overlap] = {}
     if rivals and chosen:
         overlaps = _overlaps(library, states, level, scatter, known, chosen)
@@ -141,8 +142,9 @@ def informations(
     states: Mapping[int, State],
     level: Mapping[int, int],
     scatter: Mapping[int, float],
+    entries: Sequence[int],
 ) -> dict[int, Information]:
-    """Say what some visits tell about every entry, at known visit variances.
+    """Say what some visits tell about some entries, at known visit variances.
 
     Parameters
     ----------
@@ -150,33 +152,39 @@ def informations(
         Channel to state on those visits, without terms.
     level, scatter
         Channel to its visit variances, and to the variance of one observation.
+    entries
+        Which entries are asked for.
 
     Returns
     -------
     dict
         Entry to information; entries that nothing excites are left out.
     """
-    found = {}
+    found, wanted = {}, set(entries)
     for batch in (b for b in library.batches if not b.generic):
-        if not all(c in states for c in batch.channels):
+        places = [i for i, entry in enumerate(batch.entries) if entry in wanted]
+        if not places or not all(c in states for c in batch.channels):
             continue
-        g, k = len(batch.entries), batch.size
+        g, k = len(places), batch.size
         own, metric = np.zeros((g, k, k)), np.zeros((g, k, k))
         for c in batch.channels:
             sheet = batch.sheets[c]
-            products = sheet.within(sheet.own, states[c].cells)
-            own += (products - blocks(_shadow(states[c], level[c], batch), k)) / scatter[c]
+            products = sheet.within(sheet.own, states[c].cells)[places]
+            own += (products - blocks(_shadow(states[c], level[c], batch, places), k)) / scatter[c]
             metric += products
         rows = sum(states[c].count for c in batch.channels)
-        for i, entry in enumerate(batch.entries):
-            found[entry] = Information(own[i], metric[i], rows)
+        for i, place in enumerate(places):
+            found[batch.entries[place]] = Information(own[i], metric[i], rows)
     return found
 
 
-def _shadow(state: State, level: int, batch: Batch) -> FloatArray:
+def _shadow(state: State, level: int, batch: Batch, places: Sequence[int]) -> FloatArray:
+    """Give the shadow of some of a batch's entries, by their places in it."""
     sheet = batch.sheets[state.fixed.channel.number]
+    columns = (batch.size * np.array(places)[:, None] + np.arange(batch.size)).ravel()
     found: FloatArray = state.level(level).shadow(
-        sheet.within(sheet.moments.nuisance, state.cells).T, sheet.moments.reduced[state.blocks]
+        sheet.within(sheet.moments.nuisance, state.cells)[columns].T,
+        sheet.moments.reduced[state.blocks][..., columns],
     )[0]
     return found
 
