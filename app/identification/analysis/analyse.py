@@ -181,7 +181,8 @@ def analyse(
         )
         responses = Responses()
         if learns:
-            responses = find_responses(campaign, _part(progress, searched, 1.0))
+            as_read = None if inexact else residuals
+            responses = find_responses(campaign, _part(progress, searched, 1.0), as_read)
     found = with_what_stays_large(found, of_maps)
     faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
     found, responses = beside_search(found, responses, campaign.effects)

@@ -168,7 +168,9 @@ class Responses:
     not_testable: tuple[NotTested, ...] = ()
 
 
-def find_responses(campaign: Campaign, progress: Progress | None = None) -> Responses:
+def find_responses(
+    campaign: Campaign, progress: Progress | None = None, known: Residuals | None = None
+) -> Responses:
     """Learn and judge a response of every component that was observed by itself.
 
     Parameters
@@ -177,9 +179,13 @@ def find_responses(campaign: Campaign, progress: Progress | None = None) -> Resp
         The campaign.
     progress
         Called with the share done and what is being done.
+    known
+        Its residuals by the temperatures that were read, where they have been computed.
     """
-    plain = replace(campaign, effects=[e for e in campaign.effects if e.kind != Response.kind])
-    residuals = residuals_of(plain)
+    plain = [e for e in campaign.effects if e.kind != Response.kind]
+    residuals = known
+    if residuals is None or len(plain) < len(campaign.effects):
+        residuals = residuals_of(replace(campaign, effects=plain))
     offered, refused = [], []
     codes = [code for code in residuals.rows.channels if code not in POINT_CHANNELS]
     for i, code in enumerate(codes):
