@@ -256,6 +256,7 @@ class _BatchBuilder:
     by_cell: bool
     waiting: dict[Key, list[tuple[int, Term]]] = field(default_factory=lambda: defaultdict(list))
     waiting_bytes: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
+    all_waiting_bytes: int = 0
     kept_bytes: int = 0
     product_bytes: int = 0
 
@@ -264,10 +265,11 @@ class _BatchBuilder:
         key = (term.channels, term.size, term.candidate.generic)
         self.waiting[key].append((entry, term))
         self.waiting_bytes[key] += term.size_bytes
+        self.all_waiting_bytes += term.size_bytes
         limit = WIDTH if len(term.columns) == 1 else FINGERPRINT_WIDTH
         if len(self.waiting[key]) * term.size >= limit:
             self._add_batch(key)
-        elif sum(self.waiting_bytes.values()) > WAITING_BYTES:
+        elif self.all_waiting_bytes > WAITING_BYTES:
             self._add_batch(max(self.waiting_bytes, key=lambda key: (self.waiting_bytes[key], key)))
 
     def finish(self) -> None:
@@ -279,7 +281,7 @@ class _BatchBuilder:
         """Set what waits side by side."""
         channels, size, generic = key
         terms = self.waiting.pop(key)
-        del self.waiting_bytes[key]
+        self.all_waiting_bytes -= self.waiting_bytes.pop(key)
         batch = Batch(channels, size, generic, [entry for entry, _ in terms])
         columns = {c: np.hstack([term.columns[c] for _, term in terms]) for c in channels}
         self.add_batch(batch, columns)

@@ -70,14 +70,12 @@ def moments_of(channel: Channel, columns: FloatArray, cells: int | None) -> Mome
 
 def fixed_of(channel: Channel, cells: int) -> Fixed:
     """Multiply what no candidate changes with itself."""
-    y = channel.values[:, None]
-    return Fixed(
-        channel,
-        cells,
-        moments_of(channel, channel.nuisance, cells),
-        moments_of(channel, y, cells),
-        channel.by_cell(y, y, cells)[:, 0, 0],
+    both = moments_of(channel, channel.given, cells)
+    nuisance, values = (
+        Moments(both.nuisance[:, own], both.values[:, own], both.reduced[..., own])
+        for own in (slice(-1), slice(-1, None))
     )
+    return Fixed(channel, cells, nuisance, values, both.values[:, -1])
 
 
 def blocks(columns: FloatArray, k: int) -> FloatArray:
