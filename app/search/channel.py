@@ -97,7 +97,7 @@ class Channel:
         tried = tuple(self.tried[level] for level in levels.tolist())
         return self.blocks.whitening(tried, self.gram, use)
 
-    @property
+    @cached_property
     def block(self) -> IntArray:
         """Place of its block for every row."""
         counts = np.diff(np.append(self.starts, len(self.rows)))

@@ -59,6 +59,7 @@ class Draws:
     """How set-ups resemble each other; None: each is made anew."""
     _moments: dict[int, tuple[Moments, FloatArray]] = field(default_factory=dict)
     _noise: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+    _responses: dict[State, Response] = field(default_factory=dict, init=False)
 
     def with_alike(self, alike: Alike) -> Draws:
         """Draw the same with set-ups that resemble each other."""
@@ -78,8 +79,8 @@ class Draws:
             self._noise[number] = random.standard_normal(shape, dtype=np.float32)
         return self._noise[number]
 
-    def products(self, fixed: Fixed, columns: FloatArray) -> FloatArray:
-        """Multiply columns with the drawn noise.
+    def products(self, fixed: Fixed, columns: FloatArray) -> NDArray[np.float32]:
+        """Multiply columns with the drawn noise, in short numbers.
 
         Parameters
         ----------
@@ -91,9 +92,16 @@ class Draws:
         """
         # Laid out in one way: sums of short numbers differ by the order in which they are added.
         short = columns.astype(np.float32, order="C")
-        return np.asarray(short.T @ self.noise(fixed), dtype=np.float64)
+        found: NDArray[np.float32] = short.T @ self.noise(fixed)
+        return found
 
     def response(self, state: State) -> Response:
+        """Give the draws of a channel; several scans ask for those of the same state."""
+        if state not in self._responses:
+            self._responses[state] = self._response(state)
+        return self._responses[state]
+
+    def _response(self, state: State) -> Response:
         """Scale the unit draws to what the null model says of a channel.
 
         The visit variances of each draw are themselves drawn from their profile

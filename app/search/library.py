@@ -10,6 +10,7 @@ from itertools import groupby, islice
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
@@ -56,7 +57,7 @@ class Entry:
         """How many amplitudes it has."""
         return len(self.norms)
 
-    @property
+    @cached_property
     def excited(self) -> bool:
         """Whether the rows show it at all."""
         return bool(self.norms.any())
@@ -79,7 +80,7 @@ class Sheet:
 
     own: FloatArray
     moments: Moments
-    noise: FloatArray
+    noise: NDArray[np.float32]
     columns: FloatArray | None
 
     def within(self, products: FloatArray, cells: BoolArray) -> FloatArray:
@@ -317,7 +318,8 @@ def _sheet(
     fixed: Fixed, columns: FloatArray, size: int, draws: Draws | None, keep: bool, by_cell: bool
 ) -> Sheet:
     channel = fixed.channel
-    noise = draws.products(fixed, columns) if draws else np.zeros((columns.shape[1], 0))
+    none = np.zeros((columns.shape[1], 0), dtype=np.float32)
+    noise = draws.products(fixed, columns) if draws else none
     own: FloatArray = blocks(columns, size)[None]
     if by_cell:
         own = np.zeros((fixed.cells, *own.shape[1:]))

@@ -73,7 +73,7 @@ def solutions(
     informs = determinant > floor * large  # the smaller of two eigenvalues exceeds its floor
     informs &= large > floor
     divisor = np.where(informs, determinant, 1.0)
-    found = np.stack([(c * first - b * second) / divisor, (a * second - b * first) / divisor], -1)
+    found = np.stack([(c * first - b * second) / divisor, (a * second - b * first) / divisor]).T
     rank = np.full(len(gram), 2.0)
     rest = np.flatnonzero(~informs)
     if rest.size:
