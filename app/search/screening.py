@@ -9,7 +9,7 @@ P. Holland, R. Welsch, Commun. Stat. A 6 (1977) 813: reweighted least squares, C
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -91,11 +91,17 @@ class Screened:
     far : ndarray, shape (n,)
         Rows that are far from the others of their visit, those that take part all the same
         because they are too many included.
+    values : ndarray, shape (n,)
+        The values that were screened.
+    by_channel
+        Each channel's rows that are far, and by how much.
     """
 
     use: BoolArray
     excluded: tuple[Excluded, ...]
     far: BoolArray
+    values: FloatArray
+    by_channel: Mapping[int, _Far]
 
     def doubtful(self, rows: Rows) -> BoolArray:
         """Find what an effect may have moved: several rows of a channel, in several visits."""
@@ -124,15 +130,27 @@ class Screened:
         return False
 
 
-def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> Screened:
-    """Find outliers among rows and among visits, held-out ones alike."""
+def screen(rows: Rows, nuisance: Sequence[Nuisance], before: Screened | None = None) -> Screened:
+    """Find outliers among rows and among visits, held-out ones alike.
+
+    Parameters
+    ----------
+    before
+        The same rows, screened with other values: channels whose values are still the same keep
+        what is far of them.
+    """
     use = np.ones(len(rows.values), dtype=bool)
     is_far = np.zeros(len(rows.values), dtype=bool)
-    excluded = []
+    excluded, by_channel = [], {}
     for number in np.unique(rows.channel).tolist():
-        far = _far(rows, nuisance, number)
+        own = rows.channel == number
+        if before is not None and np.array_equal(rows.values[own], before.values[own]):
+            far = before.by_channel[number]
+        else:
+            far = _far(rows, nuisance, number)
+        by_channel[number] = far
         is_far[far.rows] = True
-        if len(far.rows) and not _too_many(len(far.rows), int((rows.channel == number).sum())):
+        if len(far.rows) and not _too_many(len(far.rows), int(own.sum())):
             excluded.append(
                 Excluded(
                     tuple(far.rows.tolist()),
@@ -146,7 +164,7 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance]) -> Screened:
     apart = _visits_apart(rows, nuisance, use)
     for one in apart:
         use[list(one.rows)] = False
-    return Screened(use, (*excluded, *apart), is_far)
+    return Screened(use, (*excluded, *apart), is_far, rows.values, by_channel)
 
 
 class _Far(NamedTuple):

@@ -240,7 +240,7 @@ class _Chooser:
         if not terms:
             return screened
         left = self.rows.values - _explained(chosen.selector, terms)
-        return screen(replace(self.rows, values=left), self.nuisance)
+        return screen(replace(self.rows, values=left), self.nuisance, screened)
 
     def _choose(self, use: BoolArray) -> _Chosen:
         draws = Draws(self.seed, DRAWS)

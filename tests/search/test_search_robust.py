@@ -209,6 +209,22 @@ def test_how_far_each_slip_is_from_the_others_is_known():
     assert not one.alike
 
 
+def test_a_channel_of_which_nothing_is_explained_is_not_screened_again():
+    rows = small_channels([6, 6], 20)
+    first, second = (np.flatnonzero(rows.channel == c) for c in (0, 1))
+    values = rows.values.copy()
+    values[[first[10], second[20], second[50]]] += [40.0, 35.0, -25.0]
+    before = screen(replace(rows, values=values), [])
+    values = values.copy()
+    values[second[20]] -= 35.0  # an effect explains one of them
+    changed = replace(rows, values=values)
+    beside, anew = screen(changed, [], before), screen(changed, [])
+    assert beside.by_channel[0] is before.by_channel[0]
+    assert beside.excluded == anew.excluded != before.excluded
+    np.testing.assert_array_equal(beside.use, anew.use)
+    np.testing.assert_array_equal(beside.far, anew.far)
+
+
 def test_a_visit_that_a_slip_drags_along_keeps_its_good_values():
     """Of two values in a visit the one that stands where the other visits are is right."""
     rows = small_channels([2], 20)
