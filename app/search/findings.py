@@ -167,8 +167,8 @@ class ChannelNoise:
     Parameters
     ----------
     repeatability, origin
-        Standard deviation of one observation, and whether it was `declared`, came from
-        `replicates` or from `residuals`.
+        Standard deviation of one observation, and whether it was `declared`, is what nearly all
+        channels have in `common`, or came from `replicates`, from `residuals` or from `rounding`.
     """
 
     repeatability: float

@@ -24,7 +24,10 @@ DENIED: Final = 1.5
 DENIED_BY_CHANCE: Final = 1e-3
 """Probability that replicates which are as declared seem to deny it: there are many channels."""
 
-KNOWN: Final = frozenset({"declared", "rounding"})
+COMMON: Final = "common"
+"""Origin of a repeatability that nearly all channels show together (`common_scatter`)."""
+
+KNOWN: Final = frozenset({"declared", COMMON, "rounding"})
 """Origins of a repeatability that does not rest on the few values of a channel."""
 
 MOST_POOLED: Final = 20
@@ -57,15 +60,17 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
     Returns
     -------
     Repeatability
-        Origin is `declared`, `replicates`, `residuals` or `rounding`. What is declared counts
-        unless replicates surely scatter by more: then it is not that of these measurements.
+        Origin is `declared`, `common`, `replicates`, `residuals` or `rounding`. What is declared
+        (or shown by nearly all channels in its place) counts unless replicates surely scatter by
+        more: then it is not that of these measurements.
         Without it, values read in coarse steps repeat each other exactly where little moves, and
         scatter by their rounding all the same.
     """
-    declared = rows.noise.get(channel, DeclaredNoise()).repeatability
+    noise = rows.noise.get(channel, DeclaredNoise())
+    declared = noise.repeatability
     variance, freedom = pure_error(rows, channel, use)
     if declared is not None and not _is_denied(declared, variance, freedom):
-        return Repeatability(declared, "declared", DECLARED_WEIGHT)
+        return Repeatability(declared, noise.origin, DECLARED_WEIGHT)
     if freedom >= ENOUGH_REPLICATES and variance > 0:
         shown = _pooled_with_alike(rows, channel, use, variance, freedom)
         return at_least_rounding(rows, channel, shown)

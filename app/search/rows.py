@@ -45,12 +45,15 @@ class DeclaredNoise:
     rounding
         Standard deviation of the steps in which the instrument reads: where no repeatability is
         stated, an observation scatters by no less. One that is stated contains it.
+    origin
+        Where the repeatability comes from.
     """
 
     repeatability: float | None = None
     setup_shift: float | None = None
     setup_tilt: float | tuple[float, ...] | None = None
     rounding: float = 0.0
+    origin: str = "declared"
 
 
 @dataclass(frozen=True, eq=False)

@@ -206,13 +206,13 @@ def _far(rows: Rows, nuisance: Sequence[Nuisance], number: int) -> _Far:
     )
 
 
-def _settled(channel: Channel, scatter: Scatter) -> _Within:
+def _settled(channel: Channel, scatter: Scatter) -> Within:
     """Weigh a channel's rows by how far they are from what the others foretell, until it settles.
 
     A slip drags its visit along, and with it the good rows: it has to lose its weight first.
     """
     weights = np.ones(len(channel.rows))
-    within = _Within(channel, scatter, weights)
+    within = Within(channel, scatter, weights)
     for _ in range(ROUNDS):
         if within.size == 0.0:
             break
@@ -220,7 +220,7 @@ def _settled(channel: Channel, scatter: Scatter) -> _Within:
         if np.abs(wanted - weights).max() < SETTLED:
             break
         weights = 0.5 * (weights + wanted)
-        within = _Within(channel, scatter, weights)
+        within = Within(channel, scatter, weights)
     return within
 
 
@@ -239,7 +239,7 @@ def _may_have_changed(is_far: BoolArray, channel: Channel) -> BoolArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Within:
+class Within:
     """A channel beside its loosely shifting and tilting visits, with a weight for each row."""
 
     channel: Channel
@@ -368,7 +368,7 @@ def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> l
         channel = _channel(rows, nuisance, number, use)
         if channel.blocks.are_records:  # what lies apart in time may be what moved
             continue
-        shift = _Within(channel, LOOSE, np.ones(len(channel.rows))).shared[:, 0]
+        shift = Within(channel, LOOSE, np.ones(len(channel.rows))).shared[:, 0]
         known = np.flatnonzero(~channel.blocks.free)
         if len(known) < FEWEST_BLOCKS:
             continue

@@ -14,6 +14,7 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.search.adequacy import adequacy
 from app.search.candidate import Candidate, Known, KnownTerm
+from app.search.common_scatter import screen_at_common_scatter
 from app.search.detectability import smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
@@ -125,7 +126,9 @@ def search(
     """
     _refuse(candidates, holdout_fraction, false_alarm)
     report = _ProgressReport(progress)
-    residuals = rows
+    report(0.0, "screening rows")
+    residuals, first = screen_at_common_scatter(rows, nuisance)
+    rows = residuals
     if known is not None:
         rows = replace(rows, values=rows.values + known.explained)
     chooser = _Chooser(
@@ -139,10 +142,7 @@ def search(
         most_terms=most_terms,
         report=report,
     )
-    report(0.0, "screening rows")
-    screened, (splits, draws, selector, main) = chooser.screen_and_choose(
-        screen(residuals, nuisance)
-    )
+    screened, (splits, draws, selector, main) = chooser.screen_and_choose(first)
     use, excluded = screened.use, screened.excluded
     library, allowed, problem = selector.library, selector.allowed, selector.library.problem
     report(0.55, "comparing rivals")

@@ -144,6 +144,7 @@ def what_next(
     not_testable: Sequence[NotTested],
     visits: int,
     far: Sequence[FarValue] = (),
+    to_state: Sequence[str] = (),
     *,
     is_cut: bool = False,
     times_s: FloatArray | None = None,
@@ -156,6 +157,8 @@ def what_next(
         What was found, what was left, and what could not be looked for.
     far
         Values that were left out because they are far from the others.
+    to_state
+        What verifications should state instead.
     is_cut
         Whether the search ended at as many effects as one analysis names.
     times_s : ndarray, shape (n,), or None
@@ -177,6 +180,7 @@ def what_next(
             f"Measure at other hours of the day too: all observations were between {hours} UTC, "
             "and what changes with the hour looks there as if it were always so."
         )
+    found += to_state
     if not found:
         found.append("Nothing needs to be done. Measure again once the machine may have worn.")
     return tuple(dict.fromkeys(found))

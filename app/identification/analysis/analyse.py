@@ -34,6 +34,7 @@ from app.identification.analysis.before_after import (
     used_rows,
     without_zeros,
 )
+from app.identification.analysis.contradicted import contradicted
 from app.identification.analysis.curves import plots
 from app.identification.analysis.far_values import MOST_LISTED, far_values, left_out_words
 from app.identification.analysis.figures import ComponentFigures
@@ -296,12 +297,13 @@ def _answer(
     floor = _floor(components)
     unit = figures_unit(found.residuals)
     far = far_values(found)
+    in_summary, to_state = contradicted(found) or ("", "")
     told = summary(
         *(verdict, described, refitted, unexplained, size, after, noise, unit, kinds, components)
     )
     return Analysis(
         verdict=verdict,
-        summary=told + left_out_words(far),
+        summary=told + in_summary + left_out_words(far),
         kinds=kinds,
         unit=unit,
         noise=noise,
@@ -325,6 +327,7 @@ def _answer(
         detectable=tuple(_detectable(found)),
         what_next=what_next(
             *(described, unexplained, not_testable, found.residuals.rows.visits, far),
+            [to_state] if to_state else [],
             is_cut=findings.is_cut,
             times_s=found.residuals.rows.times_s[found.use],
         ),

@@ -77,7 +77,8 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
         float, Field(description=f"Standard deviation of one observation {IN_ITS_UNIT}")
     ]
     noise_origin: str
-    """`declared`, `replicates`, `residuals` or `rounding`"""
+    """`declared`, `common` (what nearly all lengths show, where that contradicts what is declared),
+    `replicates`, `residuals` or `rounding`"""
 
     floor: Annotated[
         float | None,

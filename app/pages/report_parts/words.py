@@ -14,6 +14,8 @@ MOST_DECIMALS: Final = 4
 
 ORIGINS: Final = {
     "declared": "what the verifications state, adjusted where the residuals say otherwise",
+    "common": "what nearly all lengths show within their set-ups, which contradicts what the "
+    "verifications state",
     "replicates": "from repeats at the same place in the same visit",
     "residuals": "from the residuals within each visit",
     "rounding": "from the steps in which the instrument reads",
