@@ -17,7 +17,14 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.channel import prepare
 from app.search.moments import fixed_of
-from app.search.noise import COMMON, DENIED, ENOUGH_REPLICATES, pure_error, repeatability
+from app.search.noise import (
+    COMMON,
+    DENIED,
+    ENOUGH_REPLICATES,
+    pure_error,
+    repeatability,
+    shows_scatter,
+)
 from app.search.rows import Nuisance, Rows
 from app.search.screening import Screened, Within, screen
 from app.search.state import State
@@ -92,7 +99,7 @@ def with_common_scatter(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray
         The same ones where nothing is contradicted.
     """
     stated = [c for c in rows.noise if repeatability(rows, c, use).origin == "declared"]
-    stated = [c for c in stated if (use & (rows.channel == c)).any()]
+    stated = [c for c in stated if shows_scatter(rows, c, use)]
     if len(stated) < FEWEST_CHANNELS:
         return rows
     first = [_own(rows, nuisance, c, use, rounds=1) for c in stated]
