@@ -420,7 +420,9 @@ class ComponentFiguresAnswer(Shape):
     """Standard deviation of one observation [µm; angular components µrad, squareness µm/m]"""
 
     noise_origin: str
-    """`declared`, `replicates`, `residuals` or `rounding`"""
+    """`declared`, `common` (what nearly all lengths show, where that contradicts what is declared),
+    `replicates`, `residuals` or `rounding`
+    """
 
     floor: float | None
     """What noise alone would leave, judged by repeats within two minutes and the scatter of set-ups

@@ -37,6 +37,5 @@ def contradicted(found: FinishedSearch) -> tuple[str, str] | None:
         f"by {shown:.2g} {UM} within their set-ups, {shown / before:.2g} times as much, and the "
         "answer rests on that.",
         f"State {shown:.2g} instead of {number} {UM} as repeatability_um, or measure some places "
-        "twice within two minutes: no place was repeated often enough to show how well lengths "
-        "repeat.",
+        "twice within two minutes, which shows how well lengths repeat.",
     )
