@@ -101,6 +101,7 @@ UNKIND: Final[Mapping[str, Mapping[str, Any]]] = {
     "no material temperature": {"length_um_per_m_per_k": 11.7, "length_sensor": "bed"},
     "outliers": {"outliers": 0.02, "state_repeatability": False},
     "zeroed at the first": {"datum": "first"},
+    "each visit its own zero": {"datum": "free"},
 }
 OF_RECORDS: Final[Mapping[str, Mapping[str, Any]]] = {"new places": {"new_places": True}}
 """Each block at places of its own, as visits are."""

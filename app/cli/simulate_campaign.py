@@ -36,6 +36,7 @@ EFFECTS: Final = (
 IN_NO_FAMILY: Final = (
     *("hysteresis", "coolant-valve", "door", "stick-slip", "interaction"),
     *("second-time-constant", "chirped-pitch", "slow-cause", "setup-warp"),
+    "bent-by-difference",
 )
 """Those that no kind of the search describes."""
 

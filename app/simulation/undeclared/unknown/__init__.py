@@ -10,6 +10,7 @@ from typing import Final
 
 from app.simulation.undeclared.planted import Family
 from app.simulation.undeclared.unknown import (
+    bent_by_difference,
     chirped_pitch,
     coolant_valve,
     door,
@@ -31,5 +32,6 @@ UNKNOWN: Final = {
     "chirped-pitch": Family(chirped_pitch.VARIANTS, chirped_pitch.plant),
     "slow-cause": Family(slow_cause.VARIANTS, slow_cause.plant),
     "setup-warp": Family(setup_warp.VARIANTS, setup_warp.plant),
+    "bent-by-difference": Family(bent_by_difference.VARIANTS, bent_by_difference.plant),
 }
 """What nobody searches."""
