@@ -197,10 +197,12 @@ def _nothing(asked: argparse.Namespace) -> Iterator[Task]:
 
 def _harm(asked: argparse.Namespace) -> Iterator[Task]:
     causes = (*UNKNOWN, *MISTAKES, *PLANTED, *IN_VISITS)
+    conditions = list(UNKIND)
     for seed in _seeds(asked):
-        conditions = itertools.cycle(UNKIND)
         for n, cause in enumerate(causes):
-            yield Task("harm", 10_000 * seed + n, next(conditions), cause, 30)
+            # With each seed the next one, so that every cause comes to be measured in every way.
+            condition = conditions[(n + seed - 1) % len(conditions)]
+            yield Task("harm", 10_000 * seed + n, condition, cause, 30)
         for n, cause in enumerate(UNKNOWN):
             one = 10_000 * seed + 500 + n
             yield Task("harm", one, "wander 30 min", cause, hours=8.0)
