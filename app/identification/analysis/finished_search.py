@@ -20,6 +20,7 @@ from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
 from app.effects.registry import do_the_same, kind_of
 from app.identification.analysis.before_after import UnknownZero, unknown_zeros
+from app.identification.analysis.unseen_part import Expected, with_expected
 from app.identification.residuals.residuals import Residuals
 from app.search.findings import Findings, FoundTerm, Status
 from app.search.rows import Datum, Nuisance, Rows
@@ -164,10 +165,10 @@ class FinishedSearch:
 
     def effect_of(self, term: FoundTerm) -> Effect:
         """Make the effect of one term, new or refitted."""
-        hypothesis = self.hypotheses[term.key]
+        hypothesis, expected = self.hypotheses[term.key], self.expected_of(term)
         effect = self.with_ranges(
             hypothesis.fitted(
-                Estimate(term.theta, term.theta_error, term.amplitudes, term.covariance)
+                Estimate(term.theta, term.theta_error, expected.amplitudes, expected.covariance)
             )
         )
         if effect.valid is None:
@@ -175,13 +176,27 @@ class FinishedSearch:
         found = growths(
             effect.valid,
             hypothesis.unit_terms(term.theta),
-            term.amplitudes,
-            term.covariance,
+            expected.amplitudes,
+            expected.covariance,
             self.residuals.projection,
             {channel: noise.fitted for channel, noise in self.findings.noise.items()},
         )
         valid = limited_in_time(effect.valid, found, goes_on=self.goes_on(term))
         return replace(effect, valid=valid)
+
+    def expected_of(self, term: FoundTerm) -> Expected:
+        """Give a term's amplitudes with what is expected of that which zeros of set-ups hide."""
+        hypothesis = self.hypotheses[term.key]
+        if hypothesis.supposed is not None:
+            return Expected(term.amplitudes, term.covariance)
+        return with_expected(
+            term.amplitudes,
+            term.covariance,
+            hypothesis.parts(self.residuals.projection, term.theta),
+            self.rows,
+            self.use,
+            {c: self.scatter(c)[0] for c in term.channels},
+        )
 
     def goes_on(self, term: FoundTerm) -> bool:
         """Whether the last of enough set-ups have shown what a growth was foretold to be.

@@ -29,6 +29,13 @@ PROXY: Final = "proxy for something unexplained: "
 
 MOST_ALTERNATIVES: Final = 12
 
+HARDLY_SEEN: Final = (
+    "; set-ups with zeros of their own hardly show what it does at all positions alike, which is "
+    "taken to be not much larger than the rest: to know it, measure one position with the datum "
+    "`absolute`, cold and hot"
+)
+"""After the sentence of an effect of which the set-ups hide a part."""
+
 
 def found_effects(
     found: FinishedSearch, effects: Sequence[Effect], judged: Judged
@@ -110,7 +117,8 @@ def _found_effect(
         doubts=(*term.doubts, *filter(None, [own_doubt])),
         evidence=_evidence(term),
         alternatives=_alternatives(found, term),
-        explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}",
+        explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}"
+        f"{HARDLY_SEEN if found.expected_of(term).is_hardly_known else ''}",
         strongest_visits=tuple(_visit(found, v) for v in term.strongest_visits),
         leverage=term.leverage,
         leverage_warning=_leverage_warning(found, term),

@@ -1,0 +1,103 @@
+"""What an effect does everywhere alike, where zeros of set-ups hide it.
+
+The zero of such a set-up takes from the effect its mean in that set-up. Left of it is the little
+that changes within one set-up: least squares make of it a size that may be many times what the
+effect does along the axis, and of which a standard error says that nobody knows it. Corrected by
+it, a machine may be worse than by its maps. So it is expected to be about as large as what was
+seen, by a normal distribution about zero: then what adopting it may cost is less than what the
+rest of the effect gains, and where the set-ups determine it, nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import BoolArray, FloatArray
+from app.search.candidate import Part
+from app.search.rows import Datum, Rows
+
+EXPECTED: Final = 1.5
+"""Standard deviation of what is hidden, in sizes of what was seen.
+
+A hidden size of zero, known by as much as it is expected to be, is wrong by half of that after
+all: so with less than 2 the squares of what is seen lose more than those of what is hidden gain.
+"""
+
+HARDLY: Final = 0.5
+"""What is hidden is hardly known by a standard error above this share of what is seen."""
+
+
+class Expected(NamedTuple):
+    """Amplitudes with what is expected of their hidden part.
+
+    Parameters
+    ----------
+    amplitudes, covariance : ndarray, shape (k,) and (k, k)
+        Their mean and covariance.
+    is_hardly_known
+        Whether the set-ups tell little of the hidden part.
+    """
+
+    amplitudes: FloatArray
+    covariance: FloatArray
+    is_hardly_known: bool = False
+
+
+def with_expected(
+    amplitudes: FloatArray,
+    covariance: FloatArray,
+    parts: Iterable[Part],
+    rows: Rows,
+    use: BoolArray,
+    noise: Mapping[int, float],
+) -> Expected:
+    """Weigh what was estimated against what is expected of its hidden part.
+
+    Parameters
+    ----------
+    amplitudes, covariance : ndarray, shape (k,) and (k, k)
+        As least squares give them. One alone has no part of its own that is hidden.
+    parts
+        What one unit of each amplitude does.
+    use : ndarray of bool, shape (n,)
+        Which rows took part.
+    noise
+        Channel to the standard deviation of one observation.
+    """
+    hidden, seen = _squares(amplitudes.size, parts, rows, use, noise)
+    size = float(amplitudes @ seen @ amplitudes)
+    if amplitudes.size < 2 or size <= 0.0 or not hidden.any():
+        return Expected(amplitudes, covariance)
+    precision = hidden / (EXPECTED**2 * size)
+    # (C⁻¹ + P)⁻¹ C⁻¹, where C may be singular.
+    weight = np.linalg.inv(np.eye(amplitudes.size) + covariance @ precision)
+    left = weight @ covariance
+    unknown = float(np.trace(left @ hidden))
+    return Expected(weight @ amplitudes, (left + left.T) / 2.0, unknown > HARDLY**2 * size)
+
+
+def _squares(
+    count: int, parts: Iterable[Part], rows: Rows, use: BoolArray, noise: Mapping[int, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Add up the squares of what zeros take from each set-up, and of what they leave.
+
+    Returns
+    -------
+    hidden, seen : ndarray, shape (k, k)
+        As forms of the amplitudes, in squares of each channel's noise.
+    """
+    hidden, seen = np.zeros((count, count)), np.zeros((count, count))
+    for part in parts:
+        own = use[part.rows]
+        columns = part.columns[own] / noise[part.channel]
+        visits = rows.visit[part.rows][own]
+        for visit in np.unique(visits).tolist():
+            here = columns[visits == visit]
+            datum = rows.datum.get((visit, part.channel), Datum.ABSOLUTE)
+            mean = here.mean(axis=0) * (datum is not Datum.ABSOLUTE)
+            hidden += len(here) * np.outer(mean, mean)
+            seen += (here - mean).T @ (here - mean)
+    return hidden, seen
