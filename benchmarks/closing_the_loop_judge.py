@@ -13,6 +13,10 @@ FORMS: Final = {"second-time-constant": ("thermal-lag", IN_SERIES)}
 """Effects of no kind that a kind has as another form: it names no such effect by itself, but says
 where the values cannot tell the two forms apart."""
 
+NAMED_AS: Final = {"bent-by-difference": {"kind": "sensor-gradient", "in_library": True}}
+"""Effects that only their course along the axis keeps from being of a kind: who names that with the
+right sensors is right."""
+
 
 def judge(answer: Described, truth: Sequence[Described]) -> str:
     """Judge an answer in a word.
@@ -33,6 +37,7 @@ def judge(answer: Described, truth: Sequence[Described]) -> str:
         family: `unexplained`, `proxy` (named beside unexplained structure), `wrong name`, or
         `missed`. `(unexplained)` follows where a right answer was called so.
     """
+    truth = [{**e, **NAMED_AS.get(str(e["kind"]), {})} for e in truth]
     effects = answer["effects"]
     is_open = answer["verdict"] == "unexplained"
     if not truth:
