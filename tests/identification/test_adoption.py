@@ -15,6 +15,7 @@ from app.identification.analysis.adoption import (
     AS_SLOW_AS_CAN_BE,
     BESIDE_A_MISTAKE,
     BESIDE_A_WALK,
+    BY_THE_TABLES_ALONE,
     EITHER_SENSOR,
     OF_A_WALK,
     OF_ALIKE_SET_UPS,
@@ -26,6 +27,7 @@ from app.identification.analysis.adoption import (
 )
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.unseen_part import Expected
 from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
 from app.search.names import ALIKE, WALKS
 from app.search.rows import Datum
@@ -33,6 +35,7 @@ from app.simulation.undeclared import make_campaign
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 VISITS, EACH = 20, 6
+SHARE_ERROR = 0.04
 SURE = Slope(1.0, 0.05, 400.0)
 
 
@@ -90,11 +93,14 @@ def stated_search(
     variant="",
     components=("EXX",),
     mapped_s=(),
+    share=None,
+    hides_most=False,
 ):
     """Make a search that has found effects that claim what they say of rows."""
     rows = campaign() if rows is None else rows
     values = true + np.random.default_rng(seed).normal(size=len(rows))
-    effects = [Effect(kind, components, sensors=sensors, variant=variant) for kind in kinds]
+    known = [{}, {}] if share is None else [{"share": share}, {"share": SHARE_ERROR}]
+    effects = [Effect(kind, components, sensors, (), variant, *known) for kind in kinds]
 
     def explained(effect):
         own = [number for number, one in enumerate(effects) if one is effect]
@@ -112,6 +118,9 @@ def stated_search(
 
         def mapped_s(self, effect):
             return mapped_s
+
+        def expected_of(self, term):
+            return Expected(term.amplitudes, term.covariance, is_mostly_hidden=hides_most)
 
         def is_slowest(self, term):
             return is_slowest
@@ -406,6 +415,32 @@ def test_a_map_of_another_hour_than_all_visits_may_differ_by_the_hour(
         shift, shift, rows=rows, kinds=(kind,), mapped_s=[-9 * DAY_S + maps_h * HOUR_S]
     )
     assert said.helps == [(helps, None if helps else OF_ONE_HOUR)]
+    assert said.unsure == (set() if helps else {0})
+
+
+@pytest.mark.parametrize(
+    ("kind", "share", "components", "hides_most", "helps"),
+    [
+        ("other-sensor", 0.49, ("EXX",), True, False),
+        ("other-sensor", 1.3, ("EXX",), True, False),
+        ("other-sensor", 0.9, ("EXX",), True, True),
+        ("other-sensor", 0.49, ("EXX",), False, True),
+        ("other-sensor", 0.49, ("EXX", "EYX"), True, True),
+        ("thermal-lag", 0.49, ("EXX",), True, True),
+    ],
+)
+def test_a_part_of_a_table_that_set_ups_mostly_hide_may_only_resemble_it(
+    kind, share, components, hides_most, helps
+):
+    right = swinging(campaign())
+    said = judgement(
+        *(right, right),
+        kinds=(kind,),
+        share=share,
+        components=components,
+        hides_most=hides_most,
+    )
+    assert said.helps == [(helps, None if helps else BY_THE_TABLES_ALONE)]
     assert said.unsure == (set() if helps else {0})
 
 

@@ -97,6 +97,11 @@ OF_ONE_HOUR: Final = (
     "all visits were at one hour of the day and its maps at others, so it may go with the hour: "
     "measure at another hour too"
 )
+BY_THE_TABLES_ALONE: Final = (
+    "its share is not 1, and what it does at all positions alike follows from the tables alone, "
+    "because set-ups have zeros of their own: whatever resembles the tables along the axis would "
+    "look the same; measure one position with the datum `absolute`, cold and hot"
+)
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
 )
@@ -115,8 +120,8 @@ class Judged(NamedTuple):
 
     Nobody is sure of the names of those that are `unsure`: a mistake that was found beside them may
     have made them, with them a visit that was held out gets markedly worse, one set-up alone shows
-    what an instrument does as well as a machine, they never change at any of a few places, or the
-    hour of the day may do the same.
+    what an instrument does as well as a machine, they never change at any of a few places, the
+    hour of the day may do the same, or the tables alone say most of it.
     """
 
     helps: list[Help]
@@ -156,6 +161,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         or _why_not_lasting(found, effect, term) is not None
         or is_of_few_places(found, effect, term)
         or _is_of_one_hour(found, effect, term)
+        or _is_by_the_tables_alone(found, effect, term)
     }
     while chosen := [i for i, words in enumerate(said) if words is None]:
         dropped = [
@@ -396,6 +402,8 @@ def _why_not(
         return OF_ALIKE_SET_UPS
     if _is_of_one_hour(found, effect, term):
         return OF_ONE_HOUR
+    if _is_by_the_tables_alone(found, effect, term):
+        return BY_THE_TABLES_ALONE
     if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
     if OVER_TIME in term.doubts and (not_now := _why_not_any_more(found, effect, term)):
@@ -461,6 +469,19 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
 def _is_of_one_hour(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
     """Whether the hour of the day may be all that a map is said to be off by."""
     return effect.kind == OutdatedMap.kind and is_of_one_hour(found, effect, term)
+
+
+def _is_by_the_tables_alone(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether a part of a table is said to follow another sensor, and set-ups hide most of that.
+
+    That all of it does, would be a strange chance were it not so. Several components have tables
+    that differ, and one share of them all is no chance either.
+    """
+    if effect.kind != OtherSensor.kind or len(effect.components) > 1:
+        return False
+    share, error = effect.parameters.get("share", 1.0), effect.standard_errors.get("share", 0.0)
+    is_part = abs(share - 1.0) > ITSELF * error
+    return is_part and found.expected_of(term).is_mostly_hidden
 
 
 def _is_bias_of_one(effect: Effect) -> bool:

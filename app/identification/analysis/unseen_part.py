@@ -39,11 +39,14 @@ class Expected(NamedTuple):
         Their mean and covariance.
     is_hardly_known
         Whether the set-ups tell little of the hidden part.
+    is_mostly_hidden
+        Whether zeros of set-ups hide more of the effect than they leave.
     """
 
     amplitudes: FloatArray
     covariance: FloatArray
     is_hardly_known: bool = False
+    is_mostly_hidden: bool = False
 
 
 def with_expected(
@@ -59,7 +62,8 @@ def with_expected(
     Parameters
     ----------
     amplitudes, covariance : ndarray, shape (k,) and (k, k)
-        As least squares give them. One alone has no part of its own that is hidden.
+        As least squares give them. One alone has no part of its own that is hidden: what it does
+        along the axis says what it does everywhere alike.
     parts
         What one unit of each amplitude does.
     use : ndarray of bool, shape (n,)
@@ -69,14 +73,20 @@ def with_expected(
     """
     hidden, seen = _squares(amplitudes.size, parts, rows, use, noise)
     size = float(amplitudes @ seen @ amplitudes)
+    is_mostly_hidden = bool(amplitudes @ hidden @ amplitudes > size)
     if amplitudes.size < 2 or size <= 0.0 or not hidden.any():
-        return Expected(amplitudes, covariance)
+        return Expected(amplitudes, covariance, is_mostly_hidden=is_mostly_hidden)
     precision = hidden / (EXPECTED**2 * size)
     # (C⁻¹ + P)⁻¹ C⁻¹, where C may be singular.
     weight = np.linalg.inv(np.eye(amplitudes.size) + covariance @ precision)
     left = weight @ covariance
     unknown = float(np.trace(left @ hidden))
-    return Expected(weight @ amplitudes, (left + left.T) / 2.0, unknown > HARDLY**2 * size)
+    return Expected(
+        weight @ amplitudes,
+        (left + left.T) / 2.0,
+        is_hardly_known=unknown > HARDLY**2 * size,
+        is_mostly_hidden=is_mostly_hidden,
+    )
 
 
 def _squares(
