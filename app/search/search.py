@@ -397,16 +397,18 @@ def _by_nonlinear(selector: Selector, term: Term, others: Sequence[Term]) -> Flo
 
     With θ̂ ± σ the amplitudes are fitted anew, a(θ): to first order cov(â) = cov(â | θ̂) + a'a'ᵀ σ²
     (variable projection, Golub and Pereyra 1973). A lag's share without it is ten times too sure.
+    What the rows do not bound is unsure by all that lies between its bounds.
     """
     nothing = np.zeros((term.size, term.size))
     bounds, theta, error = term.candidate.bounds, term.theta, term.theta_error
-    if bounds is None or theta is None or error is None or not np.isfinite(error) or error <= 0:
+    if bounds is None or theta is None or error is None or error <= 0:
         return nothing
     ends = [float(np.clip(theta + side * error, *bounds)) for side in (-1.0, 1.0)]
     if ends[0] == ends[1]:
         return nothing
     low, high = (_amplitudes_at(selector, term, end, others) for end in ends)
-    change = (high - low) * error / (ends[1] - ends[0])
+    stretches = error / (ends[1] - ends[0]) if np.isfinite(error) else 1.0
+    change = stretches * (high - low)
     return np.outer(change, change)
 
 

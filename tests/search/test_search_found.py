@@ -254,3 +254,27 @@ def test_the_nonlinear_parameters_error_is_in_the_amplitudes():
     errors = np.sqrt(np.diag(covariance))
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(errors[0], rel=0.15)
     assert found.theta_error == pytest.approx(errors[1], rel=0.15)
+
+
+def test_a_size_that_only_an_unbounded_parameter_gives_is_not_known():
+    """Of what has hardly begun to settle, only size over time constant is known: 2 here.
+
+    No value of the time constant is much less likely than another. Taken as exact, it made the size
+    11.0 ± 0.5, confirmed, where 32 is true.
+    """
+    campaign = make_campaign(3, visits=24, targets=8)
+    elapsed = (campaign.position + 1.0) / 2.0
+
+    def settling(time_constant):
+        return campaign.direction * (1.0 - np.exp(-elapsed / time_constant))
+
+    candidate = single(
+        campaign, "settling", "lag", 0, settling,
+        grid=tuple(4.0 * 2.0**k for k in range(7)), bounds=(2.0, 400.0), within_visit=True,
+    )  # fmt: skip
+    campaign = campaign.plus(campaign.on(0) * 32.0 * settling(16.0))
+    (found,) = found_in(campaign, [candidate]).terms
+    assert found.theta_error == np.inf
+    assert found.amplitudes[0] / found.theta == pytest.approx(2.0, rel=0.15)
+    assert abs(found.amplitudes[0] - 32.0) < 2.0 * np.sqrt(found.covariance[0, 0])
+    assert found.status is Status.SUSPECTED
