@@ -15,6 +15,7 @@ from app.effects.registry import KINDS, separating_measurement
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.next_visit import propose_visit
 from app.identification.plan.planning import plan
+from app.search.rows import Datum
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
 
@@ -44,6 +45,17 @@ def test_few_visits_ask_for_one_that_is_unlike_them(campaign):
     found = propose_visit(few, [], [])
     assert "to see what changes from visit to visit" in found.sentence
     assert found.planned.observations
+
+
+def test_it_is_measured_as_the_visit_whose_places_it_takes(campaign):
+    """The first verification, of a single place, was measured by something else."""
+    first, largest, *_ = campaign.verifications
+    first = replace(
+        first, observations=first.observations[:1], datum=Datum.FREE, repeatability_um=9.0
+    )
+    found = propose_visit(replace(campaign, verifications=[first, largest]), [], [])
+    assert found.planned.datum == str(largest.datum) != str(Datum.FREE)
+    assert found.planned.repeatability_um == largest.repeatability_um != 9.0
 
 
 def test_a_tie_is_measured_when_its_drivers_are_apart(campaign):

@@ -75,10 +75,10 @@ def propose_visit(
     if question is None:
         return None
     own = _restricted(campaign, question.components)
-    places = _places(own)
+    again = _measured_again(own)
     if question.drivers is not None:
-        return _apart(own, question, question.drivers, places)
-    return _unlike(own, question, places)
+        return _apart(own, question, question.drivers, again)
+    return _unlike(own, question, again)
 
 
 def _question(
@@ -116,10 +116,11 @@ def _restricted(campaign: Campaign, components: Sequence[str]) -> Campaign:
     return replace(campaign, verifications=kept) if kept else campaign
 
 
-def _places(campaign: Campaign) -> list[Observation]:
+def _measured_again(campaign: Campaign) -> Verification:
     """Take the places of the largest visit in their order, some of very many, the first again.
 
-    The first place once more at the end shows the repeatability and what moved meanwhile.
+    The first place once more at the end shows the repeatability and what moved meanwhile. What
+    measured that visit measures the next one: its zero and its repeatability are the same.
     """
     rows = observation_rows(campaign.verifications)
     largest = rows.visit == int(np.argmax(np.bincount(rows.visit)))
@@ -127,29 +128,29 @@ def _places(campaign: Campaign) -> list[Observation]:
     numbers = list(dict.fromkeys(rows.observation[largest].tolist()))
     numbers = numbers[:: -(-len(numbers) // MOST_PLACES)]
     places = [source.observations[i] for i in numbers]
-    return [*places, places[0], places[0]]
+    return replace(source, observations=[*places, places[0], places[0]])
 
 
 def _apart(
     campaign: Campaign,
     question: _Question,
     drivers: tuple[str, str],
-    places: Sequence[Observation],
+    again: Verification,
 ) -> NextVisit | None:
     """Look for the moment at which two drivers leave the course that they had in the visits."""
-    begins_s, moments_s = _moments(campaign, len(places))
+    begins_s, moments_s = _moments(campaign, len(again.observations))
     if not moments_s.size:
         return None
     there = conditions_at(campaign, np.concatenate([begins_s, moments_s]))
     everything = {**there.temperatures_c, **there.states}
     if any(name not in everything for name in drivers):
-        return _unlike(campaign, question, places)
+        return _unlike(campaign, question, again)
     one, other = (everything[name] for name in drivers)
     off, largest = _off_course(one, other, begins_s.size)
     first, second = drivers
     if not np.isfinite(off).any() or np.nanmax(np.abs(off)) <= APART * largest:
         days = float(np.ptp(there.times_s)) / SECONDS_PER_DAY
-        found = _unlike(campaign, question, places)
+        found = _unlike(campaign, question, again)
         if found is None:
             return None
         never = (
@@ -166,11 +167,11 @@ def _apart(
     unit = " K" if first in there.temperatures_c else ""
     much, most = (f"{size:.2g}{unit}" for size in (abs(off[best]), largest))
     sentence = (
-        f"Measure {_named(question, places)} {question.words}, when {first} is far {side} the "
+        f"Measure {_named(question, again)} {question.words}, when {first} is far {side} the "
         f"value that it had beside {second} in the visits, as on {date_text(time_s)}: by {much}, "
         f"where the visits reached {most}."
     )
-    return _visit(campaign, time_s, sentence, places)
+    return _visit(campaign, time_s, sentence, again)
 
 
 def _off_course(one: FloatArray, other: FloatArray, visits: int) -> tuple[FloatArray, float]:
@@ -203,9 +204,7 @@ def _moments(campaign: Campaign, places: int) -> tuple[FloatArray, FloatArray]:
     return begins_s, np.arange(first_s, last_s - places * EVERY_S, step_s)
 
 
-def _unlike(
-    campaign: Campaign, question: _Question, places: Sequence[Observation]
-) -> NextVisit | None:
+def _unlike(campaign: Campaign, question: _Question, again: Verification) -> NextVisit | None:
     """Take the moment that is most unlike the visits that were made."""
     if campaign.readings.times_s.size < 2:
         return None
@@ -213,23 +212,20 @@ def _unlike(
     if not added:
         return None
     sentence = (
-        f"Measure {_named(question, places)} {question.words}, with {added[0].words}, as on "
+        f"Measure {_named(question, again)} {question.words}, with {added[0].words}, as on "
         f"{date_text(added[0].time_s)}."
     )
-    return _visit(campaign, added[0].time_s, sentence, places)
+    return _visit(campaign, added[0].time_s, sentence, again)
 
 
-def _named(question: _Question, places: Sequence[Observation]) -> str:
-    names = dict.fromkeys(o.component or "points" for o in places)
+def _named(question: _Question, again: Verification) -> str:
+    names = dict.fromkeys(o.component or "points" for o in again.observations)
     own = [name for name in question.components if name in names]
     return list_names(own or names, 4)
 
 
-def _visit(
-    campaign: Campaign, time_s: float, sentence: str, places: Sequence[Observation]
-) -> NextVisit:
+def _visit(campaign: Campaign, time_s: float, sentence: str, again: Verification) -> NextVisit:
     there = conditions_at(campaign, np.array([time_s]))
-    source: Verification = campaign.verifications[0]
     return NextVisit(
         sentence=sentence,
         like_time=utc_time(time_s),
@@ -239,9 +235,11 @@ def _visit(
         states={n: float(x[0]) for n, x in there.states.items() if np.isfinite(x[0])},
         planned=PlannedVisit(
             label="next visit",
-            datum=str(source.datum),
-            repeatability_um=source.repeatability_um,
-            observations=tuple(_place(o, time_s + i * EVERY_S) for i, o in enumerate(places)),
+            datum=str(again.datum),
+            repeatability_um=again.repeatability_um,
+            observations=tuple(
+                _place(o, time_s + i * EVERY_S) for i, o in enumerate(again.observations)
+            ),
         ),
     )
 
