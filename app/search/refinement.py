@@ -7,7 +7,7 @@ D. Venzon, S. Moolgavkar, Appl. Statist. 37 (1988) 87: intervals by the profile 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -208,15 +208,22 @@ class _Search:
 
 
 def _width(
-    loss: object, place: float, side: float, stretch: float, bounds: tuple[float, float]
+    loss: Callable[[float], float],
+    place: float,
+    side: float,
+    stretch: float,
+    bounds: tuple[float, float],
 ) -> float:
-    """Step outward from a quarter of the stretch, inward first, to a drop near one half."""
+    """Find where the loss rises by about one half, from an eighth of the stretch on; else infinity.
+
+    Each step goes where a parabola through the last one would rise so much.
+    """
     step = stretch / 8.0
     for _ in range(8):
         at = place + side * step
         if not bounds[0] <= at <= bounds[1]:
             return float("inf")
-        drop = max(float(loss(at)), 1e-12)  # type: ignore[operator]
+        drop = max(loss(at), 1e-12)
         guess = step * float(np.sqrt(CURVATURE_STEP / drop))
         if 0.1 < drop < 1.5:
             return guess
