@@ -55,6 +55,13 @@ def test_a_name_that_is_not_sure_says_so_in_the_answers_first_sentence():
     assert "(suspected)" not in summed_up(STEP)
 
 
+def test_held_out_figures_are_told_also_where_nothing_is_left():
+    result = read(LAG)
+    after = replace(result.after, holdout_rms=0.0)
+    said = summary("effects-found", result.effects, (), (), result.before, after, 0.6, "µm", None)
+    assert " to 0 µm on held-out visits" in said
+
+
 def test_a_summary_names_what_matters_and_counts_the_rest():
     proxy = LAG | {"is_proxy": True, "status": "suspected", "explanation": "Proxy", "helps": False}
     said = summed_up(*[proxy] * 5, LAG, EXCHANGED)

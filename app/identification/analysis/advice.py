@@ -61,13 +61,13 @@ def summary(
         Figures of each: those in another unit, where an effect may show alone.
     """
     scatter = "" if noise is None else f"; one observation scatters by {noise:.2g} {unit}"
-    size = before.holdout_rms or before.rms
+    size = before.shown_rms
     if verdict == "nothing-found":
         return (
             f"Nothing was found that the model lacks{_of_kinds(kinds)}. The residuals are "
             f"{size:.3g} {unit} (root mean square){scatter}."
         )
-    left = after.holdout_rms or after.rms
+    left = after.shown_rms
     where = list_names([part.component for part in unexplained], 4)
     moved = [one.explanation for one in refitted if one.is_changed]
     if not effects and not moved:
