@@ -314,6 +314,20 @@ def test_a_temperature_that_is_none(complaints):
 
 
 @pytest.mark.parametrize(
+    ("again", "what"),
+    [
+        ("temperature x-middle: 24.3", "the temperature of x-middle"),
+        ("label: Run #2", "label"),
+        ("measured_at: 2026-03-01T09:00:00Z", "measured_at"),
+    ],
+)
+def test_what_is_stated_twice_is_not_taken_from_the_last_line(complaints, again, what):
+    """A sensor's line that was copied and not renamed: the map would lie at another temperature."""
+    (complaint,) = complaints(f"{HEAD}# {again}\n{ROWS}")
+    assert complaint == f"run.csv, line 4: expected {what} once, came again"
+
+
+@pytest.mark.parametrize(
     ("text", "complaint"),
     [
         ("", "run.csv: expected a line of column names and lines of values, got none"),

@@ -164,7 +164,8 @@ def _read_fact(
     key, _, subject = name.partition(" ")
     key, subject = key.lower(), subject.strip()
     if key in ("label", "machine", "instrument", "measured_at") and not subject:
-        facts |= {key: value} if value else {}
+        if value:
+            _note_once(problems, line, facts, key, value)
     elif key in ("temperature", "temperature_c") and subject and not value:
         empty[subject] = line
     elif key in ("temperature", "temperature_c") and subject:
@@ -172,14 +173,26 @@ def _read_fact(
         if number is None:
             problems.add(f"expected the temperature of {subject} in °C, got {value!r}", line)
         else:
-            temperatures_c[subject] = number
+            what = f"the temperature of {subject}"
+            _note_once(problems, line, temperatures_c, subject, number, what)
     elif key == "repeatability_um" and not subject:
-        facts[key] = read_number(value)
-        if facts[key] is None:
+        number = read_number(value)
+        if number is None:
             problems.add(f"expected a repeatability in µm, got {value!r}", line)
+        else:
+            _note_once(problems, line, facts, key, number)
     else:
         return False
     return True
+
+
+def _note_once(
+    problems: Problems, line: int, known: dict[str, Any], name: str, value: object, what: str = ""
+) -> None:
+    """Note what a line states; of two that state the same thing nobody can say which is meant."""
+    if name in known:
+        problems.add(f"expected {what or name} once, came again", line)
+    known[name] = value
 
 
 def _complain_of_missing(
