@@ -340,6 +340,13 @@ def test_files_without_what_they_need(complaints, text, complaint):
     assert complaints(text)[0].startswith(complaint)
 
 
+def test_a_position_that_no_number_holds_is_told_with_its_place(complaints):
+    (complaint,) = complaints(f"{HEAD}{ROWS}EXX,1e999,0.5\n")
+    assert complaint == (
+        "run.csv, line 7, column 2 (position_mm): expected a number in mm, got '1e999'"
+    )
+
+
 def test_what_can_be_no_error_is_refused(complaints):
     (complaint,) = complaints(HEAD + ROWS + "EXX,99,5e9\n")
     assert "line 7, column 3 (error_um): expected errors within ±10000 µm, got 5e+09 µm" in (

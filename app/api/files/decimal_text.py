@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Final
 
@@ -13,8 +14,11 @@ def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
 
     >>> read_number(" 24,1 "), read_number("−3.5"), read_number("nan"), read_number("1_0")
     (24.1, -3.5, None, None)
+    >>> read_number("1e999") is None
+    True
     """
     written = text.strip().replace("\N{MINUS SIGN}", "-")
     if decimal_comma and "." not in written:
         written = written.replace(",", ".")
-    return float(written) if _NUMBER.fullmatch(written) else None
+    number = float(written) if _NUMBER.fullmatch(written) else math.inf
+    return number if math.isfinite(number) else None
