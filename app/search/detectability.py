@@ -63,6 +63,7 @@ def smallest_effects(
     allowed: BoolArray,
     limit: float | FloatArray,
     rivals: bool = True,
+    factor: float | FloatArray = 1.0,
 ) -> list[Detectable]:
     """Give the smallest effects at known visit variances.
 
@@ -78,6 +79,9 @@ def smallest_effects(
         Probability that an entry must stay below to count as found.
     rivals
         Whether each is also held against its rivals, which takes much longer.
+    factor : float or ndarray, shape (entries,)
+        By which statistics are multiplied before they are held against the limit
+        (`Threshold.bartlett`): where it lowers them, an effect must be larger to be found.
     """
     middles = _middles(library, allowed)
     known = informations(library, states, level, scatter, middles)
@@ -86,12 +90,13 @@ def smallest_effects(
     if rivals and chosen:
         overlaps = _overlaps(library, states, level, scatter, known, chosen)
     cost = penalties(library, sum(s.count for s in states.values()))
-    limits = np.broadcast_to(limit, len(library.entries))
+    limits, factors = (np.broadcast_to(one, len(library.entries)) for one in (limit, factor))
     found = []
     for entry in chosen:
-        size = library.entries[entry].size
+        size, by = library.entries[entry].size, factors[entry]
         # An effect must pass the threshold and pay for its parameters: whichever asks for more.
-        needed = (np.sqrt(max(chdtri(size, limits[entry]), cost[entry])) + POWER) ** 2
+        asked = max(chdtri(size, limits[entry]) / by, cost[entry] / min(by, 1.0))
+        needed = (np.sqrt(asked) + POWER) ** 2
         one = _one(library, entry, known[entry], float(needed), overlaps.get(entry))
         if one is not None:
             found.append(one)

@@ -536,9 +536,10 @@ def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise
 
 
 def _detectable(selector: Selector, fit: Fit, main: Selection) -> list[Detectable]:
-    limit = np.power(10.0, -main.stages[0].limit.surprise)
+    threshold = main.stages[0].limit
+    limit = np.power(10.0, -threshold.surprise)
     known = (selector.library, selector.states, fit.level, fit.scatter, selector.allowed)
-    return smallest_effects(*known, limit, rivals=False)
+    return smallest_effects(*known, limit, rivals=False, factor=threshold.bartlett)
 
 
 def _in_own_unit(problem: Problem, predicted: FloatArray) -> FloatArray:

@@ -124,7 +124,7 @@ def make_library(campaign, pitches=40):
     return [*found, fingerprint(c)]
 
 
-def detectable(campaign, candidates, false_alarm=0.01):
+def detectable(campaign, candidates, false_alarm=0.01, **how):
     """What the rows could show, whatever their values are: the smallest effects."""
     cells = dict.fromkeys(np.unique(campaign.rows.visit).tolist(), 0)
     everything = np.ones(len(campaign.rows.values), dtype=bool)
@@ -134,7 +134,8 @@ def detectable(campaign, candidates, false_alarm=0.01):
     level = {c: s.fixed.channel.declared for c, s in states.items()}
     allowed = np.array([not candidates[e.candidate].generic for e in library.entries])
     limit = false_alarm / int(allowed.sum())
-    return smallest_effects(library, states, level, dict.fromkeys(states, 1.0), allowed, limit)
+    scatter = dict.fromkeys(states, 1.0)
+    return smallest_effects(library, states, level, scatter, allowed, limit, **how)
 
 
 def waves(campaign, pitch):
