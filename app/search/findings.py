@@ -223,12 +223,18 @@ class Excluded:
 
 @dataclass(frozen=True, slots=True)
 class Untested:
-    """A candidate that these rows cannot test: `few-visits` or `not-excited`."""
+    """A candidate that these rows cannot test: `few-visits` or `not-excited`.
+
+    Parameters
+    ----------
+    needed, got
+        Visits, each moment of a long one counted by itself.
+    """
 
     key: str
     reason: str
-    visits_needed: int = 0
-    visits: int = 0
+    needed: int = 0
+    got: int = 0
 
 
 @dataclass(frozen=True, slots=True)

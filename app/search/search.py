@@ -434,22 +434,22 @@ def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alar
 
 def _testable(library: Library) -> BoolArray:
     """Say which entries may be chosen: with few visits only what one visit excites."""
-    visits = _visits_of_entries(library)
+    blocks = _blocks_of_entries(library)
     allowed = np.zeros(len(library.entries), dtype=bool)
     for i, entry in enumerate(library.entries):
         candidate = library.candidates[entry.candidate]
-        enough = candidate.within_visit or visits[i] >= FEWEST_BLOCKS
+        enough = candidate.within_visit or blocks[i] >= FEWEST_BLOCKS
         allowed[i] = entry.excited and enough and not candidate.generic
     return allowed
 
 
 def _untested(library: Library, rank: FloatArray) -> list[Untested]:
     """List candidates that no value of their grid could be tested for, and why."""
-    visits = _visits_of_entries(library)
+    blocks = _blocks_of_entries(library)
     most: dict[int, tuple[float, int]] = {}
     for i, entry in enumerate(library.entries):
         known = most.get(entry.candidate, (0.0, 0))
-        most[entry.candidate] = (max(known[0], rank[i]), max(known[1], int(visits[i])))
+        most[entry.candidate] = (max(known[0], rank[i]), max(known[1], int(blocks[i])))
     found = []
     for number, (testable, count) in most.items():
         candidate = library.candidates[number]
@@ -461,8 +461,8 @@ def _untested(library: Library, rank: FloatArray) -> list[Untested]:
     return found
 
 
-def _visits_of_entries(library: Library) -> IntArray:
-    """Count the visits behind every entry: the most of any channel it acts on."""
+def _blocks_of_entries(library: Library) -> IntArray:
+    """Count the blocks behind every entry: the most of any channel it acts on."""
     found = np.zeros(len(library.entries), dtype=np.intp)
     for batch in library.batches:
         counts = [len(library.problem.fixed[c].channel.starts) for c in batch.channels]

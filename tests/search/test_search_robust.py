@@ -330,7 +330,7 @@ def test_few_visits_allow_only_effects_within_a_visit():
     assert [t.key for t in found.terms] == ["reversal-0"]
     untested = {u.key: u for u in found.untested}
     assert untested["speed-0"].reason == "few-visits"
-    assert (untested["speed-0"].visits, untested["speed-0"].visits_needed) == (5, 8)
+    assert (untested["speed-0"].got, untested["speed-0"].needed) == (5, 8)
     assert "reversal-0" not in untested
     assert {d.key for d in found.detectable} == {
         "reversal-0",

@@ -462,7 +462,7 @@ def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, .
 
 def _why(untested: Untested) -> str:
     if untested.reason == "few-visits":
-        return f"needs {untested.visits_needed} visits, got {untested.visits}"
+        return f"needs {untested.needed} visits or moments of long ones, got {untested.got}"
     return "these observations do not show it: what drives it never changed where it would act"
 
 
