@@ -20,7 +20,7 @@ from app.effects.effect import Effect
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.tried_effect import try_effect
 from app.identification.campaign import Campaign
-from app.identification.fleet import OF_THE_TYPE
+from app.identification.fleet import is_tried
 from app.simulation.undeclared import make_campaign
 
 PLANTED = ("thermal-lag", "backlash", "other-sensor", "state-variable", "temperature-curvature")
@@ -41,7 +41,7 @@ def campaign_of(seed: int, visits: int, planted: str | None = None, **conditions
 def found_on(seed: int, kind: str, visits: int) -> list[Effect]:
     """Plant an effect and look for its kind; what helps there is tried on sisters."""
     answer = analyse(campaign_of(seed, visits, kind), kinds=[kind])
-    return [e.effect for e in answer.effects if e.helps and e.effect.kind in OF_THE_TYPE]
+    return [e.effect for e in answer.effects if is_tried(e)]
 
 
 def tried_on(

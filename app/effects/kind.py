@@ -88,6 +88,8 @@ class EffectKind(ABC):
 
     `kind` names it; `text` says in a line what it is, and `needs` what must be known. `trending`
     kinds must also hold forward in time; a component can have an `only_once` kind once at most.
+    One `of_the_type` comes with a machine's design, so that its sisters may have it too; a drift,
+    a step, a fault of a sensor, a map or an instrument is one machine's own history.
     `shown_by` is the measurement that shows it best; `against` names, for each rival kind, the
     measurement that separates the two. In both, {component}, {sensor} and {state} stand for the
     effect's own.
@@ -110,6 +112,7 @@ class EffectKind(ABC):
     needs: ClassVar[frozenset[Need]] = frozenset()
     trending: ClassVar[bool] = False
     only_once: ClassVar[bool] = False
+    of_the_type: ClassVar[bool] = False
     shown_by: ClassVar[str]
     against: ClassVar[Mapping[str, str]] = {}
     drawn_over: ClassVar[DrawnOver] = "driver"

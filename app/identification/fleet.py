@@ -13,21 +13,15 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from app.answer import Answer, Codes, Sensors, UnitSymbol
-from app.effects.registry import explain
+from app.effects.kinds.drift import Drift
+from app.effects.kinds.step import Step
+from app.effects.registry import explain, kind_of
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis, Verdict
 from app.identification.analysis.found_effect import FoundEffect, Parameters
 from app.identification.analysis.tried_effect import TriedEffect, claim_of
 
-OF_THE_TYPE: Final = {
-    *("thermal-lag", "other-sensor", "additional-sensor", "sensor-gradient", "response"),
-    *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
-    *("nonrigid-slope", "tool-length", "late-sensor"),
-}
-"""Kinds that a machine's design can bring with it. A drift, a step, a fault of a sensor, a map or
-an instrument is one machine's own history, and is tried on no other."""
-
-DRIFTING: Final = {"drift", "step"}
+DRIFTING: Final = {Drift.kind, Step.kind}
 """Kinds that say that a machine is no longer what it was."""
 
 Likeness: TypeAlias = tuple[str, tuple[tuple[str, float, float], ...], tuple[str, ...]]
@@ -206,7 +200,7 @@ def trials(members: Sequence[Member]) -> list[Trial]:
         Trial(first.id, first.analysis or 0, place, other.id)
         for together in _claims(members).values()
         for first, place, one in [together[0]]
-        if _is_tried(one)
+        if is_tried(one)
         for other in _sisters(members, first)
         if other.id not in {m.id for m, _, _ in together} and other.has_verifications
     ]
@@ -236,8 +230,9 @@ def _claims(members: Sequence[Member]) -> Mapping[object, list[_Found]]:
     return found
 
 
-def _is_tried(one: FoundEffect) -> bool:
-    return one.helps and one.kind in OF_THE_TYPE
+def is_tried(one: FoundEffect) -> bool:
+    """Whether an effect is a candidate for sisters of the machine on which it was found."""
+    return one.helps and kind_of(one.kind).of_the_type
 
 
 def _sisters(members: Iterable[Member], of: Member) -> list[Member]:
@@ -308,7 +303,7 @@ def _shared(
 def _why_not_tried(one: FoundEffect, other: Member) -> str:
     if not other.has_verifications:
         return "nothing was measured there"
-    if one.kind not in OF_THE_TYPE:
+    if not kind_of(one.kind).of_the_type:
         return "an effect of this kind is one machine's own history"
     if not one.helps:
         return "it is not known to help where it was found"

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.effects.registry import KINDS
 from app.identification.analysis.tried_effect import CHANCE, HALF, TriedEffect, _judged, _Shown
 from app.identification.fleet import Member, Trial, judge_fleet, trials
 from app.pages.fleet_report import fleet_report
@@ -58,6 +59,12 @@ def test_one_machines_own_history_and_what_does_not_help_are_tried_on_nobody():
     for found in (drift, useless):
         fleet = [member("one", replace(WITH_LAG, effects=(found,))), *FLEET[2:]]
         assert trials(fleet) == []
+
+
+def test_no_mistake_and_nothing_that_comes_with_time_is_of_a_type_of_machines():
+    of_the_type = [kind for kind in KINDS.values() if kind.of_the_type]
+    assert len(of_the_type) > 5
+    assert not any(kind.trending or kind.not_adopted for kind in of_the_type)
 
 
 def test_what_is_said_is_no_more_than_was_found_and_tried():

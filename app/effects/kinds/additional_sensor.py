@@ -27,6 +27,7 @@ class AdditionalSensor(EffectKind):
     kind: ClassVar[str] = "additional-sensor"
     text: ClassVar[str] = "a component also moves with a second sensor, at once or late"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} every 10 min while {sensor} changes and for some hours afterwards, "
         "with the assigned sensor held steady"

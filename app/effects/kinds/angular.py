@@ -19,6 +19,7 @@ class Angular(EffectKind):
     kind: ClassVar[str] = "angular"
     text: ClassVar[str] = "a roll, pitch or yaw error that the maps lack"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure the same points with a short and a long tool, or measure {component} itself "
         "with a level or an angular interferometer"

@@ -30,6 +30,7 @@ class Backlash(EffectKind):
     drawn_over: ClassVar[DrawnOver] = "position"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
     only_once: ClassVar[bool] = True
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "approach the same positions of {component} alternately from both sides, five times each"
     )

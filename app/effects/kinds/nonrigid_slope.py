@@ -19,6 +19,7 @@ class NonrigidSlope(EffectKind):
     kind: ClassVar[str] = "nonrigid-slope"
     text: ClassVar[str] = "a component grows with the position of another axis"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure the axis of {component} along three parallel lines: at both ends and in the "
         "middle of the other axis, with the same tool"

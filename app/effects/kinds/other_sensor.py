@@ -27,6 +27,7 @@ class OtherSensor(EffectKind):
     )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "create a temperature difference between {sensor} and the assigned sensor (heat only one "
         "part of the machine), and measure {component} in that state"

@@ -52,6 +52,7 @@ class Periodic(EffectKind):
     text: ClassVar[str] = "a sine over position with unknown pitch, and its harmonics"
     alternates: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "position"
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} at 50 or more randomly spaced positions over some 100 mm"
     )

@@ -32,6 +32,7 @@ class Response(EffectKind):
         "many sensors and states act together with lags, and no single one of them can be named"
     )
     only_once: ClassVar[bool] = True
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} every 10 min for some hours from a cold start, changing the room "
         "temperature in mid-run and the states in blocks, and repeat this on other days"

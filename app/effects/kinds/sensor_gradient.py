@@ -36,6 +36,7 @@ class SensorGradient(EffectKind):
     )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "heat only one side of the structure, so that {sensor} differs from its neighbour as "
         "never before, and measure {component}"

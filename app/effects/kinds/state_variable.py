@@ -34,6 +34,7 @@ class StateVariable(EffectKind):
     kind: ClassVar[str] = "state-variable"
     text: ClassVar[str] = "spindle speed, payload, feed …, at once or with a time constant"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.STATE})
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} at three values of {state} in quick succession, before any "
         "temperature has changed, and every 10 min after {state} has gone back"

@@ -24,6 +24,7 @@ class TemperatureCurvature(EffectKind):
     text: ClassVar[str] = "a component is not linear in temperature between the maps"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} half way between the maps' temperatures of {sensor}: one more map "
         "there settles it"

@@ -35,6 +35,7 @@ class ThermalLag(EffectKind):
     )
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
+    of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (
         "measure {component} every 10 min through a quick warm-up and the cooling after it, and "
         "again once {sensor} has been steady for some hours"
