@@ -92,20 +92,10 @@ def _generic(
     excess = np.where(generic, limit.excess(tested), -np.inf)
     surprising = [i for i in np.argsort(-excess, kind="stable") if excess[i] >= 0]
     return [
-        Unexplained(
-            "generic",
-            _channel_of(selector, int(i)),
-            candidates[entries[i].candidate].key,
-        )
+        Unexplained("generic", channel, candidates[entries[i].candidate].key)
         for i in surprising[:MOST_NAMED]
+        for channel in selector.library.term(int(i)).channels
     ]
-
-
-def _channel_of(selector: Selector, entry: int) -> int | None:
-    for batch in selector.library.batches:
-        if entry in batch.entries:
-            return batch.channels[0] if len(batch.channels) == 1 else None
-    return None
 
 
 def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> list[Unexplained]:

@@ -189,13 +189,13 @@ class Unexplained:
         `many-at-one-place`, `far-off`, `alike-outliers`, or `flexible`: a flexible version of a
         found term explains something that the term itself does not.
     channel
-        Where; None: everywhere.
+        Where.
     moves_with
         What it moves with: a generic candidate's key, a family; None: not known.
     """
 
     test: str
-    channel: int | None
+    channel: int
     moves_with: str | None
 
 

@@ -426,15 +426,14 @@ def _unexplained(found: FinishedSearch, left: FloatArray) -> list[UnexplainedPar
     names = found.residuals.rows.channels
     parts = []
     for channel, ones in by_channel.items():
-        own = found.use if channel is None else found.use & (found.rows.channel == channel)
-        noise = [n.fitted for c, n in found.findings.noise.items() if channel in (None, c)]
+        own = found.use & (found.rows.channel == channel)
         moves_with = [words_of(o.moves_with) for o in ones if o.test == "generic" and o.moves_with]
         parts.append(
             UnexplainedPart(
-                component="all components" if channel is None else names[channel],
+                component=names[channel],
                 rms=rms(without_zeros(found.zeros, np.where(own, left, np.nan))[own]),
-                noise=float(np.mean(noise)),
-                unit=channel_unit(names[channel or 0]).symbol,
+                noise=found.findings.noise[channel].fitted,
+                unit=channel_unit(names[channel]).symbol,
                 moves_with=tuple(dict.fromkeys(moves_with)),
                 tests=tuple(dict.fromkeys(o.test for o in ones)),
             )

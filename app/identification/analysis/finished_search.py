@@ -69,7 +69,7 @@ class FinishedSearch:
     def is_unexplained_at(self, channels: Collection[int], *, besides: str = "") -> bool:
         """Say whether structure remains in any of some channels, whatever one test says."""
         left = {one.channel for one in self.findings.unexplained if one.test != besides}
-        return None in left or bool(left.intersection(channels))
+        return bool(left.intersection(channels))
 
     def floor(self, channel: int) -> float:
         """Say what repeatability and set-up scatter alone leave in a channel [its unit]."""
