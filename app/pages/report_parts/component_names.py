@@ -15,8 +15,8 @@ def component_name(name: str) -> str:
 
     Examples
     --------
-    >>> component_name("EXX"), component_name("points y"), component_name("all components")
-    ('EXX', 'points, Y', 'all components')
+    >>> component_name("EXX"), component_name("points y")
+    ('EXX', 'points, Y')
     """
     stem, _, letter = name.partition(" ")
     return f"points, {letter.upper()}" if stem == "points" else name
