@@ -95,13 +95,20 @@ def test_tabs_and_other_units_in_columns_of_their_own(read):
 
 
 def test_a_value_in_another_units_column(complaints):
-    text = "component,position_mm,error_um,error_urad\nEBX,0,1,\nSXY,,,1\n"
+    text = "component,position_mm,error_um,error_urad\nEBX,0,1,\nSXY,,1,\n"
     assert complaints(HEAD + text) == [
         "run.csv, line 5, column 3 (error_um): expected EBX in µrad once, in the column "
         "error_urad, got '1'",
-        "run.csv, line 6, column 4 (error_urad): expected SXY in µm/m once, in the column "
-        "error_um_per_m, got '1'",
+        "run.csv, line 6, column 3 (error_um): expected SXY in µm/m once, in the column "
+        "error_urad, got '1'",
     ]
+
+
+def test_squareness_in_the_column_of_angles(read):
+    """1 µm/m is 1 µrad, as verifications read it and as arcseconds are converted."""
+    found = read(HEAD + "component,position_mm,error_um,error_urad\nEXX,0,1,\nSXY,,,-2.72\n")
+    assert values(found, "SXY")["value_um_per_m"] == -2.72
+    assert found.remarks == []
 
 
 def test_squareness_and_slopes_share_their_unit_but_not_two_columns(complaints):

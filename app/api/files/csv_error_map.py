@@ -73,7 +73,6 @@ _VALUE: Final = Quantity(
 _COMPONENT_UNITS: Final[Mapping[str, Sequence[Unit]]] = {
     **dict.fromkeys(LENGTH.factors, (Unit.UM,)),
     **dict.fromkeys(SMALL_ANGLE.factors, (Unit.URAD, Unit.UM_PER_M)),
-    "urad": (Unit.URAD,),
     **dict.fromkeys(("um_per_m", "mm_per_m"), (Unit.UM_PER_M,)),
     _SLOPE_OF_ANGLE: (Unit.URAD_PER_M,),
     _OWN: (),
