@@ -34,6 +34,7 @@ from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import ErrorMapRow
 from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error
 from app.thermal.machine import Machine
+from app.thermal.reversed_signs import reversed_components
 from app.thermal.sensor_health import Health, check_temperatures
 from app.units import TemperatureUnit, Unit
 
@@ -49,7 +50,8 @@ class StoredOnce:
     """A stored map, its machine, whether it is new and whether the active model has it.
 
     `made` is the version that was made with it, or the one that has it and waits; None where a
-    map that was there already is in use, or in neither version.
+    map that was there already is in use, or in neither version. `remarks` say what is unusual
+    about it.
     """
 
     stored: StoredMap
@@ -57,6 +59,7 @@ class StoredOnce:
     is_new: bool
     in_active_model: bool
     made: MadeVersion | None
+    remarks: Sequence[str]
 
 
 def store_error_map(
@@ -103,15 +106,16 @@ def _store(
     context: Context, change: MachineChange, error_map: ErrorMap, accept_losses: bool
 ) -> StoredOnce:
     known = _known(change, error_map)
+    said = _remarks(change, error_map)
     if known is not None:
         made = None
         if change.waiting and _has(change.waiting, known) and not _has(change.version, known):
             made = activate_waiting(context, change, accept_losses=accept_losses)
-        return StoredOnce(known, change.machine, False, _has(change.version, known), made)
+        return StoredOnce(known, change.machine, False, _has(change.version, known), made, said)
     _check(context, change, error_map)
     stored = insert_error_map(change.session, change.row.id, error_map, context.now())
     made = make_version(context, change, _draft(change, stored), accept_losses=accept_losses)
-    return StoredOnce(stored, change.machine, True, made.is_active, made)
+    return StoredOnce(stored, change.machine, True, made.is_active, made, said)
 
 
 def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> Preview:
@@ -125,12 +129,12 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
     with reading_machine(context, machine_id) as change:
         if _known(change, error_map) is not None:
             known = preview_latest(context, change, f"map {error_map.label!r} is there already")
-            return replace(known, remarks=remarks(change.machine, error_map))
+            return replace(known, remarks=_remarks(change, error_map))
         _check(context, change, error_map)
         # No stored map has the number nought.
         draft = _draft(change, StoredMap(0, error_map, context.now()))
         preview = preview_draft(context, change, draft)
-        return replace(preview, remarks=remarks(change.machine, error_map))
+        return replace(preview, remarks=_remarks(change, error_map))
 
 
 def _known(change: MachineChange, error_map: ErrorMap) -> StoredMap | None:
@@ -159,10 +163,12 @@ def _draft(change: MachineChange, stored: StoredMap) -> Draft:
     return draft_version(change, base, maps, f"map {stored.error_map.label!r} stored")
 
 
-def remarks(machine: Machine, error_map: ErrorMap) -> list[str]:
+def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
+    machine = change.machine
     found = [
         *_doubted_units(error_map),
+        *_doubted_signs(change.latest, error_map),
         *table_remarks(machine, error_map.tables.values()),
     ]
     for sensor in machine.sensors.values():
@@ -200,6 +206,24 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
     if lengths:
         found += suspiciously_small("errors_um", np.concatenate(lengths))
     return found
+
+
+def _doubted_signs(version: ModelVersion | None, error_map: ErrorMap) -> list[str]:
+    """Ask about components that fit the other maps with the opposite sign.
+
+    Tables would double such an error instead of removing it, and the change at the latest
+    reading shows nothing of it while this lies between other maps.
+    """
+    if version is None:
+        return []
+    others = [m.error_map for m in version.maps if m.error_map.label != error_map.label]
+    reversed_codes = reversed_components(error_map, others, version.assignment)
+    if not reversed_codes:
+        return []
+    return [
+        f"{list_names(reversed_codes)} would fit the maps beside it with the opposite sign: are "
+        "they errors, actual minus nominal, or what is to be added to the command?"
+    ]
 
 
 def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[str]:

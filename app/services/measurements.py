@@ -19,7 +19,6 @@ from app.services.context import Context
 from app.services.error_maps import (
     StoredOnce,
     preview_error_map,
-    remarks,
     store_error_map,
     table_remarks,
 )
@@ -48,7 +47,7 @@ class Measured:
     method: str
     result: MeasurementResult
     stored: StoredOnce | None
-    remarks: list[str]
+    remarks: Sequence[str]
     preview: Preview | None = None
 
 
@@ -98,9 +97,9 @@ def store_measurement(
     error_map = map_of_result(machine, method, header, result)
     if storing.preview:
         preview = preview_error_map(context, machine.id, error_map)
-        return Measured(machine, method, result, None, remarks(machine, error_map), preview)
+        return Measured(machine, method, result, None, preview.remarks, preview)
     stored = store_error_map(context, machine.id, error_map, accept_losses=storing.accept_losses)
-    return Measured(stored.machine, method, result, stored, remarks(stored.machine, error_map))
+    return Measured(stored.machine, method, result, stored, stored.remarks)
 
 
 def _check_axes(machine: Machine, result: MeasurementResult) -> None:

@@ -22,7 +22,6 @@ from app.services.context import Context
 from app.services.error_maps import (
     StoredOnce,
     preview_error_map,
-    remarks,
     store_error_maps,
     table_remarks,
 )
@@ -159,12 +158,12 @@ def keep_drift(
     notes = [*table_remarks(machine, drift.result.tables), *about]
     measured = Measured(machine, "thermal-drift", drift.result, None, notes)
     if storing.preview:
-        notes = [*remarks(machine, maps[-1]), *about]
+        notes = [*previews[-1].remarks, *about]
         measured = replace(measured, remarks=notes, preview=previews[-1])
     elif maps:
         stored = store_error_maps(context, machine.id, maps, accept_losses=storing.accept_losses)
         states = [replace(s, map_id=m.stored.id) for s, m in zip(states, stored, strict=True)]
-        notes = [*remarks(machine, maps[-1]), *about]
+        notes = [*stored[-1].remarks, *about]
         measured = replace(measured, remarks=notes, stored=_last_made(stored))
     return MeasuredDrift(measured, states, kept)
 

@@ -281,6 +281,21 @@ async def test_numbers_that_may_be_in_another_unit_are_asked_about(
         assert [said in w for w in warnings] == [True] if said else warnings == []
 
 
+async def test_errors_that_may_be_compensations_are_asked_about(client):
+    """Before and after the map is stored; the latest reading, between other maps, shows nothing."""
+    exx, *rest = error_map("Run #4", 27.0)["components"]
+    asked = error_map("Run #4", 27.0, components=[exx | {"errors_um": [0.0, -7.0, -35.0]}, *rest])
+    answers = [
+        await client.post(PATH, params={"preview": "true"}, json=asked),
+        await client.post(PATH, json=asked),
+        await client.post(PATH, json=asked),
+    ]
+    assert [answer.status_code for answer in answers] == [200, 201, 200]
+    for answer in answers:
+        (warning,) = answer.json()["warnings"]
+        assert warning.startswith("EXX would fit the maps beside it with the opposite sign")
+
+
 TOO_LARGE = "expected errors within ±10000 µm, got 12000 µm: is it in another unit"
 
 

@@ -23,7 +23,6 @@ from app.services.context import Context
 from app.services.error_maps import (
     preview_error_map,
     preview_withdrawal,
-    remarks,
     store_error_map,
     withdraw_map,
 )
@@ -126,7 +125,7 @@ def answer_to_map(
     found = store_error_map(context, machine, error_map, accept_losses=accept_losses)
     response.status_code = 201 if found.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{found.stored.id}"
-    warnings = [*notes, *remarks(found.machine, found.stored.error_map)]
+    warnings = [*notes, *found.remarks]
     # A map that costs nothing is answered as it is shown, now and later.
     costs = found.made is not None and found.made.difference.loses
     made = change_fields(machine, found.made) if costs else {}
