@@ -202,11 +202,34 @@ def remarks_on_verification(
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         version, machine = active_version(session, row), stored_machine(row).machine
+        copies = _copies(session, machine_id, verification)
     return [
         *verification.remarks,
+        *copies,
         *_maybe_in_metres(machine, verification.observations),
         *_not_compared(machine, version, components),
     ]
+
+
+def _copies(session: Session, machine_id: str, verification: Verification) -> list[str]:
+    """Ask about a verification that is stored under another label too: it would count twice."""
+    times_s = [o.time_s for o in verification.observations]
+    same = [
+        one
+        for one in list_verifications(session, machine_id)
+        if one.label != verification.label
+        and one.observations == len(times_s)
+        and (one.first_at.timestamp(), one.last_at.timestamp()) == (min(times_s), max(times_s))
+    ]
+    said = []
+    for one in same:
+        row = find_verification(session, machine_id, one.id, observations=True)
+        if list(read_verification(row).observations) == list(verification.observations):
+            said.append(
+                f"verification {one.label!r} (number {one.id}) has the same observations: one "
+                "that is stored twice counts as two visits; delete one of them"
+            )
+    return said
 
 
 def _maybe_in_metres(machine: Machine, observations: Sequence[Observation]) -> list[str]:

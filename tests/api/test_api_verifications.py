@@ -53,6 +53,20 @@ async def test_copied_observations_are_stored_and_said(client):
     assert (await client.post(PATH, json=apart)).json()["warnings"] == []
 
 
+async def test_the_same_observations_under_another_label_are_said(client):
+    """Visits are the evidence: the same one twice would count as two."""
+    rows = observation(), observation(minutes=-50, measured_um=4.5)
+    first = (await client.post(PATH, json=verification(*rows))).json()
+    assert first["warnings"] == []
+    (warning,) = (await client.post(PATH, json=verification(*rows, label="copy"))).json()[
+        "warnings"
+    ]
+    assert warning.startswith(f"verification 'night shift' (number {first['id']}) has the same")
+    other = observation(), observation(minutes=-50, measured_um=4.6)
+    answer = await client.post(PATH, json=verification(*other, label="measured again"))
+    assert answer.json()["warnings"] == []
+
+
 async def test_lengths_that_may_be_in_mm_are_stored_and_said(client):
     small = verification(observation(measured_um=0.012))
     (warning,) = (await client.post(PATH, json=small)).json()["warnings"]
