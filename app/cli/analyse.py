@@ -15,11 +15,10 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from app.api.schemas import analyses
-from app.cli.analyse_files import VerificationFile, read_verifications
+from app.cli.analyse_files import VerificationFile, read_verifications, store_verifications
 from app.cli.analyse_view import analysis_view, plan_view
 from app.cli.answers import shell_words
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
-from app.cli.import_checks import naming
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import (
     NextVisitOption,
@@ -30,7 +29,7 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.planned_visit import write_next_visit
-from app.errors import ThermapError, counted, list_names
+from app.errors import ThermapError, list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
@@ -167,7 +166,7 @@ def analyse(
         stored: list[int] = []
         _expect_comparable(thermap, machine, files)
         with _naming_what_is_stored(machine, stored):
-            _store(thermap, machine, files, stored)
+            store_verifications(thermap, machine, files, stored)
             ids = stored or _all_stored(thermap, machine)
             question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
             job = thermap.analyse(machine, question)
@@ -361,35 +360,6 @@ def _why_lacking(
     if unmeasured:
         reasons.append(f"no error map of the active model has {list_names(unmeasured)}")
     return "; ".join(reasons)
-
-
-def _store(
-    thermap: ThermapClient,
-    machine: str,
-    files: Sequence[VerificationFile],
-    stored_ids: list[int],
-) -> None:
-    """Store the files' verifications; the same content again is the one that is stored."""
-    for i, one in enumerate(files):
-        for remark in one.remarks:
-            typer.echo(f"{one.file}: note: {remark}", err=True)
-        unsent = [later.file for later in files[i + 1 :]]
-        with naming(one.file, unsent):
-            try:
-                stored = thermap.store_verification(machine, one.body)
-            except InvalidContentError as error:
-                if not (one.lines and error.errors):
-                    raise
-                reason = one.complaints(error.errors)
-                reason += [f"not sent after it: {list_names(map(str, unsent))}"] if unsent else []
-                raise NotAnalysed("\n".join(reason)) from error
-        typer.echo(
-            f"{one.file}: verification {stored.label!r}, number {stored.id}, "
-            f"{counted(stored.count, 'observation')}"
-            + (f". {stored.judgement.summary}" if stored.judgement else ""),
-            err=True,
-        )
-        stored_ids.append(stored.id)
 
 
 def _all_stored(thermap: ThermapClient, machine: str) -> list[int]:

@@ -1,4 +1,4 @@
-"""Files of verifications, read and checked before any of them is sent."""
+"""Files of verifications: read and checked before any of them is sent, and stored."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import typer
+
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile
 from app.api.files.instrument_files import instrument_format
 from app.api.files.verification_check import check_verification, complain_of_fields
 from app.cli.contract_json import read_json
-from app.cli.import_checks import choose_machine
+from app.cli.import_checks import choose_machine, naming
+from app.errors import counted, list_names
 from app.geometry.components import parse_component
-from thermap import FieldError
+from thermap import FieldError, InvalidContentError, ThermapClient
 
 _VALUE: Final = "measured_"
 """Fields that begin so hold what was measured."""
@@ -82,6 +85,47 @@ def read_verifications(
     if complaints:
         raise UnreadableFile("\n".join(["nothing was sent:", *complaints]))
     return found
+
+
+def store_verifications(
+    thermap: ThermapClient, machine: str, files: Sequence[VerificationFile], stored: list[int]
+) -> None:
+    """Store the files' verifications, and say what the service says of each.
+
+    Parameters
+    ----------
+    stored
+        Their numbers are appended as they come, so that they are known if one fails. The same
+        content again is the one that is stored.
+
+    Raises
+    ------
+    UnreadableFile
+        With line and column of what the service refuses.
+    """
+    for i, one in enumerate(files):
+        for remark in one.remarks:
+            typer.echo(f"{one.file}: note: {remark}", err=True)
+        unsent = [later.file for later in files[i + 1 :]]
+        with naming(one.file, unsent):
+            try:
+                found = thermap.store_verification(machine, one.body)
+            except InvalidContentError as error:
+                if not (one.lines and error.errors):
+                    raise
+                reason = one.complaints(error.errors)
+                reason += [f"not sent after it: {list_names(map(str, unsent))}"] if unsent else []
+                raise UnreadableFile("\n".join(reason)) from error
+        for warning in found.warnings:
+            if warning not in one.remarks:
+                typer.echo(f"{one.file}: note: {warning}", err=True)
+        typer.echo(
+            f"{one.file}: verification {found.label!r}, number {found.id}, "
+            f"{counted(found.count, 'observation')}"
+            + (f". {found.judgement.summary}" if found.judgement else ""),
+            err=True,
+        )
+        stored.append(found.id)
 
 
 def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:

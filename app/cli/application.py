@@ -98,7 +98,7 @@ COMMANDS: Final = {
     "verifications": Home(
         "verifications",
         "verifications",
-        "List and delete verifications; show what the model leaves of them.",
+        "Store, list and delete verifications; show what the model leaves of them.",
     ),
     "analyses": Home("analyses", "analyses", "List, show, cancel and delete analyses."),
     "analyse": Home(

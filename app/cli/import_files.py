@@ -11,11 +11,13 @@ import typer
 
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import read_csv_error_map
+from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile
 from app.api.files.instrument_files import InstrumentFormat, instrument_format
 from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings, settings_of
 from app.api.schemas.readings import ReadingSchema
+from app.cli.answers import shell_words
 from app.cli.contract_json import read_contract_json
 from app.cli.import_checks import (
     ImportMode,
@@ -233,10 +235,27 @@ def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> lis
 
 
 def _read_csv(file: Path, stated: Stated) -> ImportedFile:
-    found = read_csv_error_map(file, stated)
+    try:
+        found = read_csv_error_map(file, stated)
+    except UnreadableFile:
+        if not _is_verification(file):
+            raise
+        raise UnreadableFile(
+            f"{file}: expected an error map, got check measurements with their times: `thermap "
+            f"verifications store {shell_words([str(file)])}` stores them"
+        ) from None
     return ImportedFile(
         file, error_maps=[found.error_map], machine=found.machine or "", remarks=found.remarks
     )
+
+
+def _is_verification(file: Path) -> bool:
+    """Whether a file can be read as a verification."""
+    try:
+        read_csv_verification(file)
+    except UnreadableFile:
+        return False
+    return True
 
 
 def _read_json(file: Path) -> ImportedFile:

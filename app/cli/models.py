@@ -23,11 +23,12 @@ from app.cli.options import (
     JsonOption,
     MachineOption,
     UrlOption,
+    VerificationsOption,
     chosen_machine,
+    chosen_verifications,
     command_group,
     connect,
 )
-from app.cli.verifications import VerificationsOption, chosen_verifications
 from app.errors import counted, list_names
 from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL

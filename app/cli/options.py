@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from math import isfinite
@@ -39,6 +39,17 @@ DatabaseOption = Annotated[
 MachineArgument = Annotated[
     str, typer.Argument(metavar="MACHINE", envvar="THERMAP_MACHINE", help="The machine's id.")
 ]
+VerificationsOption = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--verification",
+        "-v",
+        envvar="THERMAP_VERIFICATIONS",
+        metavar="NUMBER",
+        help="A verification's number, once for each; all that are stored without it.",
+    ),
+]
+
 MachineOption = Annotated[
     str | None,
     typer.Option(
@@ -138,6 +149,26 @@ def chosen_machine(thermap: ThermapClient, stated: str | None) -> str:
     several = f"several machines are stored: expected one of {list_names(stored)}, got none"
     none = "no machine is stored yet; `thermap import machine.json` stores one"
     raise typer.BadParameter(several if stored else none, param_hint="--machine")
+
+
+def chosen_verifications(
+    thermap: ThermapClient, machine: str, stated: Sequence[int] | None
+) -> list[int]:
+    """Give the verifications that are meant: those stated, or all.
+
+    Raises
+    ------
+    typer.BadParameter
+        If none is stored.
+    """
+    found = list(stated or ()) or [one.id for one in thermap.verifications(machine)]
+    if not found:
+        raise typer.BadParameter(
+            f"machine {machine!r} has no verification yet; `thermap verifications store FILE "
+            f"--machine {machine}` stores one",
+            param_hint="NUMBER",
+        )
+    return found
 
 
 def confirm(what: str, question: str, *, yes: bool) -> None:

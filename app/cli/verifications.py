@@ -1,4 +1,4 @@
-"""thermap verifications: list and delete them, and show what the model leaves of them."""
+"""thermap verifications: store, list and delete them, and show what the model leaves of them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from app.cli.options import (
     UrlOption,
     YesOption,
     chosen_machine,
+    chosen_verifications,
     command_group,
     confirm,
     connect,
@@ -28,26 +29,39 @@ from app.pages.report_parts.words import zeros_text
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from thermap import ThermapClient
     from thermap.answers import ResidualsAnswer, SizeAnswer, VerificationAnswer
 
 verifications = command_group()
 
-VerificationsOption = Annotated[
-    list[int] | None,
-    typer.Option(
-        "--verification",
-        "-v",
-        envvar="THERMAP_VERIFICATIONS",
-        metavar="NUMBER",
-        help="A verification's number, once for each; all that are stored without it.",
-    ),
-]
-
 
 @verifications.callback()
 def _describe() -> None:
-    """List and delete verifications; show what the model leaves of them."""
+    """Store, list and delete verifications; show what the model leaves of them."""
+
+
+@verifications.command("store")
+def store_verification_files(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE…",
+            help="Measured data as CSV or Excel, or as JSON of the HTTP contract.",
+        ),
+    ],
+    machine: MachineOption = None,
+    url: UrlOption = DEFAULT_URL,
+) -> None:
+    """Store check measurements, each judged against the model as it comes; nothing is analysed.
+
+    Example: `thermap verifications store night-shift.csv --machine vmc`
+    """
+    from app.cli.analyse_files import read_verifications, store_verifications
+
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        store_verifications(thermap, chosen, read_verifications(files, chosen), [])
 
 
 @verifications.command("list")
@@ -129,26 +143,6 @@ def delete_verification(
         )
         thermap.delete_verification(chosen, number)
     typer.echo(f"verification {present.label!r} deleted")
-
-
-def chosen_verifications(
-    thermap: ThermapClient, machine: str, stated: Sequence[int] | None
-) -> list[int]:
-    """Give the verifications that are meant: those stated, or all.
-
-    Raises
-    ------
-    typer.BadParameter
-        If none is stored.
-    """
-    found = list(stated or ()) or [one.id for one in thermap.verifications(machine)]
-    if not found:
-        raise typer.BadParameter(
-            f"machine {machine!r} has no verification yet; `thermap analyse {machine} "
-            "--verification FILE` stores one",
-            param_hint="NUMBER",
-        )
-    return found
 
 
 def verifications_view(found: Sequence[VerificationAnswer]) -> RenderableType:

@@ -385,10 +385,41 @@ def test_verifications(thermap, client, measured, tmp_path):
     assert thermap("verifications", "residuals", "9").exit_code == 1
 
 
+VISIT = "time,component,position_mm,direction,measured_um\n2026-03-01T06:00:00Z,EXX,250,+,10.3\n"
+
+
+def test_a_verification_is_stored_without_an_analysis(thermap, client, tmp_path):
+    for name in ("morning.csv", "copy.csv"):
+        (tmp_path / name).write_text(VISIT, encoding="utf-8")
+    first = thermap("verifications", "store", tmp_path / "morning.csv", columns=300)
+    assert (first.exit_code, first.stdout) == (0, "")
+    assert "verification 'morning', number 1, 1 observation" in first.stderr
+    assert "note: " not in first.stderr
+    copied = thermap("verifications", "store", tmp_path / "copy.csv", columns=300)
+    assert "note: verification 'morning' (number 1) has the same observations" in copied.stderr
+    assert [one.label for one in client.verifications("mcfv5050")] == ["morning", "copy"]
+    assert client.analyses("mcfv5050") == []
+    (tmp_path / "wrong.csv").write_text(VISIT.replace("250", "2500"), encoding="utf-8")
+    refused = thermap("verifications", "store", tmp_path / "wrong.csv", columns=300)
+    assert refused.exit_code == 1
+    assert "wrong.csv, line 2" in refused.stderr
+    assert "got 2500 mm" in refused.stderr
+
+
+def test_a_verification_among_maps_is_told_with_the_command_that_stores_it(
+    thermap, client, tmp_path
+):
+    (tmp_path / "visit.csv").write_text(VISIT, encoding="utf-8")
+    found = thermap("import", tmp_path / "visit.csv", columns=300)
+    assert found.exit_code == 1
+    assert f"`thermap verifications store {tmp_path / 'visit.csv'}` stores them" in found.stderr
+    assert client.verifications("mcfv5050") == []
+
+
 def test_residuals_without_a_verification(thermap):
     found = thermap("verifications", "residuals", columns=200)
     assert (found.exit_code, found.stdout) == (2, "")
-    assert "has no verification yet; `thermap analyse mcfv5050 --verification FILE`" in found.stderr
+    assert "has no verification yet; `thermap verifications store FILE " in found.stderr
 
 
 @pytest.mark.slow

@@ -36,7 +36,8 @@ COMMANDS = (
     *("maps list", "maps show", "maps delete"),
     *("models list", "models show", "models activate", "models compare"),
     *("sensors show", "sensors assign", "sensors correlate", "readings list"),
-    *("verifications list", "verifications residuals", "verifications delete"),
+    *("verifications store", "verifications list"),
+    *("verifications residuals", "verifications delete"),
     *("analyses list", "analyses show", "analyses cancel", "analyses delete"),
     *("backup", "restore"),
 )
