@@ -453,6 +453,15 @@ def test_what_is_as_late_as_can_be_tried_is_not_adopted_beside_what_nobody_knows
     assert one == (False, AS_SLOW_AS_CAN_BE)
 
 
+@pytest.mark.parametrize("is_slowest", [False, True])
+def test_nobody_is_sure_of_what_is_as_late_as_can_be_tried(is_slowest):
+    """What is slower still, a drift or what the library lacks may fit better."""
+    right = swinging(campaign())
+    found = stated_search(right, right, kinds=("state-variable",), is_slowest=is_slowest)
+    (effect,), (one,) = found.effects(), found.findings.terms
+    assert found.is_name_sure(effect, one) is not is_slowest
+
+
 def test_a_drift_of_one_record_may_be_the_instruments():
     rows = campaign(visits=1)
     drift = np.arange(EACH) * 2.0

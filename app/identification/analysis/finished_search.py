@@ -120,13 +120,15 @@ class FinishedSearch:
         """Whether held-out visits show the effect, and nothing else that would do the same.
 
         Of a tied one held-out visits show what it does as well: they say nothing of which it is.
+        Of the longest time constant nobody knows whether a still longer one, a drift, or what the
+        library lacks would be better.
         """
         kind = kind_of(effect.kind)
         is_tied = any(
             rival.tied and not do_the_same(self.hypotheses[rival.key], effect)
             for rival in term.rivals
         )
-        is_doubted = bool(is_tied or kind.never_sure or kind.doubt(effect))
+        is_doubted = bool(is_tied or kind.never_sure or kind.doubt(effect) or self.is_slowest(term))
         return (
             term.status is Status.CONFIRMED and not is_doubted and not self.is_proxy(effect, term)
         )

@@ -29,6 +29,12 @@ PROXY: Final = "proxy for something unexplained: "
 
 MOST_ALTERNATIVES: Final = 12
 
+AS_LATE_AS_TRIED: Final = (
+    "its time constant is the longest that was tried, so something slower or of another kind may "
+    "fit better"
+)
+"""A doubt of what ends where the search ends."""
+
 HARDLY_SEEN: Final = (
     "; set-ups with zeros of their own hardly show what it does at all positions alike, which is "
     "taken to be not much larger than the rest: to know it, measure one position with the datum "
@@ -103,7 +109,10 @@ def _found_effect(
     before, after, unit = _sizes(found, effect, term)
     is_proxy = found.is_proxy(effect, term)
     confirmed = term.status is Status.CONFIRMED
-    own_doubt = kind_of(effect.kind).doubt(effect)
+    own_doubts = (
+        kind_of(effect.kind).doubt(effect),
+        AS_LATE_AS_TRIED if found.is_slowest(term) else None,
+    )
     is_open = is_unsure or not found.is_name_sure(effect, term)
     return FoundEffect(
         effect=effect,
@@ -114,7 +123,7 @@ def _found_effect(
         helps=helps.helps,
         why_not=helps.why_not,
         is_proxy=is_proxy,
-        doubts=(*term.doubts, *filter(None, [own_doubt])),
+        doubts=(*term.doubts, *filter(None, own_doubts)),
         evidence=_evidence(term),
         alternatives=_alternatives(found, term),
         explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}"
