@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -11,6 +12,9 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event
 
 from app.errors import StorageUnavailable
 from app.storage.limits import Limits
+
+AGAIN_S: Final = 0.01
+"""After so long what SQLite refused at once is tried again [s]."""
 
 _ANOTHER: Final = "name another file with --database-url sqlite:///FILE or its variable"
 
@@ -86,8 +90,8 @@ class SqliteConnections:
         """Make SQLite keep what was answered: log, foreign keys, and a sync at each commit."""
         self.file.check()
         connection.isolation_level = None  # we say BEGIN ourselves, see _begin
+        _log_ahead(connection, _patience_s(self._limits))
         for pragma in (
-            "journal_mode = WAL",
             "foreign_keys = ON",
             "synchronous = FULL",
             "journal_size_limit = 67108864",
@@ -106,6 +110,22 @@ class SqliteConnections:
 
 def _patience_s(limits: Limits) -> float:
     return 3600.0 if limits.lock_s is None else limits.lock_s
+
+
+def _log_ahead(connection: sqlite3.Connection, patience_s: float) -> None:
+    """Have a file log ahead of what it writes, as the first of its connections says to it.
+
+    SQLite refuses that at once while others look at the file, however long it may wait for locks.
+    """
+    until = monotonic() + patience_s
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            return
+        except sqlite3.OperationalError as error:
+            if "locked" not in str(error) or monotonic() > until:
+                raise
+        sleep(AGAIN_S)
 
 
 def _make(path: Path) -> None:

@@ -1,13 +1,14 @@
 """Connections and transactions."""
 
+import sqlite3
 import sys
 import threading
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 
 import pytest
 from sqlalchemy import text
 
-from app.errors import InvalidContent, StorageUnavailable
+from app.errors import InvalidContent, StorageBusy, StorageUnavailable
 from app.geometry.chain import Chain
 from app.storage.database import Database
 from app.storage.limits import Limits
@@ -111,6 +112,44 @@ def test_a_writer_of_sqlite_waits_for_its_turn_and_gives_up_in_time(sqlite_url):
     assert names(database) == ["a"]
     database.close()
     other.close()
+
+
+def test_those_who_open_a_new_sqlite_file_together_all_succeed(tmp_path):
+    """SQLite refuses some of them at once to log ahead: one of thirteen, if nobody tries again."""
+
+    def opened(database, together, failures):
+        together.wait()
+        try:
+            with database.reading() as session:
+                session.execute(text("SELECT 1"))
+        except StorageUnavailable as error:
+            failures.append(error)
+
+    failures = []
+    for number in range(40):
+        together = threading.Barrier(4, timeout=60)
+        databases = [Database(f"sqlite:///{tmp_path / f'{number}.db'}") for _ in range(4)]
+        threads = [
+            threading.Thread(target=opened, args=(database, together, failures))
+            for database in databases
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60)
+        for database in databases:
+            database.close()
+    assert failures == []
+
+
+def test_whoever_opens_a_sqlite_file_that_stays_locked_gives_up(tmp_path):
+    file = tmp_path / "thermap.db"
+    with closing(sqlite3.connect(file, isolation_level=None)) as other:
+        other.execute("CREATE TABLE something (a)")
+        other.execute("BEGIN EXCLUSIVE")
+        database = Database(f"sqlite:///{file}", Limits(lock_s=0.2))
+        with closing(database), pytest.raises(StorageBusy), database.reading() as session:
+            session.execute(text("SELECT 1"))
 
 
 def test_a_locked_machine_is_changed_by_one_at_a_time(database):
