@@ -24,6 +24,7 @@ from app.cli.options import (
     NextVisitOption,
     ReportOption,
     UrlOption,
+    chosen_verifications,
     connect,
     expect_page,
     write_file,
@@ -167,7 +168,7 @@ def analyse(
         _expect_comparable(thermap, machine, files)
         with _naming_what_is_stored(machine, stored):
             store_verifications(thermap, machine, files, stored)
-            ids = stored or _all_stored(thermap, machine)
+            ids = stored or chosen_verifications(thermap, machine, None)
             question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
             job = thermap.analyse(machine, question)
             _follow(thermap, machine, job.id)
@@ -277,7 +278,7 @@ def _show_plan(
     question = (
         {"planned": [one.body for one in files]}
         if files
-        else {"verifications": _all_stored(thermap, machine)}
+        else {"verifications": chosen_verifications(thermap, machine, None)}
     )
     call = loop_calls.plan_analysis(machine, question)
     try:
@@ -360,16 +361,6 @@ def _why_lacking(
     if unmeasured:
         reasons.append(f"no error map of the active model has {list_names(unmeasured)}")
     return "; ".join(reasons)
-
-
-def _all_stored(thermap: ThermapClient, machine: str) -> list[int]:
-    found = [one.id for one in thermap.verifications(machine)]
-    if not found:
-        raise typer.BadParameter(
-            f"machine {machine!r} has no verification yet: give a file",
-            param_hint="--verification",
-        )
-    return found
 
 
 def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:

@@ -165,8 +165,7 @@ def chosen_verifications(
     if not found:
         raise typer.BadParameter(
             f"machine {machine!r} has no verification yet; `thermap verifications store FILE "
-            f"--machine {machine}` stores one",
-            param_hint="NUMBER",
+            f"--machine {machine}` stores one"
         )
     return found
 
