@@ -216,6 +216,8 @@ async def test_wrong_nodes_and_units_are_said_and_the_others_followed(server):
         await seen.until(lambda: len(seen.known) == 7)
         assert seen.known["stated"] == pytest.approx(26.85)
         assert seen.known["swapped"] == 300.0
+        # Values may be published before the answer is read that refuses a node.
+        await seen.until(lambda: "gone" in seen.follower._matters)
         everything = {**seen.follower._matters, **seen.follower._contradicted}
         for name, words in (
             ("gone", "got BadNodeIdUnknown for ns=2;s=Nowhere"),
