@@ -174,9 +174,9 @@ def _above_floor(
     """
     found = []
     for c, h in held_out.items():
-        if h.floor > 0 and h.visits >= FEWEST_BLOCKS:
+        if h.floor.total > 0 and h.visits >= FEWEST_BLOCKS:
             allowance = _allowance(problem, use, c)
-            floor = h.floor * allowance
+            floor = h.floor.total * allowance
             is_in_all = h.after.low > OVER_FLOOR_AT_LEAST * floor
             is_no_chance = (
                 h.spread > OVER_FLOOR * allowance

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from math import hypot
 from typing import Final
 
 from app.arrays import FloatArray
@@ -140,13 +141,42 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
+class Floor:
+    """What would be left of held-out visits if nothing were missing, by what leaves it (RMS).
+
+    Parameters
+    ----------
+    noise
+        The scatter of single observations.
+    setups
+        What set-ups shift and tilt, and what wanders in time.
+    learning
+        What the visits that taught leave open, where that is counted.
+
+    Examples
+    --------
+    >>> Floor(noise=0.4, setups=0.3).total
+    0.5
+    """
+
+    noise: float
+    setups: float
+    learning: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """All of it: the root mean square that is to be expected."""
+        return hypot(self.noise, self.setups, self.learning)
+
+
+@dataclass(frozen=True, slots=True)
 class HeldOut:
     """Residuals on held-out visits: each is predicted by what was learnt without it.
 
     Parameters
     ----------
     floor
-        What repeatability and set-up scatter alone would leave (RMS).
+        What repeatability and set-up scatter alone would leave.
     spread, chance
         Root mean square over the floor without the visit that is furthest from it, and the
         probability with which repeatability and set-ups alone leave as much or more.
@@ -155,7 +185,7 @@ class HeldOut:
     rows: int
     visits: int
     after: Figure
-    floor: float
+    floor: Floor
     spread: float = 0.0
     chance: float = 1.0
 

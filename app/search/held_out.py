@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import gammaincc
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, rms
 from app.search.channel import Channel
 from app.search.figures import figure
-from app.search.findings import HeldOut
+from app.search.findings import Floor, HeldOut
 from app.search.joint_fit import Fit
 from app.search.problem import Problem
 from app.search.state import State
@@ -59,14 +59,16 @@ def held_out_figures(
         visit = channel.blocks.setups[channel.block][seen]
         expected = _expected(problem, channel, fit, typical[c])
         open_still = checked.variance[channel.rows] if c in settled else np.zeros(len(seen))
-        variance = expected.variance(channel) + open_still
-        floor = channel.scale**2 * variance[seen]
         spread, chance = _apart_from_one(channel, expected, left / channel.scale, seen, open_still)
         found[c] = HeldOut(
             rows=len(visit),
             visits=len(np.unique(visit)),
             after=figure(left, visit, seed),
-            floor=float(np.sqrt(np.mean(floor))),
+            floor=Floor(
+                noise=channel.scale * float(np.sqrt(expected.scatter)),
+                setups=channel.scale * rms(np.sqrt(expected.of_setups(channel)[seen])),
+                learning=channel.scale * rms(np.sqrt(open_still[seen])),
+            ),
             spread=spread,
             chance=chance,
         )
@@ -115,11 +117,10 @@ class _Expected(NamedTuple):
     scatter: float
     of_setup: FloatArray
 
-    def variance(self, channel: Channel) -> FloatArray:
-        """Give each row's variance."""
-        return np.asarray(
-            self.scatter * (1.0 + np.sum(channel.shapes**2 * self.of_setup[channel.block], axis=1))
-        )
+    def of_setups(self, channel: Channel) -> FloatArray:
+        """Give the variance that its set-up leaves in each row."""
+        shifts_and_tilts = channel.shapes**2 * self.of_setup[channel.block]
+        return np.asarray(self.scatter * np.sum(shifts_and_tilts, axis=1))
 
 
 def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _Expected:

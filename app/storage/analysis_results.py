@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Final
 
 from app.identification.analysis.analysis import Analysis
@@ -39,14 +40,24 @@ def _from_1(stored: Fields) -> Fields:
 
 
 def _from_2(stored: Fields) -> Fields:
-    """Say that nothing was refitted, and no name held against flexible versions of itself."""
+    """Say that nothing was refitted, and no name held against flexible versions of itself.
+
+    The scatter of set-ups stood in a component's floor alone, beside its noise: later floors are
+    of what was repeated.
+    """
     effects = [
         {"doubts": []}
         | effect
         | {"alternatives": [{"with_offset": False} | other for other in effect["alternatives"]]}
         for effect in stored["effects"]
     ]
-    return {"refitted": [], **stored, "effects": effects}
+    components = [{"setup_scatter": _of_setups(one), **one} for one in stored["components"]]
+    return {"refitted": [], **stored, "effects": effects, "components": components}
+
+
+def _of_setups(component: Fields) -> float | None:
+    floor, noise = component["floor"], component["noise"]
+    return None if floor is None else sqrt(max(floor**2 - noise**2, 0.0))
 
 
 RESULTS: Final = StoredShape(Analysis, "a result of an analysis", [_from_0, _from_1, _from_2])

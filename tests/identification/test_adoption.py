@@ -28,7 +28,16 @@ from app.identification.analysis.adoption import (
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.unseen_part import Expected
-from app.search.findings import ChannelNoise, Figure, FoundTerm, HeldOut, Rival, Slope, Status
+from app.search.findings import (
+    ChannelNoise,
+    Figure,
+    Floor,
+    FoundTerm,
+    HeldOut,
+    Rival,
+    Slope,
+    Status,
+)
 from app.search.names import ALIKE, WALKS
 from app.search.rows import Datum
 from app.simulation.undeclared import make_campaign
@@ -84,7 +93,7 @@ def stated_search(
     terms=(term(),),
     rows=None,
     seed=1,
-    floor=1.0,
+    setups=0.0,
     left=(),
     predicted=None,
     is_slowest=False,
@@ -148,7 +157,7 @@ def stated_search(
             adopted=np.sum(claimed, axis=0) if predicted is None else predicted,
             noise=dict.fromkeys((0, 1), ChannelNoise(1.0, "declared", 1.0, rows.visits, len(rows))),
             held_out=dict.fromkeys(
-                (0, 1), HeldOut(len(rows), rows.visits, Figure(1.0, 0.9, 1.1), floor)
+                (0, 1), HeldOut(len(rows), rows.visits, Figure(1.0, 0.9, 1.1), Floor(1.0, setups))
             ),
         ),
     )
@@ -275,7 +284,24 @@ def test_scatter_alone_makes_no_visit_markedly_worse(seed):
     rows = campaign()
     shift = np.random.default_rng(100 + seed).normal(size=rows.visits)[rows.visit]
     right = swinging(rows, 3.0)
-    assert judged(right + shift, right, seed=seed, floor=np.sqrt(2.0)) == [(True, None)]
+    assert judged(right + shift, right, seed=seed, setups=1.0) == [(True, None)]
+
+
+@pytest.mark.parametrize(
+    ("fitted", "noise"),
+    [
+        (1.3, 1.3),  # the fit shows more than is stated
+        (0.7, 1.0),  # by chance less: the floor was made with 1
+    ],
+)
+def test_what_is_fitted_to_single_observations_makes_no_set_up_scatter_less_or_more(fitted, noise):
+    """Worked out of the floor, set-ups scattered by 0 or by 0.87, where the answer said 0.5."""
+    right = swinging(campaign())
+    found = stated_search(right, right, setups=0.5)
+    found.findings.noise[0] = replace(found.findings.noise[0], fitted=fitted)
+    assert found.scatter(0) == (noise, 0.5)
+    assert found.floor(0) == pytest.approx(np.hypot(noise, 0.5))
+    assert found.noise(0) == fitted
 
 
 def test_visits_are_taken_from_the_zero_that_the_machine_has():

@@ -16,7 +16,7 @@ from app.identification.analysis.not_judged import (
     with_what_stays_large,
     withhold,
 )
-from app.search.findings import FAR_OFF, ChannelNoise, Figure, HeldOut, Status, Verdict
+from app.search.findings import FAR_OFF, ChannelNoise, Figure, Floor, HeldOut, Status, Verdict
 from app.search.rows import Nuisance, Rows
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
@@ -26,12 +26,8 @@ CHANNELS, SETUPS, EACH = 20, 8, 8
 CODES = tuple(f"E{a}{b}" for a in "XYZABC" for b in "XYZ")[:CHANNELS]
 
 
-def finished(shift, *, floor, off=0.0, status=Status.CONFIRMED, seed=0, origin="declared"):
-    """Each channel in two of eight set-ups, which scatter by `shift`; the first is off by more.
-
-    floor
-        What repeatability and the set-ups' scatter leave of what was held out.
-    """
+def finished(shift, *, off=0.0, status=Status.CONFIRMED, seed=0, origin="declared"):
+    """Each channel in two of eight set-ups, which scatter by `shift`; the first is off by more."""
     random = np.random.default_rng(seed)
     count = len(CODES)
     channel = np.repeat(np.arange(count), 2 * EACH)
@@ -39,7 +35,9 @@ def finished(shift, *, floor, off=0.0, status=Status.CONFIRMED, seed=0, origin="
     values = random.normal(size=len(channel))
     values += np.repeat(shift * random.normal(size=2 * count), EACH) + off * (channel == 0)
     noise = {c: ChannelNoise(1.0, origin, 1.0, 2, 2 * EACH) for c in range(count)}
-    held = dict.fromkeys(range(count), HeldOut(EACH, 1, Figure(floor, floor, floor), floor))
+    floor = Floor(noise=1.0, setups=shift)
+    figure = Figure(floor.total, floor.total, floor.total)
+    held = dict.fromkeys(range(count), HeldOut(EACH, 1, figure, floor))
     findings = SimpleNamespace(
         noise=noise,
         held_out=held,
@@ -75,25 +73,25 @@ def left(monkeypatch, found):
 @pytest.mark.parametrize("seed", range(10))
 def test_what_setups_do_in_all_channels_is_nothing_unexplained(monkeypatch, seed):
     """It was said in 6 of 9 campaigns of 8 visits: of twenty channels some are always large."""
-    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2), seed=seed)
+    found = finished(1.5, seed=seed)
     assert stays_large(found, [])  # and it is told of them that nothing more can be said
     assert left(monkeypatch, found) == set()
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_what_no_setup_elsewhere_does_stays_unexplained(monkeypatch, seed):
-    found = finished(0.3, floor=np.sqrt(1.0 + 0.3**2), off=4.0, seed=seed)
+    found = finished(0.3, off=4.0, seed=seed)
     assert left(monkeypatch, found) == {"EXX"}
 
 
 def test_beside_an_effect_that_nothing_confirms_all_of_it_does(monkeypatch):
     """It may be what the effect stands for."""
-    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2), status=Status.SUSPECTED)
+    found = finished(1.5, status=Status.SUSPECTED)
     assert left(monkeypatch, found) == {one.name for one in stays_large(found, [])}
 
 
 def test_fewer_setups_than_tell_how_they_scatter_are_judged_by_the_repeatability(monkeypatch):
-    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2))
+    found = finished(1.5)
     found.rows.visit[:] = found.rows.visit % 4
     assert left(monkeypatch, found)
 
@@ -111,9 +109,9 @@ def test_what_maps_leave_open_where_no_effect_acts_is_nothing_unexplained():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_where_nothing_was_found_too_setups_may_scatter_as_in_the_other_channels(seed):
-    found = finished(1.5, floor=np.sqrt(1.0 + 1.5**2), seed=seed)
+    found = finished(1.5, seed=seed)
     assert not not_judged(found, [])
-    off = finished(0.3, floor=np.sqrt(1.0 + 0.3**2), off=4.0, seed=seed)
+    off = finished(0.3, off=4.0, seed=seed)
     assert [one.name for one in not_judged(off, [])] == ["EXX"]
     # Of four set-ups in all zeros knows.
     found.rows.visit[:] = found.rows.visit % 4

@@ -21,7 +21,7 @@ from app.identification.analysis.curves import mean_variances, of_one_unit
 from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
-from app.search.findings import ChannelNoise, Figure, HeldOut
+from app.search.findings import ChannelNoise, Figure, Floor, HeldOut
 from app.search.rows import Nuisance
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
@@ -155,8 +155,8 @@ def _again(o, seed):
     return replace(o, time_s=o.time_s + 5.0, measured=tuple(np.add(o.measured, noise).tolist()))
 
 
-def finished(noise=0.4, floor=0.5, of_maps=()):
-    held = HeldOut(6, 3, Figure(1.0, 0.9, 1.1), floor)
+def finished(noise=0.4, setups=0.3, of_maps=()):
+    held = HeldOut(6, 3, Figure(1.0, 0.9, 1.1), Floor(noise, setups))
     return SimpleNamespace(
         findings=SimpleNamespace(
             noise={0: ChannelNoise(noise, "residuals", noise, 3, 6)}, held_out={0: held}

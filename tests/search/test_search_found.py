@@ -57,7 +57,7 @@ def test_effect_at_twice_the_noise_is_found_with_its_amplitude(key, effect, seed
     assert found.verdict is Verdict.FOUND
     held = found.held_out[1]
     assert held.after.rms < 0.7 * np.sqrt(np.mean(before[campaign.on(1)] ** 2))
-    assert held.after.rms < 1.2 * held.floor
+    assert held.after.rms < 1.2 * held.floor.total
     assert held.after.low < held.after.rms < held.after.high
 
 

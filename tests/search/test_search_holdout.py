@@ -14,7 +14,14 @@ from app.search.rows import DeclaredNoise, Rows
 from app.search.search import search
 from app.search.splits import split
 from app.search.validation import Validation, _as_all_say, _open
-from tests.search.search_campaigns import make_campaign, make_library, single, smooth
+from tests.search.search_campaigns import (
+    SHIFT,
+    TILT,
+    make_campaign,
+    make_library,
+    single,
+    smooth,
+)
 
 
 def in_turn(campaign):
@@ -62,6 +69,25 @@ def test_an_effect_is_confirmed_where_components_are_measured_in_turn():
         assert (term.status, term.inclusion) == (Status.CONFIRMED, 1.0)
         assert term.slope.value == pytest.approx(1.0, abs=0.2)
         assert set(found.held_out) == {0, 1}
+
+
+def test_the_floor_says_how_set_ups_scatter_whatever_explains_the_rest():
+    """What an effect had hidden in the repeatability is no scatter of set-ups."""
+    campaign = make_campaign(61, visits=16)
+    campaign = campaign.plus(4.0 * campaign.direction * campaign.on(0))
+    declared = {0: DeclaredNoise(None, SHIFT, TILT), 1: DeclaredNoise(None, SHIFT, TILT)}
+    found = search(
+        replace(campaign.rows, noise=declared),
+        [],
+        [single(campaign, "reversal", "backlash", 0, lambda _: campaign.direction)],
+        holdout_fraction=0.3,
+    )
+    assert [term.key for term in found.terms] == ["reversal"]
+    assert found.noise[0].repeatability > 3.0 * found.noise[0].fitted
+    for number, held in found.held_out.items():
+        tilting = np.mean(campaign.position[campaign.on(number)] ** 2)
+        assert held.floor.setups == pytest.approx(np.sqrt(SHIFT**2 + TILT**2 * tilting))
+        assert held.floor.noise == pytest.approx(found.noise[number].repeatability)
 
 
 @pytest.mark.slow

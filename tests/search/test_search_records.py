@@ -261,8 +261,8 @@ def test_the_floor_of_a_single_setup_is_what_moves_within_it():
     found = search(record.rows(mounted), [], record.library(), holdout_fraction=0.2)
     assert not found.terms
     for number, held in found.held_out.items():
-        assert 1.0 < held.floor < 2.5, number
-        assert held.after.rms < 1.3 * held.floor, number
+        assert 1.0 < held.floor.total < 2.5, number
+        assert held.after.rms < 1.3 * held.floor.total, number
     assert found.verdict is Verdict.NOTHING
 
 

@@ -71,6 +71,21 @@ def test_what_the_first_results_lack_is_added():
     assert RESULTS.read_text(json.dumps(first | {"components": angles})).unit == "µrad"
 
 
+def test_older_floors_say_how_set_ups_scatter():
+    """They were of repeatability and set-ups; later ones are of what was repeated."""
+    first = json.loads(STORED["analysis_0_1_0"])
+    third = json.loads(RESULTS.text(RESULTS.read(first)))
+
+    def setup_scatter(stored, **figures):
+        (one, *_) = stored["components"]
+        return RESULTS.read(stored | {"components": [one | figures]}).components[0].setup_scatter
+
+    assert setup_scatter(first, noise=0.4, floor=0.5) == pytest.approx(0.3)
+    assert setup_scatter(first, noise=0.4, floor=0.4) == 0.0
+    assert setup_scatter(first, noise=0.4, floor=None) is None
+    assert setup_scatter(third, noise=0.4, floor=0.5) is None
+
+
 def test_a_result_of_a_newer_version_is_refused_with_the_reason():
     newer = json.dumps(json.loads(STORED["analysis_0_1_0"]) | {"shape": RESULTS.version + 1})
     with pytest.raises(

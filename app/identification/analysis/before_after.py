@@ -12,8 +12,8 @@ from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.identification.analysis.figures import ComponentFigures, Figures, Zero
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.figures import figure
-from app.search.findings import ChannelNoise, Findings, HeldOut
-from app.search.noise import KNOWN, replicate_scatter
+from app.search.findings import Findings
+from app.search.noise import replicate_scatter
 from app.search.rows import Datum, Rows
 from app.units import Unit
 
@@ -171,7 +171,7 @@ def component_figures(
         own = use & (rows.channel == number)
         held = findings.held_out.get(number)
         name = residuals.rows.channels[number]
-        setup = None if held is None else setup_scatter(noise, held)
+        setup = None if held is None else held.floor.setups
         zero = zero_of(zeros, own)
         floor = _floor(replicate_scatter(rows, number, use), setup, zero)
         found.append(
@@ -196,12 +196,6 @@ def component_figures(
             )
         )
     return sorted(found, key=lambda c: -c.before_rms / max(c.noise, 1e-12))
-
-
-def setup_scatter(noise: ChannelNoise, held: HeldOut) -> float:
-    """Give by how much set-ups differ beyond the repeatability that the floor was made with."""
-    own = noise.repeatability if noise.origin in KNOWN else noise.fitted
-    return float(np.sqrt(max(held.floor**2 - own**2, 0.0)))
 
 
 def _floor(repeats: float | None, setup: float | None, zero: Zero) -> float | None:

@@ -21,7 +21,7 @@ from app.effects.effect import Effect
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.identification.analysis.before_after import setup_scatter, without_zeros
+from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.plots import EffectCurve, Plots, VisitMeans
 from app.identification.residuals.residuals import channel_unit
@@ -223,7 +223,7 @@ def mean_variances(
     ndarray, shape (k,) [the channel's unit, squared]
     """
     noise, held = found.findings.noise[channel], found.findings.held_out.get(channel)
-    setup = 0.0 if held is None else setup_scatter(noise, held)
+    setup = 0.0 if held is None else held.floor.setups
     counts = np.bincount(which)
     zeroed = np.bincount(which, weights=zero_row[rows] >= 0) / counts
     variances = noise.fitted**2 * (1.0 / counts + zeroed) + setup**2 * (1.0 - zeroed)

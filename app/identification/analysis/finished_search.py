@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import hypot
 from typing import Final
 
 import numpy as np
@@ -73,13 +74,22 @@ class FinishedSearch:
 
     def floor(self, channel: int) -> float:
         """Say what repeatability and set-up scatter alone leave in a channel [its unit]."""
-        noise, held = self.findings.noise[channel].fitted, self.findings.held_out.get(channel)
-        return float(max(noise, 0.0 if held is None else held.floor, np.finfo(float).tiny))
+        return hypot(*self.scatter(channel))
 
     def scatter(self, channel: int) -> tuple[float, float]:
-        """Give the standard deviations of an observation and of a set-up as a whole."""
-        noise = float(max(self.findings.noise[channel].fitted, np.finfo(float).tiny))
-        return noise, float(np.sqrt(max(self.floor(channel) ** 2 - noise**2, 0.0)))
+        """Give the standard deviations of an observation and of a set-up as a whole.
+
+        An observation scatters by no less than the floor was made with: what was fitted lies
+        below it by chance, or because values that are read in steps hardly move.
+        """
+        noise, held = self.noise(channel), self.findings.held_out.get(channel)
+        if held is None:
+            return noise, 0.0
+        return max(noise, held.floor.noise), held.floor.setups
+
+    def noise(self, channel: int) -> float:
+        """Give the standard deviation of an observation, as fitted to these rows; above zero."""
+        return max(self.findings.noise[channel].fitted, float(np.finfo(float).tiny))
 
     def from_zero(self, values: FloatArray, own: BoolArray) -> FloatArray:
         """Give values of one visit in one channel from the zero that the machine has there.
@@ -197,7 +207,7 @@ class FinishedSearch:
             hypothesis.parts(self.residuals.projection, term.theta),
             self.rows,
             self.use,
-            {c: self.scatter(c)[0] for c in term.channels},
+            {c: self.noise(c) for c in term.channels},
         )
 
     def goes_on(self, term: FoundTerm) -> bool:

@@ -241,12 +241,9 @@ def _variance_of_setups(found: FinishedSearch) -> float:
     """
     if np.unique(found.rows.visit[found.use]).size < FEWEST_BLOCKS:
         return 0.0
-    shares = []
-    for c, held in found.findings.held_out.items():
-        noise = found.findings.noise[c]
-        one = noise.repeatability if noise.origin in KNOWN else noise.fitted
-        shares.append((held.floor / one) ** 2 - 1.0 if one > 0.0 else 0.0)
-    return max(float(np.median(shares)), 0.0) if shares else 0.0
+    floors = [held.floor for held in found.findings.held_out.values()]
+    shares = [(own.setups / own.noise) ** 2 if own.noise > 0.0 else 0.0 for own in floors]
+    return float(np.median(shares)) if shares else 0.0
 
 
 def _columns(maps: Sequence[Nuisance], channel: int, own: IntArray, count: int) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import hypot, sqrt
 from typing import Final
 
 from app.identification.analysis.analysis import Analysis
@@ -90,8 +90,8 @@ def _expected(curve: VisitMeans, figures: ComponentFigures) -> Sequence[float]:
     """Standard deviation of each visit's mean; in older results without what the maps add."""
     if curve.expected:
         return curve.expected
-    setup = max((figures.floor or figures.noise) ** 2 - figures.noise**2, 0.0)
-    return [sqrt(figures.noise**2 / count + setup) for count in curve.count]
+    setup = figures.setup_scatter or 0.0
+    return [hypot(figures.noise / sqrt(count), setup) for count in curve.count]
 
 
 def _band(x: Sequence[str], expected: Sequence[float]) -> Json:
